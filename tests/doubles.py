@@ -1,0 +1,159 @@
+"""Test doubles: a space of three genes, an evaluator in closed form, a subject that does nothing."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlafuzz.corpus.records import Manifest
+from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.scene import Light, Placement, Scene
+from vlafuzz.search.base import Genome, Proposal
+from vlafuzz.scoring import Score
+from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
+
+STAGES = ("grasp", "lift", "success")
+LEVELS = 9  # of each gene
+
+
+def scene(light: float = 1.0, x: float = -0.04, y: float = 0.0) -> Scene:
+    placed = Placement("green_cube", "flat", round(x, 3), round(y, 3))
+    return Scene("pick-up", (placed,), "pick up green cube", light=Light(light))
+
+
+class TinySpace:
+    """Light from 1/16 to 16, and where the target stands; nominal in the middle of each."""
+
+    dim = 3
+
+    def decode(self, genome: Genome) -> Scene:
+        light, x, y = (min(int(gene * LEVELS), LEVELS - 1) - LEVELS // 2 for gene in genome)
+        return scene(2.0**light, -0.04 + 0.04 * x, 0.05 * y)
+
+    def encode(self, scene: Scene) -> Genome:
+        target = scene.targets[0]
+        levels = (math.log2(scene.light.intensity), (target.x + 0.04) / 0.04, target.y / 0.05)
+        return np.array([(round(level) + LEVELS // 2 + 0.5) / LEVELS for level in levels])
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        return self.decode(rng.random(self.dim))
+
+    def severities(self, scene: Scene) -> dict[str, float]:
+        target = scene.targets[0]
+        place = max(abs(target.x + 0.04) / 0.16, abs(target.y) / 0.2)
+        return {"light": abs(math.log2(scene.light.intensity)) / 4, "target-position": place}
+
+    def severity(self, scene: Scene) -> float:
+        return sum(self.severities(scene).values())
+
+
+def rollout(progress: float = 1.0, reached: tuple[str, ...] = STAGES, steps: int = 4) -> Rollout:
+    success = reached == STAGES
+    trace = np.linspace(0, progress, steps, dtype=np.float32)
+    actions = np.full((steps, 7), 0.01, dtype=np.float32)
+    return Rollout(success, success, success, reached, progress, trace, actions, "5" * 32, 0.5)
+
+
+def passed(repeats: int = 1) -> Outcome:
+    return Outcome.of((rollout(),) * repeats, STAGES)
+
+
+def failed(progress: float = 0.25, repeats: int = 1) -> Outcome:
+    return Outcome.of((rollout(progress, ()),) * repeats, STAGES)
+
+
+class ClosedForm:
+    """In the dark (light below 1/2) the subject fails, and a target with x above 0.05 m is out of reach."""
+
+    def __init__(self, repeats: int = 1) -> None:
+        self.repeats = repeats
+        self.evaluated: list[Scene] = []
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        self.evaluated += scenes
+        return [self.outcome(scene) for scene in scenes]
+
+    def close(self) -> None:
+        pass
+
+    def outcome(self, scene: Scene) -> Outcome:
+        if scene.targets[0].x > 0.05:
+            return Outcome.invalid("geometry", "green_cube is out of reach")
+        if scene.light.intensity < 0.5:
+            return failed(scene.light.intensity, self.repeats)
+        return passed(self.repeats)
+
+
+class Always(ClosedForm):
+    """The same outcome, whatever the scene."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__()
+        self._outcome = outcome
+
+    def outcome(self, scene: Scene) -> Outcome:
+        return self._outcome
+
+
+class Raising(ClosedForm):
+    """Breaks its contract from the given call on."""
+
+    def __init__(self, error: BaseException, after: int = 0) -> None:
+        super().__init__()
+        self._error, self._after = error, after
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        if len(self.evaluated) >= self._after:
+            raise self._error
+        return super().evaluate(scenes)
+
+
+class Backwards:
+    """An executor that pulls all batches and is done with the last one first."""
+
+    def __init__(self, evaluator: ClosedForm) -> None:
+        self._evaluator = evaluator
+
+    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
+        for tag, scenes in reversed(list(batches)):
+            yield tag, self._evaluator.evaluate(scenes)
+
+
+class Scripted:
+    """A strategy that proposes given genomes, and keeps what it is told."""
+
+    def __init__(self, genomes: Sequence[Genome]) -> None:
+        self._genomes, self._asked = genomes, 0
+        self.told: list[tuple[int, Score]] = []
+
+    def ask(self, n: int) -> list[Proposal]:
+        first, self._asked = self._asked, min(self._asked + n, len(self._genomes))
+        return [Proposal(index, self._genomes[index]) for index in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        self.told += [(proposal.id, score) for proposal, score in zip(proposals, scores, strict=True)]
+
+
+class Idle:
+    """A subject that is never asked."""
+
+    spec = SubjectSpec("idle")
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        pass
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        raise AssertionError("the evaluator is a double")
+
+    def close(self) -> None:
+        pass
+
+
+NOMINAL = Manifest(
+    task="pick-up", subject="idle", spec="{}", strategy="random", budget=20, batch=8, seed=0, catalogue_digest="c"
+)
+
+
+def manifest(**changes: object) -> Manifest:
+    return replace(NOMINAL, **changes)  # type: ignore[arg-type]

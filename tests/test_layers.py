@@ -1,0 +1,108 @@
+"""Data goes one way, so imports do too: a module imports its own package and the rows above it."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import vlafuzz
+
+# From the inside out. Modules of one row do not import each other.
+ROWS = (
+    "__init__",
+    "errors",
+    "shipped plugins renderer",
+    "scene objects",
+    "rig",
+    "tasks outcome",
+    "validity scoring",
+    "space",  # generates fair scenes: asks validity
+    "search subjects",
+    "sim",
+    "execute corpus triage",
+    "report",
+    "campaign",
+    "compare studies",
+    "integrations config",
+    "cli",
+    "__main__",
+)
+ROW_OF = {name: number for number, row in enumerate(ROWS) for name in row.split()}
+HEAVY = ("torch", "sapien", "mani_skill", "ray")
+ROOT = Path(vlafuzz.__file__).parent
+FILES = sorted(path for path in ROOT.rglob("*.py") if "_shipped" not in path.parts)
+
+
+def top(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and top-level name of every import from vlafuzz, those for type checking included."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == "vlafuzz":
+            modules = [f"vlafuzz.{alias.name}" if alias.name in ROW_OF else "vlafuzz" for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            modules = ["." * node.level + (node.module or "")]
+        else:
+            continue
+        for module in modules:
+            first, *rest = module.split(".")
+            if first in ("vlafuzz", ""):
+                yield node.lineno, rest[0] if rest else "__init__"
+
+
+def complaints(importer: str, tree: ast.AST) -> list[str]:
+    if importer not in ROW_OF:
+        return [f"{importer!r} has no row: give it one in ROWS"]
+    found = []
+    for line, name in imported(tree):
+        if name not in ROW_OF:
+            found.append(f"line {line}: {name!r} has no row (a relative import, or a module missing in ROWS)")
+        elif name != importer and ROW_OF[name] >= ROW_OF[importer]:
+            found.append(
+                f"line {line}: {importer!r} (row {ROW_OF[importer]}) imports {name!r} (row {ROW_OF[name]})"
+            )
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_only_its_own_package_and_rows_above(path: Path):
+    assert complaints(top(path), ast.parse(path.read_text())) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import vlafuzz.cli",
+        "from vlafuzz import campaign",
+        "from vlafuzz.sim.base import Evaluator",
+        "from . import base",
+        "from vlafuzz.unheard_of import thing",
+        "if TYPE_CHECKING:\n    from vlafuzz.execute import Executor",
+    ],
+)
+def test_an_import_outwards_is_noticed(source: str):
+    assert len(complaints("search", ast.parse(source))) == 1
+
+
+@pytest.mark.parametrize(
+    "source", ["from vlafuzz import __version__", "import torch", "import vlafuzz.search.base"]
+)
+def test_other_imports_are_fine(source: str):
+    assert complaints("search", ast.parse(source)) == []
+
+
+def test_a_new_package_needs_a_row():
+    assert complaints("unheard_of", ast.parse("")) == ["'unheard_of' has no row: give it one in ROWS"]
+
+
+def test_campaign_loads_no_simulator():
+    code = f"import sys, vlafuzz.campaign; print(*[m for m in {HEAVY} if m in sys.modules])"
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (child.stdout.split(), child.stderr) == ([], "")

@@ -1,0 +1,144 @@
+"""fuzz: the one place where strategy, space, executor and store meet. It imports no simulator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Protocol
+
+from vlafuzz.corpus.records import Manifest, Status, Trial
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.corpus.tally import Summary, Tally
+from vlafuzz.errors import UsageError
+from vlafuzz.execute.base import Executor
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.rig import rig
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import Measure, Objective, cell, score
+from vlafuzz.search.base import Genome, Proposal, Strategy
+
+PATIENCE = 50  # proposals in a row without a rollout
+
+
+class Space(Measure, Protocol):
+    """What the campaign needs of a space."""
+
+    def decode(self, genome: Genome) -> Scene:
+        """The scene at these coordinates."""
+
+
+def fuzz(
+    *,
+    manifest: Manifest,
+    stages: Sequence[str],
+    space: Space,
+    strategy: Strategy,
+    executor: Executor,
+    corpus: Corpus,
+    objective: Objective = score,
+    chunk: int = 1,
+    patience: int | None = PATIENCE,
+    watch: Callable[[Tally], None] = lambda tally: None,
+) -> Summary:
+    """Run a strategy against a subject until the budget is spent or there is nothing more to roll out.
+
+    Proposals are asked for in batches of ``manifest.batch`` and told in the order asked: one seed gives the
+    same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
+    The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored.
+
+    The executor gets ``chunk`` scenes at once; more suits one that evaluates them side by side. It stops
+    after ``patience`` proposals in a row without a rollout; None for never. ``watch`` hears of every trial.
+    """
+    run, began = corpus.begin(manifest), time.monotonic()
+    tally = Tally(run, manifest, stages)
+    campaign = _Campaign(tally, space, strategy, executor, corpus, objective, chunk, watch)
+    status: Status = "failed"
+    try:
+        campaign.loop(patience)
+        status = "stopped" if tally.stopped else "finished"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    finally:
+        corpus.finish(run, status, time.monotonic() - began)
+    return tally.summary(seconds=time.monotonic() - began, store=str(corpus.path))
+
+
+@dataclass
+class _Campaign:
+    tally: Tally
+    space: Space
+    strategy: Strategy
+    executor: Executor
+    corpus: Corpus
+    objective: Objective
+    chunk: int
+    watch: Callable[[Tally], None]
+
+    def loop(self, patience: int | None) -> None:
+        while not self.tally.stopped and (room := self._room()) > 0:
+            proposals = self._ask(room)
+            if not proposals:
+                return
+            scenes = [self.space.decode(proposal.genome) for proposal in proposals]
+            outcomes = self._evaluate(proposals, scenes)
+            self.tally.judge(scenes, outcomes, patience)
+            pairs = zip(scenes, outcomes, strict=True)
+            self.strategy.tell(proposals, [self.objective(*pair, self.space) for pair in pairs])
+
+    def _ask(self, room: int) -> list[Proposal]:
+        proposals = self.strategy.ask(room)
+        if len(proposals) > room:  # a user's own strategy may; the budget holds all the same
+            name, given = self.tally.manifest.strategy, len(proposals)
+            raise UsageError(
+                f"strategy {name!r}: asked for {room} proposals, got {given}", hint="give fewer or as many"
+            )
+        return proposals
+
+    def _room(self) -> int:
+        left = self.tally.manifest.budget - self.tally.rollouts
+        return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
+
+    def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
+        """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
+        outcomes: dict[str, Outcome] = {}
+        fresh: dict[str, int] = {}
+        for index, scene in enumerate(scenes):
+            if scene.digest in outcomes or scene.digest in fresh:
+                continue
+            known = self.corpus.known(scene, self.tally.manifest.subject_key)
+            if known is None:
+                fresh[scene.digest] = index
+            else:
+                outcomes[scene.digest] = known
+        for index, outcome in self._run(scenes, list(fresh.values())):
+            outcomes[scenes[index].digest] = outcome
+            self._keep(proposals[index], scenes[index], outcome, duplicate=False)
+        for index, scene in enumerate(scenes):
+            if fresh.get(scene.digest) != index:
+                self._keep(proposals[index], scene, outcomes[scene.digest], duplicate=True)
+        return [outcomes[scene.digest] for scene in scenes]
+
+    def _run(self, scenes: Sequence[Scene], wanted: list[int]) -> Iterator[tuple[int, Outcome]]:
+        chunks = list(_chunks(wanted, self.chunk))
+        batches = ((tag, [scenes[index] for index in chunk]) for tag, chunk in enumerate(chunks))
+        for tag, outcomes in self.executor.run(batches):
+            yield from zip(chunks[tag], outcomes, strict=True)
+
+    def _keep(self, proposal: Proposal, scene: Scene, outcome: Outcome, *, duplicate: bool) -> None:
+        place = None
+        if outcome.verdict is Verdict.FAILED:
+            place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
+        severity = self.space.severity(scene)
+        trial = Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
+        self.corpus.add(self.tally.run, trial)
+        self.tally.count(trial)
+        self.watch(self.tally)
+
+
+def _chunks(indices: Sequence[int], size: int) -> Iterator[list[int]]:
+    rest = iter(indices)
+    while chunk := list(islice(rest, size)):
+        yield chunk

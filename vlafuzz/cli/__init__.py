@@ -1,0 +1,87 @@
+"""The command line. Each command's module is imported when it is called, so that the rest answers at once."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from vlafuzz import __version__
+from vlafuzz.errors import VlafuzzError
+
+# What each command is called, where it is, and what it does in a line.
+COMMANDS = {
+    "run": ("vlafuzz.cli.run:command", "Fuzz a subject: find scenes in which it fails."),
+    "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
+    "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),
+    "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
+    "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
+    "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
+    "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),
+    "subjects": ("vlafuzz.cli.subjects:command", "List the subjects that can be tested."),
+    "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine and a subject."),
+}
+
+app = typer.Typer(
+    name="vlafuzz",
+    help="Find scenes in which a vision-language-action policy fails.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code. An error raised on purpose is a sentence, a bug a traceback."""
+    try:
+        app(args=arguments, prog_name="vlafuzz")
+    except VlafuzzError as error:
+        sys.stderr.write(f"error: {error.message}\n" + (f"hint: {error.hint}\n" if error.hint else ""))
+        return error.exit_code
+    except SystemExit as exit_:
+        return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+    return 0
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"vlafuzz {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    pass
+
+
+def _register(name: str, target: str, says: str) -> None:
+    class Deferred(TyperCommand):
+        def make_context(
+            self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
+        ) -> Any:
+            return _load(name, target).make_context(info_name, args, parent, **extra)
+
+    app.command(name, cls=Deferred, help=says)(lambda: None)
+
+
+def _load(name: str, target: str) -> Any:
+    module, _, attribute = target.partition(":")
+    found = getattr(importlib.import_module(module), attribute)
+    if not isinstance(found, typer.Typer):
+        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        alone.command(name)(found)
+        found = alone
+    return typer.main.get_command(found)
+
+
+for _name, (_target, _says) in COMMANDS.items():
+    _register(_name, _target, _says)

@@ -1,0 +1,80 @@
+"""``vlafuzz import``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vlafuzz.cli.output import print_json, print_rows, progress, stderr, table
+from vlafuzz.corpus.interchange import Imported, read_vlatest
+from vlafuzz.errors import UsageError
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.scene import write_scenes
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+class Frame(StrEnum):
+    """How their table becomes ours."""
+
+    FIT = "fit"
+    KEEP = "keep"
+
+
+@app.callback()
+def _group() -> None:
+    """Bring in scenes of other formats."""
+
+
+@app.command("vlatest")
+def vlatest(
+    files: Annotated[list[Path], typer.Argument(help="Scene files of VLATest.")],
+    out: Annotated[Path, typer.Option(help="JSON-lines file to write.")],
+    frame: Annotated[
+        Frame, typer.Option(help="fit: stretch their box onto ours; keep: keep distances.")
+    ] = Frame.FIT,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Write the scenes of VLATest's files as one file of ours, in order.
+
+    A scene with an object that has no counterpart in our catalogue is left out, and said so.
+    """
+    catalogue = load_catalogue()
+    imported: list[Imported] = []
+    with progress() as bar:
+        for path in bar.track(files, description="reading"):
+            imported.append(read_vlatest(path, catalogue, frame=frame.value))
+    if out.is_dir() or not out.parent.is_dir():
+        raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
+    write_scenes(out, [scene for each in imported for scene in each.scenes])
+    _print_missing(imported)
+    rows = [_row(each) for each in imported]
+    if json:
+        print_json([row | {"missing": each.missing} for row, each in zip(rows, imported, strict=True)])
+    else:
+        print_rows(rows, title=str(out))
+
+
+def _row(imported: Imported) -> dict[str, str | int]:
+    return {
+        "file": str(imported.path),
+        "scenes": imported.read,
+        "written": len(imported.scenes),
+        "left out": imported.left_out,
+    }
+
+
+def _print_missing(imported: list[Imported]) -> None:
+    missing: Counter[str] = Counter()
+    for each in imported:
+        missing.update(each.missing)
+    if not missing:
+        return
+    left_out = sum(each.left_out for each in imported)
+    rows = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
+    stderr().print(f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue")
+    stderr().print(table(rows))

@@ -1,0 +1,42 @@
+"""``vlafuzz objects``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from vlafuzz.cli.output import print_rows
+from vlafuzz.objects.catalogue import ObjectModel, load_catalogue
+
+
+def command(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """List the objects of the catalogue.
+
+    Sizes are those of the bounding box in metres, masses kilograms. After each rest pose stands the narrowest
+    grasp in it, metres.
+    """
+    catalogue = load_catalogue()
+    models = [catalogue[name] for name in catalogue.names()]
+    print_rows([_row(model, nested=json) for model in models], json=json, csv=csv, title="objects")
+
+
+def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
+    size = [round(float(side), 4) for side in np.ptp(model.vertices, axis=0)]
+    rests = {rest.name: min((grasp.width for grasp in rest.grasps), default=None) for rest in model.rests}
+    return {
+        "object": model.name,
+        "spoken": model.spoken,
+        "role": model.role,
+        "size": size if nested else " × ".join(f"{side:.3f}" for side in size),
+        "mass": model.mass,
+        "rest poses": rests if nested else ", ".join(_shown(*rest) for rest in rests.items()),
+    }
+
+
+def _shown(rest: str, narrowest: float | None) -> str:
+    return rest if narrowest is None else f"{rest} {narrowest:.3f}"

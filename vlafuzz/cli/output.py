@@ -1,0 +1,83 @@
+"""How commands print: data on stdout as a table, JSON or CSV; progress on stderr."""
+
+from __future__ import annotations
+
+import csv as csv_format
+import json as json_format
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from vlafuzz.errors import UsageError
+
+Row = dict[str, Any]
+
+
+def print_rows(rows: Sequence[Row], *, json: bool = False, csv: bool = False, title: str = "") -> None:
+    """Print rows that have the same keys.
+
+    Raises:
+        UsageError: both JSON and CSV are asked for.
+    """
+    if json and csv:
+        raise UsageError("--json and --csv exclude each other", hint="give one of them")
+    if json:
+        print_json(list(rows))
+    elif csv:
+        _print_csv(rows)
+    else:
+        stdout().print(table(rows, title))
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document, floats as ``repr`` writes them."""
+    sys.stdout.write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def table(rows: Sequence[Row], title: str = "") -> Table:
+    """Rows as a table: numbers to the right."""
+    made = Table(title=title or None, title_justify="left", header_style="bold")
+    for key in rows[0] if rows else ["nothing"]:
+        numbers = all(isinstance(row[key], int | float) for row in rows)
+        made.add_column(key, justify="right" if numbers else "left", overflow="fold")
+    for row in rows:
+        made.add_row(*(_shown(value) for value in row.values()))
+    return made
+
+
+def stdout() -> Console:
+    """The console for data; as wide as the data needs when nobody looks."""
+    console = Console(highlight=False, markup=False)
+    return console if console.is_terminal else Console(highlight=False, markup=False, width=160)
+
+
+def stderr() -> Console:
+    """The console for everything that is not data."""
+    return Console(stderr=True, highlight=False, markup=False)
+
+
+def progress() -> Progress:
+    """A progress bar on stderr that leaves nothing behind."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=stderr(), transient=True)
+
+
+def _print_csv(rows: Sequence[Row]) -> None:
+    if rows:
+        writer = csv_format.DictWriter(sys.stdout, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(item) for item in value)
+    return str(value)

@@ -1,0 +1,103 @@
+"""How ``vlafuzz run`` shows a run: a bar on stderr while it goes on, a table at the end."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Self
+
+from rich.console import Group, RenderableType
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from vlafuzz.cli.output import stderr
+from vlafuzz.corpus.tally import Summary, Tally
+from vlafuzz.outcome import Verdict
+from vlafuzz.scoring import wilson
+
+
+class Watch:
+    """A progress bar: rollouts of the budget, their rate, failures so far, time left."""
+
+    def __init__(self, budget: int) -> None:
+        self.rollouts = 0
+        self._progress = Progress(
+            SpinnerColumn(),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]} · {task.fields[failed]} failed"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=stderr(),
+            transient=True,
+        )
+        self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0)
+
+    def __call__(self, tally: Tally) -> None:
+        """One more trial is stored."""
+        self.rollouts = tally.rollouts
+        speed = self._progress.tasks[0].speed
+        rate = f"{speed:.2f} rollouts/s" if speed else "…"
+        failed = tally.verdicts[Verdict.FAILED]
+        self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed)
+
+    def stop(self) -> None:
+        """Take the bar away."""
+        self._progress.stop()
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+def summary_table(summary: Summary) -> RenderableType:
+    """A run in numbers, and how to see its first failure."""
+    table = Table(show_header=False, title=_title(summary), title_justify="left")
+    table.add_column(style="bold")
+    table.add_column()
+    for name, value in _lines(summary):
+        table.add_row(name, value)
+    if summary.first_failure is None:
+        return table
+    digest, store = summary.first_failure[:12], shlex.quote(summary.store)
+    return Group(table, Text(f"see the first failure: vlafuzz replay {store} {digest}", overflow="fold"))
+
+
+def _title(summary: Summary) -> str:
+    return f"run {summary.run}: {summary.task}, {summary.subject}, {summary.strategy}, seed {summary.seed}"
+
+
+def _lines(summary: Summary) -> list[tuple[str, str]]:
+    verdicts = summary.verdicts
+    judged = verdicts["passed"] + verdicts["failed"]
+    low, high = wilson(verdicts["failed"], judged)
+    lines = [
+        ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
+        ("proposals", f"{summary.proposals}, {summary.duplicates} of them known already"),
+        ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),
+    ]
+    if summary.invalid:
+        lines.append(("invalid", ", ".join(f"{check} {count}" for check, count in summary.invalid.items())))
+    if judged:
+        share = verdicts["failed"] / judged
+        lines += [
+            ("stages reached", ", ".join(f"{stage} {count}" for stage, count in summary.stages.items())),
+            ("failure share", f"{share:.1%}, 95 % interval {low:.1%} to {high:.1%}"),
+            ("failure cells", str(summary.distinct_cells)),
+        ]
+    if summary.last_error is not None:
+        lines.append(("last error", summary.last_error))
+    if summary.progress_mean is not None:
+        lines.append(("mean progress", f"{summary.progress_mean:.3f}"))
+    return [*lines, ("store", summary.store)]

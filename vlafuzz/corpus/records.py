@@ -1,0 +1,105 @@
+"""What a store holds, as values: runs with their manifest, trials, findings."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Literal
+
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.search.base import Genome
+
+Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
+
+# What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
+_DECISIVE = (
+    "subject", "spec", "seed", "repeats", "criteria", "stop_early", "min_distance", "catalogue_digest",
+    "simulator",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Everything needed to do a run again.
+
+    Attributes:
+        subject: as the user named it; ``spec`` is its own description, as JSON.
+        budget: in subject rollouts.
+        repeats: rollouts a scene.
+        operators: the operators with their ranges, as JSON.
+        min_distance: between objects, metres.
+        simulator: name and version of what the scenes are run in.
+        versions: of the packages that matter, by name.
+        commit: of vlafuzz's checkout, if it is one.
+    """
+
+    task: str
+    subject: str
+    spec: str
+    strategy: str
+    budget: int
+    batch: int
+    seed: int
+    repeats: int = 1
+    criteria: str = "strict"
+    stop_early: bool = False
+    min_distance: float = 0.0
+    operators: str = "{}"
+    operators_digest: str = ""
+    catalogue_digest: str = ""
+    simulator: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    commit: str | None = None
+    command: str = ""
+
+    @property
+    def subject_key(self) -> str:
+        """The subject and all else that an outcome depends on: within one key, a store answers for it."""
+        values = asdict(self)
+        decisive = json.dumps({name: values[name] for name in _DECISIVE}, sort_keys=True)
+        return f"{self.subject}:{hashlib.blake2b(decisive.encode(), digest_size=6).hexdigest()}"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run says ``running`` for ever."""
+
+    id: int
+    manifest: Manifest
+    status: Status
+    started: str
+    ended: str | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One proposal of a run with its outcome.
+
+    Attributes:
+        cell: where its failure lies; None unless FAILED.
+        duplicate: answered with a known outcome; nothing was run for it, and no rollouts are kept with it.
+    """
+
+    proposal: int
+    scene: Scene
+    outcome: Outcome
+    severity: float
+    genome: Genome | None = None
+    cell: str | None = None
+    duplicate: bool = False
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A failing scene that is kept, once for each subject key. ``run`` and ``proposal`` saw it first."""
+
+    scene: Scene
+    subject_key: str
+    run: int
+    proposal: int
+    evidence: str
+    cell: str

@@ -1,0 +1,150 @@
+"""Values to rows and back. NaN never goes in: what is not a number is NULL."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+import zlib
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.corpus.records import Finding, Manifest, Run, Trial
+from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.scene import Scene
+
+Row = dict[str, Any]
+_ACTION = 7  # numbers of an action
+
+
+def number(value: float) -> float | None:
+    """The value, or None when it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _seconds(rollout: Rollout) -> float:
+    return number(rollout.seconds) or 0.0
+
+
+def pack(array: NDArray[np.float32]) -> bytes:
+    """Float32, little-endian, compressed."""
+    return zlib.compress(np.ascontiguousarray(array, dtype="<f4").tobytes())
+
+
+def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
+    """The array of that shape; of no rows when there is no blob."""
+    data = zlib.decompress(blob) if blob is not None else b""
+    return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
+
+
+def run_row(manifest: Manifest) -> Row:
+    """Columns of ``run``."""
+    row = asdict(manifest)
+    row["versions"] = json.dumps(row["versions"], sort_keys=True)
+    row["stop_early"] = int(manifest.stop_early)
+    return row | {"subject_key": manifest.subject_key}
+
+
+def to_run(row: sqlite3.Row) -> Run:
+    """A row of ``run``."""
+    values = dict(row)
+    values.pop("subject_key")
+    about = {name: values.pop(name) for name in ("id", "status", "started", "ended", "seconds")}
+    values["versions"] = json.loads(values["versions"])
+    values["stop_early"] = bool(values["stop_early"])
+    return Run(manifest=Manifest(**values), **about)
+
+
+def trial_row(run: int, trial: Trial) -> Row:
+    """Columns of ``trial``."""
+    outcome = trial.outcome
+    known = outcome.verdict >= Verdict.PASSED
+    return {
+        "run": run,
+        "proposal": trial.proposal,
+        "scene": trial.scene.digest,
+        "genome": None if trial.genome is None else np.asarray(trial.genome, dtype="<f8").tobytes(),
+        "verdict": outcome.verdict.name.lower(),
+        "progress": number(outcome.progress) if known else None,
+        "severity": number(trial.severity),
+        "lost_stage": outcome.lost_stage,
+        "cell": trial.cell,
+        "detail": outcome.detail,
+        "check_name": outcome.check,
+        "duplicate": int(trial.duplicate),
+        "seconds": 0.0 if trial.duplicate else sum(_seconds(rollout) for rollout in outcome.rollouts),
+    }
+
+
+def to_trial(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Trial:
+    """A row of ``trial`` with its scene's JSON."""
+    genome = None if row["genome"] is None else np.frombuffer(row["genome"], dtype="<f8").astype(np.float64)
+    return Trial(
+        proposal=row["proposal"],
+        scene=Scene.from_json(row["json"]),
+        outcome=to_outcome(row, rollouts),
+        severity=row["severity"] or 0.0,
+        genome=genome,
+        cell=row["cell"],
+        duplicate=bool(row["duplicate"]),
+    )
+
+
+def to_outcome(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Outcome:
+    """The outcome in a row of ``trial``."""
+    return Outcome(
+        Verdict[row["verdict"].upper()],
+        rollouts,
+        row["progress"] or 0.0,
+        row["lost_stage"],
+        row["detail"],
+        row["check_name"],
+    )
+
+
+def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
+    """Columns of ``rollout``. Actions are kept where they lead to a failure."""
+    return {
+        "trial": trial,
+        "number": number_,
+        "success_once": int(rollout.success_once),
+        "success_at_end": int(rollout.success_at_end),
+        "published_success": int(rollout.published_success),
+        "reached": json.dumps(rollout.reached),
+        "progress": number(rollout.progress),
+        "steps": rollout.steps,
+        "trace": pack(rollout.trace),
+        "actions": None if rollout.success_once else pack(rollout.actions),
+        "states_hash": rollout.states_hash,
+        "seconds": _seconds(rollout),
+    }
+
+
+def to_rollout(row: sqlite3.Row) -> Rollout:
+    """A row of ``rollout``."""
+    return Rollout(
+        success_once=bool(row["success_once"]),
+        success_at_end=bool(row["success_at_end"]),
+        published_success=bool(row["published_success"]),
+        reached=tuple(json.loads(row["reached"])),
+        progress=row["progress"] or 0.0,
+        trace=unpack(row["trace"], -1),
+        actions=unpack(row["actions"], -1, _ACTION),
+        states_hash=row["states_hash"],
+        seconds=row["seconds"],
+    )
+
+
+def to_finding(row: sqlite3.Row) -> Finding:
+    """A row of ``finding`` with its scene's JSON and its proposal."""
+    return Finding(
+        Scene.from_json(row["json"]),
+        row["subject_key"],
+        row["run"],
+        row["proposal"],
+        row["evidence"],
+        row["cell"],
+    )

@@ -1,0 +1,84 @@
+"""Every error that vlafuzz raises on purpose: one clear sentence with the value, and a hint.
+
+VlafuzzError
+├── UsageError           a flag, name or file that the user gave is wrong        (exit code 2)
+│   ├── CatalogueError   a YAML catalogue of operators or objects
+│   ├── SceneError       a scene or a file of scenes
+│   └── CorpusError      a store
+├── PrerequisiteError    something must be installed or started first            (exit code 3)
+├── SubjectError         the policy under test broke: an ERROR outcome, never a failed scene
+└── SimulatorError       the simulator broke: an ERROR outcome, never a failed scene
+
+What a scene does is never an exception: it is an outcome.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Literal
+
+Cause = Literal["connect", "timeout", "protocol", "remote", "bad_action"]
+
+
+class VlafuzzError(Exception):
+    """Base of all. ``hint`` says what to do about it."""
+
+    exit_code = 2
+
+    def __init__(self, message: str, hint: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __reduce__(self) -> tuple[object, ...]:  # Exception's own forgets the hint when it is pickled
+        return (type(self), (self.message, self.hint))
+
+    def __str__(self) -> str:
+        return self.message
+
+
+class UsageError(VlafuzzError):
+    """Something that the user gave is wrong: a flag, a name, a file."""
+
+
+class CatalogueError(UsageError):
+    """A catalogue of operators or objects is wrong; the message names file and key."""
+
+
+class SceneError(UsageError):
+    """A scene, or a file of scenes, cannot be read or built."""
+
+
+class CorpusError(UsageError):
+    """A store cannot be opened, read or written."""
+
+
+class PrerequisiteError(VlafuzzError):
+    """Something has to be installed or started first; the hint says the command."""
+
+    exit_code = 3
+
+
+class SubjectError(VlafuzzError):
+    """The policy under test broke, by ``cause``: this says nothing about the scene."""
+
+    def __init__(self, message: str, hint: str | None = None, cause: Cause = "remote") -> None:
+        super().__init__(message, hint)
+        self.cause = cause
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.message, self.hint, self.cause))
+
+
+class SimulatorError(VlafuzzError):
+    """The simulator broke: this says nothing about the subject."""
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """A hint for an unknown name: the nearest known one, or all of them."""
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return "known: " + ", ".join(known)

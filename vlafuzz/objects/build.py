@@ -1,0 +1,93 @@
+"""Builds one object from its entry in the catalogue: solid, rest poses, grasps, and the meshes on disc."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from vlafuzz.errors import CatalogueError
+from vlafuzz.objects.grasps import find_grasps
+from vlafuzz.objects.hulls import Array, outline, triangles
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.rests import Solid, quaternion, settled, solid
+from vlafuzz.objects.schema import Basket, ObjectSpec, Rest
+from vlafuzz.objects.shapes import convex_parts
+from vlafuzz.objects.surfaces import write_visual
+
+
+def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
+    """Build an object and write its meshes into ``folder``.
+
+    Raises:
+        CatalogueError: a rest pose is not stable, or leaves nothing that the gripper could grasp.
+    """
+    drawn = convex_parts(spec.shape)
+    points = np.concatenate(drawn)
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    body = solid([part - centre for part in drawn])
+    visual = folder / "visual.glb"
+    write_visual(spec, centre, visual)
+    return ObjectModel(
+        name=name,
+        spoken=spec.spoken or name.replace("_", " "),
+        role=spec.role,
+        mass=spec.mass,
+        friction=spec.friction,
+        colour=np.array(spec.colour),
+        parts=body.parts,
+        vertices=body.hull,
+        visual=visual,
+        collision=tuple(_write(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
+        rests=tuple(_rests(name, spec, body)),
+        supports=spec.supports,
+        container=_container(spec.shape, centre) if isinstance(spec.shape, Basket) else None,
+        density=spec.mass / body.volume,
+    )
+
+
+def _rests(name: str, spec: ObjectSpec, body: Solid) -> list[RestPose]:
+    rests = []
+    for key, rest in spec.rests.items():
+        try:
+            rests.append(_rest_pose(key, rest, body, spec.role))
+        except CatalogueError as error:
+            raise CatalogueError(f"objects.{name}.rests.{key}: {error}", error.hint) from None
+    return rests
+
+
+def _rest_pose(name: str, rest: Rest, body: Solid, role: str) -> RestPose:
+    turn = settled(body, rest.up)
+    height = float(np.round(-(body.hull @ turn.T)[:, 2].min(), 6))
+    lift = np.array([0.0, 0.0, height])
+    hull = np.round(body.hull @ turn.T + lift, 6) + 0.0
+    grasps: tuple[Grasp, ...] = ()
+    if role == "graspable":
+        grasps = find_grasps([part @ turn.T + lift for part in body.parts], turn @ body.balance + lift)
+        if not grasps:
+            raise CatalogueError(
+                "nothing that the gripper could grasp", "it opens 0.08 m: make the object thinner"
+            )
+    return RestPose(
+        name=name,
+        quaternion=quaternion(turn),
+        height=height,
+        top=float(hull[:, 2].max()),
+        footprint=outline(hull[:, :2]),
+        rolls=rest.rolls,
+        grasps=grasps,
+    )
+
+
+def _container(shape: Basket, centre: Array) -> Container:
+    width, depth, height = shape.inner
+    floor = float(shape.wall - centre[2])
+    return Container(width, depth, round(floor, 6), round(floor + height, 6))
+
+
+def _write(points: Array, file: Path) -> Path:
+    """Write a convex part as OBJ."""
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles(points)]
+    file.write_text("\n".join(lines) + "\n")
+    return file

@@ -1,0 +1,102 @@
+"""Built objects on disc: one folder an object, named by the hash of its entry and the builder's version.
+
+A folder appears complete or not at all (built beside it, then renamed), so that processes may build the same
+object at the same time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlafuzz import shipped
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.schema import ObjectSpec
+
+BUILDER = 4  # raise it when the same entry would build another object: a test compares the numbers
+NUMBERS = "model.json"
+
+
+def fingerprint(name: str, spec: ObjectSpec) -> str:
+    """Of an entry's values and the builder's version."""
+    text = json.dumps([BUILDER, name, spec.model_dump(mode="json")], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def built(name: str, spec: ObjectSpec) -> ObjectModel:
+    """The object from the cache, building it first where needed."""
+    folder = shipped.cache_dir() / "objects" / f"{name}-{fingerprint(name, spec)}"
+    if not (folder / NUMBERS).is_file():
+        _fill(name, spec, folder)
+    model = load(folder)
+    # SAPIEN only logs a missing mesh
+    if not all(file.is_file() for file in (model.visual, *model.collision)):
+        shutil.rmtree(folder, ignore_errors=True)
+        _fill(name, spec, folder)
+    return model
+
+
+def _fill(name: str, spec: ObjectSpec, folder: Path) -> None:
+    from vlafuzz.objects.build import build  # loads trimesh and scipy, which a filled cache does not need
+
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
+        draft = Path(space) / "object"
+        draft.mkdir()
+        save(build(name, spec, draft), draft)
+        try:
+            draft.rename(folder)
+        except OSError:
+            if not (folder / NUMBERS).is_file():  # else another process was faster, with the same
+                raise
+
+
+def save(model: ObjectModel, folder: Path) -> None:
+    (folder / NUMBERS).write_text(json.dumps(_plain(vars(model))))
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case np.ndarray():
+            return value.tolist()
+        case Path():
+            return value.name
+        case RestPose() | Grasp() | Container():
+            return _plain(vars(value))
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case tuple():
+            return [_plain(item) for item in value]
+    return value
+
+
+def load(folder: Path) -> ObjectModel:
+    """Read what ``save`` wrote."""
+    data = json.loads((folder / NUMBERS).read_text())
+    data["colour"] = _array(data["colour"])
+    data["vertices"] = _array(data["vertices"])
+    data["parts"] = tuple(map(_array, data["parts"]))
+    data["visual"] = folder / data["visual"]
+    data["collision"] = tuple(folder / name for name in data["collision"])
+    data["rests"] = tuple(map(_rest, data["rests"]))
+    data["container"] = data["container"] and Container(**data["container"])
+    return ObjectModel(**data)
+
+
+def _rest(data: dict[str, Any]) -> RestPose:
+    data["quaternion"] = _array(data["quaternion"])
+    data["footprint"] = _array(data["footprint"])
+    data["grasps"] = tuple(Grasp(**grasp) for grasp in data["grasps"])
+    return RestPose(**data)
+
+
+def _array(values: list[Any]) -> Any:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False  # models are shared
+    return array

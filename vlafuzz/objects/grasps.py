@@ -1,0 +1,154 @@
+"""Top-down grasps for a parallel gripper, found from the geometry alone.
+
+The gripper is the Panda's: it opens 0.08 m, its pads are 20 mm wide and reach 9 mm above and below the tool
+centre point (TCP), its palm is 38 mm above it. Grippers of this size will do as well with these grasps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from vlafuzz.objects.hulls import Array, Faces, outline, section, triangles
+from vlafuzz.objects.model import Grasp
+
+WIDEST = 0.074  # leaves 3 mm a side of the 0.08 m opening
+THINNEST = 0.003
+OPENING = 0.039  # from the middle to an open finger, less a millimetre
+PALM = 0.034  # how far an object may stick up above the TCP
+TABLE = 0.012  # lowest TCP, so that the fingertips clear the support
+TIP = 0.009
+TOUCH = (
+    0.003  # the surface counts less the farther it is behind the foremost point, and nothing from there on
+)
+PAD_Z = (-0.008, -0.004, 0.0, 0.004, 0.008)
+STEP = 0.002  # between the lines on which the object is measured
+PAD = 5  # steps from the middle of a pad to its side
+SHIFTS = range(-24, 25, 4)  # steps from the centre of mass, sideways
+YAWS = tuple(15.0 * k for k in range(12))
+BALANCE = 0.03  # offset from the centre of mass at which the quality has halved
+LIMIT = 12
+
+
+class Body:
+    """The convex parts of an object at rest, which horizontal planes can cut."""
+
+    def __init__(self, parts: Sequence[Array]) -> None:
+        self._parts = [(part, _edges(triangles(part))) for part in parts]
+        self._cuts: dict[float, list[Array]] = {}
+        self.top = max(float(part[:, 2].max()) for part in parts)
+
+    def cut(self, z: float) -> list[Array]:
+        """The convex polygons ``(k, 2)`` at height ``z``."""
+        if z not in self._cuts:
+            sections = (section(part, edges, z) for part, edges in self._parts)
+            self._cuts[z] = [outline(points) for points in sections if len(points) > 2]
+        return self._cuts[z]
+
+
+class Scan:
+    """How far a body reaches along one closing axis, measured on parallel lines on both sides of its centre of mass."""
+
+    def __init__(self, body: Body, yaw: float, centre: Array) -> None:
+        angle = np.radians(yaw)
+        self.body, self.yaw, self.centre = body, yaw, centre
+        self.axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        count = SHIFTS[-1] + PAD
+        self.lines = float(self.axes[1] @ centre[:2]) + STEP * np.arange(-count, count + 1)
+        self._reach: dict[float, tuple[Array, Array]] = {}
+
+    def reach(self, shift: int, heights: Iterable[float]) -> tuple[Array, Array]:
+        """Least and greatest coordinate along the closing axis on the lines of a pad.
+
+        Args:
+            shift: of the pad from the centre of mass, steps.
+            heights: ``m`` of them, metres.
+
+        Returns:
+            ``(m, 2 * PAD + 1)`` each, metres; inf and -inf where nothing is.
+        """
+        pad = slice(shift - SHIFTS[0], shift - SHIFTS[0] + 2 * PAD + 1)
+        spans = [self._at(round(z, 4) + 1e-7) for z in heights]  # off the corners, where cuts are not unique
+        return np.array([low[pad] for low, _ in spans]), np.array([high[pad] for _, high in spans])
+
+    def _at(self, z: float) -> tuple[Array, Array]:
+        if z not in self._reach:
+            low = np.full(len(self.lines), np.inf)
+            high = -low
+            for polygon in self.body.cut(z):
+                near, far = _chords(polygon @ self.axes.T, self.lines)
+                low, high = np.minimum(low, near), np.maximum(high, far)
+            self._reach[z] = low, high
+        return self._reach[z]
+
+
+def _edges(faces: Faces) -> Faces:
+    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return np.unique(pairs, axis=0)
+
+
+def _chords(polygon: Array, lines: Array) -> tuple[Array, Array]:
+    """Where the lines y = ``lines`` enter and leave a convex polygon ``(k, 2)``; inf, -inf if they miss."""
+    start, end = polygon, np.roll(polygon, -1, axis=0)
+    rise = end[:, 1] - start[:, 1]
+    rise = np.where(rise == 0, np.nan, rise)
+    share = (lines[:, None] - start[:, 1]) / rise
+    x = start[:, 0] + share * (end[:, 0] - start[:, 0])
+    inside = (share >= 0) & (share <= 1)
+    return np.where(inside, x, np.inf).min(axis=1), np.where(inside, x, -np.inf).max(axis=1)
+
+
+def find_grasps(parts: Sequence[Array], centre: Array) -> tuple[Grasp, ...]:
+    """Up to twelve grasps, best first, each unlike the better ones.
+
+    Args:
+        parts: convex parts ``(n, 3)`` at rest on z = 0, origin at (0, 0), metres.
+        centre: of mass, ``(3,)``.
+    """
+    body = Body(parts)
+    found = sorted(_candidates(body, centre), key=lambda grasp: (-grasp.quality, grasp.yaw, grasp.z))
+    kept: list[Grasp] = []
+    for grasp in found:
+        worth = grasp.quality >= 0.4 * found[0].quality
+        if worth and len(kept) < LIMIT and all(_differ(grasp, other) for other in kept):
+            kept.append(grasp)
+    return tuple(kept)
+
+
+def _differ(a: Grasp, b: Grasp) -> bool:
+    apart = np.hypot(a.x - b.x, a.y - b.y) + abs(a.z - b.z)
+    return a.yaw != b.yaw or bool(apart >= 0.012)
+
+
+def _candidates(body: Body, centre: Array) -> Iterator[Grasp]:
+    lowest = max(TABLE, body.top - PALM)
+    heights = [lowest, *np.arange(lowest, body.top - 0.006, 0.003)[1:]]
+    if heights[0] < centre[2] < heights[-1]:
+        heights.append(centre[2])
+    for yaw in YAWS:
+        scan = Scan(body, yaw, centre)
+        for shift in SHIFTS:
+            for z in heights:
+                grasp = _grasp(scan, shift, round(float(z), 4))
+                if grasp is not None:
+                    yield grasp
+
+
+def _grasp(scan: Scan, shift: int, z: float) -> Grasp | None:
+    """The grasp at a height and a shift, if the open gripper fits over the object there and can close on it."""
+    low, high = scan.reach(shift, (z + pad for pad in PAD_Z))
+    width = float(high.max() - low.min())
+    if not THINNEST <= width <= WIDEST:
+        return None
+    middle = float(high.max() + low.min()) / 2
+    least, most = scan.reach(shift, np.arange(max(z - TIP, 0.001), scan.body.top, 0.004))
+    if max(most.max() - middle, middle - least.min()) > OPENING:
+        return None
+    gaps = (high.max() - high, low - low.min())
+    touch = min(float(np.maximum(0.0, 1 - gap / TOUCH).mean()) for gap in gaps)
+    place = np.array([middle, scan.lines[len(scan.lines) // 2] + shift * STEP]) @ scan.axes
+    lever = np.hypot(*(place - scan.centre[:2]))
+    quality = touch / (1 + (lever / BALANCE) ** 2) / (1 + abs(z - scan.centre[2]) / 0.1)
+    x, y = (round(float(value), 4) + 0.0 for value in place)
+    return Grasp(scan.yaw, round(width, 4), x, y, z, round(float(quality), 2))

@@ -1,0 +1,115 @@
+"""An object as everybody else sees it: solid parts, meshes on disc, rest poses and grasps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import CatalogueError, suggestion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """A top-down grasp with two fingers, in the rest frame: yaw 0, origin at (0, 0), support plane z = 0.
+
+    Attributes:
+        yaw: direction of the closing axis from +x, degrees in [0, 180).
+        width: between the fingers once they are closed on the object, metres.
+        x: of the tool centre point (TCP), relative to the object's origin, metres.
+        y: likewise.
+        z: height of the TCP above the support plane, metres.
+        quality: 0..1, higher is better.
+    """
+
+    yaw: float
+    width: float
+    x: float
+    y: float
+    z: float
+    quality: float
+
+
+@dataclass(frozen=True, eq=False)
+class RestPose:
+    """A way in which the object stays put on a level surface.
+
+    Attributes:
+        quaternion: ``(4,)`` w, x, y, z, at yaw 0.
+        height: of the object's origin above the support, metres.
+        top: the highest point above the support, metres.
+        footprint: ``(k, 2)`` convex outline seen from above, counter-clockwise about the origin, metres.
+        rolls: a push may make it roll away.
+        grasps: best first; empty for places.
+    """
+
+    name: str
+    quaternion: Array
+    height: float
+    top: float
+    footprint: Array
+    rolls: bool
+    grasps: tuple[Grasp, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """The room inside, centred on the object's origin in x and y; heights in the object's frame. Metres."""
+
+    width: float
+    depth: float
+    floor: float
+    rim: float
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectModel:
+    """One kind of object. The origin of its frame is the centre of its bounding box.
+
+    Attributes:
+        spoken: what an instruction calls it.
+        colour: ``(3,)`` sRGB in 0..1, the one that dominates.
+        mass: kilograms.
+        friction: coefficient, static and dynamic alike; nothing bounces.
+        density: mass over the summed volume of the parts, kilograms a cubic metre.
+        parts: ``(n, 3)`` corners of each convex part, metres.
+        vertices: ``(m, 3)`` corners of the hull of all, metres.
+        visual: a ``.glb`` with textures.
+        collision: one convex ``.obj`` a part.
+        rests: the first is nominal.
+        supports: other objects can be put on it.
+    """
+
+    name: str
+    spoken: str
+    role: Literal["graspable", "place"]
+    mass: float
+    friction: float
+    colour: Array
+    parts: tuple[Array, ...]
+    vertices: Array
+    visual: Path
+    collision: tuple[Path, ...]
+    rests: tuple[RestPose, ...]
+    supports: bool
+    container: Container | None
+    density: float
+
+    def rest(self, name: str) -> RestPose:
+        """The rest pose of that name.
+
+        Raises:
+            CatalogueError: it has none.
+        """
+        for rest in self.rests:
+            if rest.name == name:
+                return rest
+        known = [rest.name for rest in self.rests]
+        raise CatalogueError(
+            f"{self.name}: no rest pose {name!r}, known: {', '.join(known)}", suggestion(name, known)
+        )

@@ -1,0 +1,96 @@
+"""How an object lies on a level surface: on a face of its hull above which its centre of mass is. Metres."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vlafuzz.errors import CatalogueError
+from vlafuzz.objects.hulls import Array, corners, mass_properties, outline, triangles
+
+FLAT = 2e-5  # corners that far from a face's plane still lie in it, metres: they are rounded to a micrometre
+STEADY = 0.001  # how far inside the face the centre of mass has to be, metres
+NEAR = 0.8  # cosine of the largest angle between the pose that was asked for and the stable one
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Solid(NamedTuple):
+    """What physics sees of an object.
+
+    Attributes:
+        parts: ``(n, 3)`` corners of each convex part, in the object's frame, metres.
+        hull: ``(m, 3)`` corners of the hull of all.
+        volume: summed over the parts, cubic metres.
+        balance: ``(3,)`` centre of mass.
+    """
+
+    parts: tuple[Array, ...]
+    hull: Array
+    volume: float
+    balance: Array
+
+
+def solid(parts: Sequence[Array]) -> Solid:
+    """The solid that consists of the hulls of some ``(n, 3)`` points each."""
+    exact = tuple(corners(part) for part in parts)
+    volumes, middles = zip(*map(mass_properties, exact), strict=True)
+    balance = np.average(middles, axis=0, weights=volumes)
+    return Solid(exact, corners(np.concatenate(exact)), float(sum(volumes)), balance)
+
+
+def settled(body: Solid, up: Sequence[float]) -> Array:
+    """The rotation ``(3, 3)`` that puts a solid onto the stable face nearest to having ``up`` point upwards.
+
+    Raises:
+        CatalogueError: no stable face is near.
+    """
+    wanted = np.array(up) / np.linalg.norm(up)
+    for face in _faces_from_below(body.hull, wanted):
+        reach = body.hull @ face
+        ground = body.hull[reach > reach.max() - FLAT]
+        turn = rotation(face, -UP)
+        if _above(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2]):
+            first = rotation(wanted, UP)
+            return np.asarray(rotation(first @ face, -UP) @ first)
+    raise CatalogueError(f"no stable face near this pose, got up {tuple(up)!r}")
+
+
+def _faces_from_below(hull: Array, up: Array) -> Array:
+    """Outward normals ``(k, 3)`` of the hull's faces that point down, the steepest first."""
+    faces = hull[triangles(hull)]
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # Rounded: mirror twins differ in the last bit only, which must not decide
+    steepness = np.round(normals @ up, 6)
+    order = np.lexsort((*np.round(normals.T, 6), steepness))
+    return np.asarray(normals[order][steepness[order] < -NEAR])
+
+
+def _above(polygon: Array, point: Array) -> bool:
+    """Whether a point ``(2,)`` lies well inside a counter-clockwise polygon ``(k, 2)``."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    arm = point - polygon
+    inside = (side[:, 0] * arm[:, 1] - side[:, 1] * arm[:, 0]) / np.linalg.norm(side, axis=1)
+    return bool(inside.min() > STEADY)
+
+
+def rotation(start: Array, end: Array) -> Array:
+    """The smallest rotation ``(3, 3)`` that takes one unit vector to another; about x or z if opposite."""
+    cosine = float(start @ end)
+    if cosine < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0]) if abs(start[0]) < 0.5 else np.diag([-1.0, -1.0, 1.0])
+    axis = np.cross(start, end)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
+
+
+def quaternion(turn: Array) -> Array:
+    """``(4,)`` w, x, y, z of a rotation ``(3, 3)``, rounded to 9 digits."""
+    w = np.sqrt(max(0.0, 1 + np.trace(turn))) / 2
+    if w < 1e-6:
+        axis = np.sqrt(np.maximum(0.0, (np.diag(turn) + 1) / 2))  # half a turn: about x, y or z
+        return np.array([0.0, *axis])
+    lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)

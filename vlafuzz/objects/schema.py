@@ -1,0 +1,248 @@
+"""What the YAML of an object catalogue may say. Metres, kilograms, colours sRGB in 0..1."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from vlafuzz.errors import CatalogueError, suggestion
+
+Length = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Unit = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+Direction = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
+Name = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+AnyShape = TypeVar("AnyShape", bound=BaseModel)
+Colour = tuple[Unit, Unit, Unit]
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _require(shape: AnyShape, holds: bool) -> AnyShape:  # noqa: FBT001
+    if not holds:
+        raise ValueError("these lengths do not fit together")
+    return shape
+
+
+class Can(Strict):
+    """A drink can, axis z. ``neck`` is the radius of both ends, ``shoulder`` the height of the tapers."""
+
+    kind: Literal["can"]
+    radius: Length
+    height: Length
+    neck: Length
+    shoulder: Length
+
+    @model_validator(mode="after")
+    def _fits(self) -> Can:
+        return _require(self, self.neck <= self.radius and 2 * self.shoulder < self.height)
+
+
+class Bottle(Strict):
+    """A bottle, axis z: a body, a tapering shoulder, a cylindrical neck with its cap."""
+
+    kind: Literal["bottle"]
+    radius: Length
+    height: Length
+    neck: Length
+    neck_height: Length
+    shoulder: Length
+
+    @model_validator(mode="after")
+    def _fits(self) -> Bottle:
+        return _require(self, self.neck < self.radius and self.neck_height + self.shoulder < self.height)
+
+
+class Ball(Strict):
+    """A ball, squashed along z, with a flat base. ``dimple`` is how deep its stalk sits (drawn only)."""
+
+    kind: Literal["ball"]
+    diameter: Length
+    height: Length
+    dimple: Annotated[float, Field(ge=0, le=0.02)] = 0.0
+
+
+class Box(Strict):
+    kind: Literal["box"]
+    size: tuple[Length, Length, Length]
+
+
+class Cone(Strict):
+    """A truncated cone, axis x, thick end at -x."""
+
+    kind: Literal["cone"]
+    length: Length
+    radius: Length
+    tip: Length
+
+
+class Egg(Strict):
+    """The hull of two balls on the x axis, the thick one at +x."""
+
+    kind: Literal["egg"]
+    length: Length
+    radius: Length
+    tip: Length
+
+    @model_validator(mode="after")
+    def _fits(self) -> Egg:
+        return _require(self, self.tip <= self.radius < self.length / 2)
+
+
+class Spoon(Strict):
+    """A spoon along x, bowl at -x, with a handle that arches up to ``height`` and touches down at its end."""
+
+    kind: Literal["spoon"]
+    length: Length
+    width: Length
+    height: Length
+    bowl: Length
+    depth: Length
+    handle: Length
+    thickness: Length
+
+    @model_validator(mode="after")
+    def _fits(self) -> Spoon:
+        return _require(self, self.bowl < self.length and self.thickness < self.depth < self.height)
+
+
+class Plate(Strict):
+    """A round disc of thickness ``floor`` with a rim, ``rim`` wide, that rises to ``height``."""
+
+    kind: Literal["plate"]
+    diameter: Length
+    height: Length
+    floor: Length
+    rim: Length
+
+    @model_validator(mode="after")
+    def _fits(self) -> Plate:
+        return _require(self, self.floor < self.height and self.rim < self.diameter / 2)
+
+
+class Basket(Strict):
+    """An open box. ``inner`` is width (x), depth (y) and height (z) of what it holds."""
+
+    kind: Literal["basket"]
+    inner: tuple[Length, Length, Length]
+    wall: Length
+
+
+Shape = Annotated[
+    Can | Bottle | Ball | Box | Cone | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
+]
+
+
+KINDS: dict[int | str, type[BaseModel]] = {
+    kind.model_fields["kind"].annotation.__args__[0]: kind  # type: ignore[union-attr]
+    for kind in (Can, Bottle, Ball, Box, Cone, Egg, Spoon, Plate, Basket)
+}
+
+
+class Look(Strict):
+    """How the surface is painted over the object's base colour. ``motif`` decorates a label."""
+
+    pattern: Literal[
+        "label", "plain", "fruit", "peel", "pores", "checks", "stripes", "weave", "rim", "rings", "calyx"
+    ]
+    accent: Colour = (1.0, 1.0, 1.0)
+    ink: Colour = (1.0, 1.0, 1.0)
+    word: str = ""
+    motif: Literal["none", "wave", "ribbon", "disc", "bubbles", "splash", "checks"] = "none"
+    roughness: Unit = 0.6
+
+
+class Rest(Strict):
+    """A stable pose: the stable face of the object's hull that is nearest to having ``up`` point upwards."""
+
+    up: tuple[Direction, Direction, Direction]
+    rolls: bool = False
+
+    @field_validator("up")
+    @classmethod
+    def _points_somewhere(cls, up: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not any(up):
+            raise ValueError("must not be zero")
+        return up
+
+
+class ObjectSpec(Strict):
+    """One object. ``spoken`` is its name with spaces unless given; ``friction`` is static and dynamic."""
+
+    spoken: str = ""
+    role: Literal["graspable", "place"]
+    mass: Annotated[float, Field(gt=0, le=20, allow_inf_nan=False)]
+    colour: Colour
+    shape: Shape
+    look: Look
+    rests: Annotated[dict[str, Rest], Field(min_length=1)]
+    friction: Annotated[float, Field(ge=0, le=5)] = 0.6
+    supports: bool = False
+
+
+class CatalogueFile(Strict):
+    objects: Annotated[dict[Name, ObjectSpec], Field(min_length=1)]
+
+
+def read_file(path: Path) -> dict[str, ObjectSpec]:
+    """Read one catalogue file.
+
+    Raises:
+        CatalogueError: naming the file, the key and the value.
+    """
+    try:
+        raw = yaml.load(path.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except OSError as error:
+        raise CatalogueError(f"{path}: cannot be read: {error.strerror}") from None
+    except yaml.YAMLError as error:
+        raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    try:
+        return CatalogueFile.model_validate(raw).objects
+    except ValidationError as error:
+        raise _explain(path, raw, error) from None
+
+
+def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
+    """Turn pydantic's first complaint into one sentence with file, key path and value."""
+    first = error.errors(include_url=False)[0]
+    keys = _keys(raw, first["loc"])
+    where = f"{path}: {'.'.join(keys)}" if keys else str(path)
+    match first["type"]:
+        case "missing":
+            return CatalogueError(f"{where}: missing")
+        case "extra_forbidden":
+            return CatalogueError(f"{where}: unknown key", suggestion(keys[-1], _known_keys(first["loc"])))
+        case "literal_error" | "union_tag_invalid":
+            known = re.findall(
+                r"'([^']+)'", str(first["ctx"].get("expected") or first["ctx"]["expected_tags"])
+            )
+            value = first["ctx"].get("tag", first["input"])
+            return CatalogueError(f"{where}: unknown value {value!r}", suggestion(str(value), known))
+    return CatalogueError(f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r}")
+
+
+def _keys(raw: Any, location: tuple[int | str, ...]) -> list[str]:
+    """A complaint's location as the user wrote it: without the shape's kind, which pydantic puts in."""
+    keys: list[str] = []
+    for step in location:
+        if step in KINDS and keys[-1:] == ["shape"] and step not in (raw if isinstance(raw, dict) else ()):
+            continue
+        keys.append(str(step))
+        if isinstance(raw, dict):
+            raw = raw.get(step)
+    return keys
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    """The keys that are allowed where an unknown one was found."""
+    parents = [step for step in location[:-1] if isinstance(step, str)]
+    inside: dict[str, type[BaseModel]] = {"look": Look, "rests": Rest}
+    model: type[BaseModel] = ObjectSpec if parents else CatalogueFile
+    if len(parents) > 2:
+        model = KINDS.get(parents[-1]) or inside[parents[2]]
+    return list(model.model_fields)

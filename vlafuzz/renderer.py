@@ -1,0 +1,205 @@
+"""Can this machine render? A real, tiny picture decides, in a process of its own: drivers may crash.
+
+``python -m vlafuzz.renderer`` prints one line and exits with 0 or 3.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+HINT = (
+    "install mesa-vulkan-drivers 24.3 or newer and libvulkan1, as scripts/setup does on Debian and Ubuntu; "
+    "with a GPU, its maker's Vulkan driver"
+)
+# Not SAPIEN's default pack: that one computes a reflectance table first, for 6 s on a CPU.
+SHADER_PACK = "trivial"
+_CHILD = "from vlafuzz.renderer import _draw; _draw()"
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """What the tiny picture has shown; ``problem`` is None when it came out."""
+
+    device: str | None
+    driver: str | None
+    problem: str | None
+
+    @property
+    def works(self) -> bool:
+        return self.problem is None
+
+    @property
+    def name(self) -> str:
+        return ", ".join(part for part in (self.device, self.driver) if part)
+
+    def __str__(self) -> str:
+        if self.works:
+            return f"rendering works: {self.name}"
+        return f"rendering does not work: {self.problem}" + (f" ({self.name})" if self.name else "")
+
+
+def probe(timeout: float = 120.0) -> Renderer:
+    """Draw one picture in a fresh process, for at most ``timeout`` seconds."""
+    environment = {"LP_NUM_THREADS": "0", **os.environ}
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Renderer(None, None, f"no picture within {timeout:.0f} s")
+    except OSError as error:
+        return Renderer(None, None, f"no process for it: {error.strerror}")
+    answers = [line for line in child.stdout.splitlines() if line.startswith("{")]
+    if answers:
+        return Renderer(**json.loads(answers[-1]))
+    if child.returncode < 0:
+        return Renderer(None, None, f"the driver crashed with signal {-child.returncode}")
+    last = (child.stderr.strip() or "no output").splitlines()[-1]
+    return Renderer(None, None, f"exit code {child.returncode}: {last}")
+
+
+def _draw() -> None:
+    """The child: prints a ``Renderer`` as JSON."""
+    seen, problem = VulkanDevice(None, None), None
+    try:
+        chosen = _sapien_device()
+        listed = vulkan_devices()
+        seen = next((one for one in listed if one.device == chosen.name), listed[0] if listed else seen)
+        if not _picture(chosen).any():
+            problem = "the picture is black"
+    except ImportError as error:
+        problem = f"SAPIEN cannot be imported: {error}"
+    except RuntimeError as error:
+        problem = str(error) if seen.device else f"Vulkan finds no device ({error})"
+    sys.stdout.write(json.dumps({**seen._asdict(), "problem": problem}) + "\n")
+    sys.stdout.flush()
+    os._exit(0)  # the verdict stands, whatever the driver does when it is unloaded
+
+
+def _sapien_device() -> Any:
+    """The device that ManiSkill would choose."""
+    import sapien
+
+    try:
+        return sapien.Device("cuda")
+    except RuntimeError:
+        return sapien.Device("cpu")
+
+
+def _picture(device: Any) -> Any:
+    """A white box in front of a camera: the colours of 16 × 16 pixels."""
+    import sapien
+
+    sapien.render.set_camera_shader_dir(SHADER_PACK)
+    scene = sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem(device)])
+    builder = scene.create_actor_builder()
+    builder.add_box_visual(half_size=[0.1, 0.1, 0.1], material=[1.0, 1.0, 1.0])
+    builder.set_initial_pose(sapien.Pose([1.0, 0.0, 0.0]))
+    builder.build_static(name="box")
+    camera = scene.add_camera("camera", 16, 16, 1.0, 0.1, 10.0)
+    scene.update_render()
+    camera.take_picture()
+    return camera.get_picture("Color")[..., :3]
+
+
+class VulkanDevice(NamedTuple):
+    """A device that Vulkan lists, and its driver with the version."""
+
+    device: str | None
+    driver: str | None
+
+
+class _Application(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("name", ctypes.c_char_p),
+        ("version", ctypes.c_uint32),
+        ("engine", ctypes.c_char_p),
+        ("engine_version", ctypes.c_uint32),
+        ("api_version", ctypes.c_uint32),
+    )
+
+
+class _InstanceInfo(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("flags", ctypes.c_uint32),
+        ("application", ctypes.POINTER(_Application)),
+        ("layer_count", ctypes.c_uint32),
+        ("layers", ctypes.c_void_p),
+        ("extension_count", ctypes.c_uint32),
+        ("extensions", ctypes.c_void_p),
+    )
+
+
+class _DriverProperties(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("id", ctypes.c_int),
+        ("name", ctypes.c_char * 256),
+        ("info", ctypes.c_char * 256),
+        ("conformance", ctypes.c_uint8 * 4),
+    )
+
+
+class _DeviceProperties(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_int),
+        ("next", ctypes.c_void_p),
+        ("numbers", ctypes.c_uint32 * 5),
+        ("device", ctypes.c_char * 256),
+        ("rest", ctypes.c_uint64 * 128),  # limits and more that Vulkan writes: 548 bytes of these
+    )
+
+
+_DRIVER_PROPERTIES, _DEVICE_PROPERTIES_2 = 1000196000, 1000059001  # VkStructureType
+_VULKAN_1_2 = (1 << 22) | (2 << 12)
+
+
+def vulkan_devices() -> list[VulkanDevice]:
+    """What Vulkan lists; empty where there is no Vulkan. Loads the drivers: better in a child process."""
+    try:
+        vulkan = ctypes.CDLL("libvulkan.so.1")
+    except OSError:
+        return []
+    instance, count, handles = ctypes.c_void_p(), ctypes.c_uint32(16), (ctypes.c_void_p * 16)()
+    info = _InstanceInfo(type=1, application=ctypes.pointer(_Application(api_version=_VULKAN_1_2)))
+    if vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance)) != 0:
+        return []
+    if vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles) < 0:
+        return []
+    return [_described(vulkan, handle) for handle in handles[: count.value] if handle]
+
+
+def _described(vulkan: ctypes.CDLL, handle: int) -> VulkanDevice:
+    driver = _DriverProperties(type=_DRIVER_PROPERTIES)
+    device = _DeviceProperties(type=_DEVICE_PROPERTIES_2)
+    device.next = ctypes.cast(ctypes.pointer(driver), ctypes.c_void_p)
+    vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), ctypes.byref(device))
+    info, name = driver.info.decode(), driver.name.decode()
+    return VulkanDevice(device.device.decode(), info if info.startswith("Mesa") else f"{name} {info}")
+
+
+def main() -> int:
+    """Print the verdict; 0, or 3 where rendering does not work."""
+    found = probe()
+    print(found)  # noqa: T201 - this is a small program of its own
+    return 0 if found.works else 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())

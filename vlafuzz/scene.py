@@ -1,0 +1,178 @@
+"""Scene: everything that is shown to the subject, as a value. Files of scenes are JSON lines."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from vlafuzz.errors import SceneError
+
+SCHEMA = 1
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One object: its rest pose at (x, y) in metres on the table, turned by ``yaw`` degrees about the vertical.
+
+    ``quaternion`` (w, x, y, z) replaces rest pose and yaw, ``scale`` the object's size: for imported scenes.
+    """
+
+    __pydantic_config__ = _STRICT
+    object: str
+    rest: str
+    x: float
+    y: float
+    yaw: float = 0.0
+    quaternion: tuple[float, float, float, float] | None = None
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Light:
+    """``intensity`` multiplies every light of the nominal scene, the ambient one included."""
+
+    __pydantic_config__ = _STRICT
+    intensity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The third-person camera's deviation from its nominal pose.
+
+    It stands ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the world's x axis) and
+    ``elevation``, and is turned by ``roll``, ``pitch`` and ``yaw`` about its own axes. All angles in degrees.
+    """
+
+    __pydantic_config__ = _STRICT
+    distance: float = 0.0
+    azimuth: float = 0.0
+    elevation: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def offset(self) -> tuple[float, float, float]:
+        """Metres along the world's x, y and z."""
+        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        level = self.distance * math.cos(elevation)
+        return level * math.cos(azimuth), level * math.sin(azimuth), self.distance * math.sin(elevation)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that is shown to the subject. Equal scenes are equal, and have equal digests."""
+
+    __pydantic_config__ = _STRICT
+    task: str
+    targets: tuple[Placement, ...]
+    instruction: str
+    confounders: tuple[Placement, ...] = ()
+    light: Light = Light()
+    camera: Camera = Camera()
+    robot: str = "panda"
+    schema: int = SCHEMA
+
+    @property
+    def placements(self) -> tuple[Placement, ...]:
+        """All objects, the targets first."""
+        return self.targets + self.confounders
+
+    @cached_property
+    def digest(self) -> str:
+        """32 hexadecimal digits of the canonical JSON."""
+        return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
+
+    def to_json(self) -> str:
+        """Canonical JSON: sorted keys, no blanks, floats as written by ``repr``."""
+        return json.dumps(_canonical(asdict(self)), sort_keys=True, separators=(",", ":"))
+
+    @staticmethod
+    def from_json(text: str | bytes) -> Scene:
+        """Read one scene.
+
+        Raises:
+            SceneError: not JSON, or not a scene; the message names the key.
+        """
+        try:
+            scene = _ADAPTER.validate_json(text)
+        except ValidationError as error:
+            raise SceneError(_first_problem(error), hint="`vlafuzz run` and `vlafuzz import` write valid scenes") from None
+        if scene.schema > SCHEMA:
+            raise SceneError(
+                f"schema: this scene has version {scene.schema}, newer than {SCHEMA}", hint="upgrade vlafuzz"
+            )
+        return scene
+
+
+_ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
+
+
+def _canonical(value: Any) -> Any:
+    if isinstance(value, float):
+        return value + 0.0  # -0.0 and 0.0 are one value
+    if isinstance(value, dict):
+        return {key: _canonical(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_canonical(item) for item in value]
+    return value
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    where = ".".join(str(part) for part in problem["loc"])
+    shown = repr(problem["input"])
+    shown = shown if len(shown) <= 60 else shown[:57] + "..."
+    return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shown}"
+
+
+def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
+    """Each scene of a JSON-lines file with its line number (from 1); a broken line yields its error and goes on.
+
+    Raises:
+        SceneError: the file cannot be read at all.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise SceneError(f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line") from None
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            yield number, Scene.from_json(line)
+        except SceneError as error:
+            yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
+
+
+def load_scenes(path: Path) -> list[Scene]:
+    """All scenes of a JSON-lines file.
+
+    Raises:
+        SceneError: a line is broken, or there is no scene in it.
+    """
+    scenes: list[Scene] = []
+    for _, scene in read_scenes(path):
+        if isinstance(scene, SceneError):
+            raise scene
+        scenes.append(scene)
+    if not scenes:
+        raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+    return scenes
+
+
+def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
+    """Write JSON lines, atomically."""
+    beside = path.with_name(path.name + ".tmp")
+    beside.write_text("".join(scene.to_json() + "\n" for scene in scenes), encoding="utf-8")
+    beside.replace(path)

@@ -1,0 +1,47 @@
+"""Strategy: what proposes scenes. It sees numbers only: genomes out, scores in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import Score
+
+Genome = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A genome to try. ``id`` counts a run's proposals from 0; ``genome`` is ``(dim,)``, in [0, 1]."""
+
+    id: int
+    genome: Genome
+
+
+class Source(Protocol):
+    """What a strategy may know of the space that it searches."""
+
+    @property
+    def dim(self) -> int:
+        """Length of a genome."""
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene that keeps the preconditions."""
+
+    def encode(self, scene: Scene) -> Genome:
+        """The scene's coordinates, ``(dim,)``."""
+
+
+class Strategy(Protocol):
+    """Proposes genomes and is told what became of them."""
+
+    def ask(self, n: int) -> list[Proposal]:
+        """Up to ``n`` new proposals, with consecutive ids; fewer, or none, when there are no more."""
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Every proposal exactly once, in the order asked; a known scene with its known score."""

@@ -1,0 +1,29 @@
+"""Random testing, the paper's strategy: scenes drawn one by one, whatever came of those before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.base import Proposal, Source
+
+
+class Random:
+    """Each proposal has a generator of its own: batch size and workers do not change what is drawn."""
+
+    def __init__(self, space: Source, seed: int) -> None:
+        self._space, self._seed, self._asked = space, seed, 0
+
+    def ask(self, n: int) -> list[Proposal]:
+        """``n`` random proposals."""
+        first, self._asked = self._asked, self._asked + n
+        return [self._proposal(number) for number in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Nothing is learnt."""
+
+    def _proposal(self, number: int) -> Proposal:
+        rng = np.random.default_rng([self._seed, number])
+        return Proposal(number, self._space.encode(self._space.sample(rng)))

@@ -1,0 +1,220 @@
+"""The ManiSkill 3 environment of all four tasks, registered with gymnasium as ``VlaFuzz-PickUp-v1`` and so on.
+
+``reset(options={"scene": Scene})`` builds that scene and echoes in ``info["applied"]`` what the simulator then has.
+vlafuzz itself drives it through ``begin`` and ``advance``, the same physics without gymnasium's batched tensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.registration import register_env
+from mani_skill.utils.structs.types import SceneConfig, SimConfig
+from numpy.typing import NDArray
+
+from vlafuzz.errors import SceneError
+from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import CameraPose, camera_pose, rig
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.maniskill.applied import Applied
+from vlafuzz.sim.maniskill.lights import SceneLights
+from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET
+from vlafuzz.sim.maniskill.robots import CONTROL_MODE, MetricPanda
+from vlafuzz.sim.maniskill.table import add_table
+from vlafuzz.sim.maniskill.world import SIM_HZ, Robot, World
+from vlafuzz.subjects.base import CameraRequest
+from vlafuzz.tasks.base import Monitor
+from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.state import State
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.tasks.tabletop import task as task_named
+
+EPISODE_SECONDS = 16
+THIRD_PERSON = CameraRequest("third_person", 128, 128)
+
+
+class TabletopEnv(BaseEnv):
+    """A robot at a table, and a scene on it.
+
+    Args:
+        task: one of the four.
+        catalogue: of objects; the built-in one by default.
+        cameras: pictures that observations hold; without a renderer there are none.
+        control_hz: control steps a second, a divisor of 100.
+    """
+
+    SUPPORTED_ROBOTS = (MetricPanda.uid,)
+    agent: MetricPanda
+
+    def __init__(
+        self,
+        task: str = "pick-up",
+        catalogue: Catalogue | None = None,
+        cameras: Sequence[CameraRequest] = (THIRD_PERSON,),
+        control_hz: int = 5,
+        **kwargs: Any,
+    ) -> None:
+        self.task = task_named(task)
+        self.rig = rig("panda")
+        self.catalogue = catalogue or load_catalogue()
+        self._cameras = tuple(cameras)
+        self._control_hz = control_hz
+        kwargs.setdefault("robot_uids", MetricPanda.uid)
+        kwargs.setdefault("control_mode", CONTROL_MODE)
+        kwargs.setdefault("reward_mode", "sparse")
+        super().__init__(**kwargs)
+
+    def begin(self, scene: Scene) -> State:
+        """Build a scene; the state at its start."""
+        self._scene_shown = scene
+        self._models = tuple(self.catalogue[placement.object] for placement in scene.placements)
+        start = self.world.begin(self._models, scene.placements)
+        self.scene.sub_scenes = [self.world.scene]
+        self.scene.px = self.world.scene.physx_system
+        self.view = camera_pose(self.rig.view, scene.camera)
+        self.light = scene.light.intensity
+        if self.scene.can_render():
+            self._lights.apply(self.world.scene, self.light)
+            self._aim()
+        self.monitor = Monitor(self.task, self._models, start)
+        return start
+
+    def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
+        """One control step of a metric action (see ``MetricArm``); the state after it, judged by ``monitor``."""
+        state = self.world.step(action, relative_to)
+        self.monitor.observe(state)
+        return state
+
+    def picture(self, camera: str) -> NDArray[np.uint8]:
+        """``(height, width, 3)``: what a camera sees now."""
+        component = self.scene.sensors[camera].camera._render_cameras[0]
+        self.world.scene.update_render()
+        component.take_picture()
+        colour = component.get_picture("Color")[..., :3]
+        return np.asarray(np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8)
+
+    def applied(self) -> Applied:
+        """What the simulator has of the scene, read back from it."""
+        return Applied(
+            instruction=self._scene_shown.instruction,
+            poses=tuple(self.world.pose_of(index) for index in range(len(self._models))),
+            objects=tuple(model.name for model in self._models),
+            light=self._lights.measure(self.world.scene) if self.scene.can_render() else self.light,
+            camera=self._camera_pose(),
+        )
+
+    @property
+    def models(self) -> tuple[ObjectModel, ...]:
+        """Of the scene's objects, in its order."""
+        return self._models
+
+    # what ManiSkill calls
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(
+            sim_freq=SIM_HZ, control_freq=self._control_hz, scene_config=SceneConfig(contact_offset=CONTACT_OFFSET)
+        )
+
+    @property
+    def _default_sensor_configs(self) -> list[CameraConfig]:
+        view = camera_pose(self.rig.view)
+        pose = sapien.Pose(view.position, view.quaternion)
+        fov = np.radians(self.rig.view.fov)
+        return [CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default") for c in self._cameras]
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:
+        view = camera_pose(self.rig.view)
+        pose = sapien.Pose(view.position, view.quaternion)
+        return CameraConfig("render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_pack="default")
+
+    def _load_agent(self, options: dict[str, Any]) -> None:
+        super()._load_agent(options, sapien.Pose(self.rig.base))
+
+    def _load_scene(self, options: dict[str, Any]) -> None:
+        add_table(self.scene.sub_scenes[0])
+
+    def _load_lighting(self, options: dict[str, Any]) -> None:
+        self._lights = SceneLights(self.scene.sub_scenes[0], self.rig.lights)
+
+    def _after_reconfigure(self, options: dict[str, Any]) -> None:
+        agent = self.agent
+        fingers = (agent.finger1_link._objs[0], agent.finger2_link._objs[0])
+        robot = Robot(agent.robot._objs[0], agent.controller.arm, agent.tcp._objs[0], fingers)
+        self.world = World(self.scene.sub_scenes[0], robot, self.rig, self._control_hz)
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
+        scene = options.get("scene") or default_scene(self.task.name, self.catalogue)
+        if not isinstance(scene, Scene):
+            raise SceneError(f"options['scene']: expected a Scene, got {type(scene).__name__}", hint="Scene.from_json reads one")
+        if scene.task != self.task.name:
+            raise SceneError(f"options['scene']: its task is {scene.task!r}, this environment's is {self.task.name!r}")
+        self.begin(scene)
+
+    def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Build ``options["scene"]``, or the nominal scene; ``info["applied"]`` echoes it."""
+        observation, info = super().reset(seed=seed, options=options)
+        applied = self.applied()
+        applied.check(self._scene_shown, self._models, self.rig)
+        info["applied"] = applied.as_dict()
+        return observation, info
+
+    def _step_action(self, action: Any) -> torch.Tensor:
+        metric = np.asarray(action, dtype=np.float64).reshape(-1)
+        if metric.shape != (7,) or not np.all(np.isfinite(metric)):
+            raise ValueError(f"expected 7 finite numbers as an action, got {metric}")
+        self.advance(metric)
+        return torch.as_tensor(metric, dtype=torch.float32)[None]
+
+    def evaluate(self) -> dict[str, torch.Tensor]:
+        """Stages, progress and both ways of success, as ManiSkill's batched tensors."""
+        monitor = self.monitor
+        flags = {f"reached_{stage}": stage in monitor.reached for stage in self.task.stage_names[:-1]}
+        flags |= {"success": monitor.success_now, "success_once": monitor.success_once, "published_success": monitor.published_success}
+        info = {name: torch.tensor([value]) for name, value in flags.items()}
+        return info | {"progress": torch.tensor([monitor.progress])}
+
+    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
+        return {"tcp_pose": self.agent.tcp.pose.raw_pose}
+
+    def _aim(self) -> None:
+        pose = sapien.Pose(self.view.position, self.view.quaternion)
+        for camera in (*self.scene.sensors.values(), *self.scene.human_render_cameras.values()):
+            camera.camera.set_local_pose(pose)
+
+    def _camera_pose(self) -> sapien.Pose:
+        if not (self.scene.can_render() and self.scene.sensors):
+            return sapien.Pose(self.view.position, self.view.quaternion)
+        return next(iter(self.scene.sensors.values())).camera._render_cameras[0].local_pose
+
+
+def default_scene(task: str, catalogue: Catalogue) -> Scene:
+    """The task's first objects in the middle of the table, for a reset that names no scene."""
+    wanted = task_named(task)
+    chosen = [catalogue[catalogue.graspable()[0]]]
+    if wanted.onto == "container":
+        chosen.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
+    elif wanted.onto == "support":
+        chosen.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
+    elif wanted.targets == 2:
+        chosen.append(catalogue[catalogue.graspable()[1]])
+    spots = ((-0.05, 0.0), (-0.05, 0.2))
+    targets = tuple(Placement(model.name, model.rests[0].name, x, y) for model, (x, y) in zip(chosen, spots, strict=False))
+    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in chosen]))
+
+
+def gym_id(task: str) -> str:
+    """The gymnasium id of a task: ``VlaFuzz-PickUp-v1`` for ``pick-up``."""
+    return f"VlaFuzz-{''.join(part.title() for part in task.split('-'))}-v1"
+
+
+for _name in TASKS:
+    register_env(gym_id(_name), max_episode_steps=5 * EPISODE_SECONDS, task=_name, override=True)(TabletopEnv)

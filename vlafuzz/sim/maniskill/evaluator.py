@@ -1,0 +1,175 @@
+"""ManiSkillEvaluator: checks a scene, then lets the subject act in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import SubjectError, UsageError
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv, gym_id
+from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.sim.maniskill.settle import check_dynamic
+from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation, Privileged, Subject
+from vlafuzz.subjects.harness import Harness
+from vlafuzz.tasks.state import State
+from vlafuzz.tasks.tabletop import task as task_named
+from vlafuzz.validity.report import Rejection
+from vlafuzz.validity import check_static
+
+AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
+
+
+class ManiSkillEvaluator:
+    """Runs a subject in scenes of one task.
+
+    Args:
+        min_distance: between objects' centres, metres.
+        seed: of the rollouts; the n-th repeat of a scene has seed + n.
+        repeats: rollouts a scene.
+        stop_early: end a rollout at success instead of ten steps later.
+        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
+        watch: one more camera, whose pictures are kept in ``frames``.
+        checked: whether validity is checked before a rollout.
+    """
+
+    def __init__(
+        self,
+        task: str,
+        subject: Subject,
+        catalogue: Catalogue,
+        *,
+        min_distance: float,
+        seed: int = 0,
+        repeats: int = 1,
+        stop_early: bool = False,
+        criteria: str = "strict",
+        watch: CameraRequest | None = None,
+        checked: bool = True,
+    ) -> None:
+        if criteria not in ("strict", "published"):
+            raise UsageError(f"criteria: {criteria!r}", hint="strict or published")
+        self._task, self._subject, self._catalogue = task_named(task), subject, catalogue
+        self._min_distance, self._seed, self._repeats = min_distance, seed, repeats
+        self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
+        self._watch = watch
+        self._env: TabletopEnv | None = None
+        self.frames: list[NDArray[np.uint8]] = []
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        """One outcome a scene, in order."""
+        return [self._evaluate(scene) for scene in scenes]
+
+    def close(self) -> None:
+        """Let go of simulator and subject."""
+        self._drop_env()
+        self._subject.close()
+
+    def _evaluate(self, scene: Scene) -> Outcome:
+        try:
+            rejection = self._check(scene) if self._checked else None
+            if rejection is not None:
+                return Outcome.invalid(rejection.check, rejection.reason)
+            rollouts = tuple(self._rollout(scene, self._seed + number) for number in range(self._repeats))
+        except SubjectError as error:
+            return Outcome.error(f"subject: {error.cause}: {error}")
+        except Exception as error:  # whatever a simulator throws is its crash, not the scene's failure
+            self._drop_env()  # only a rebuilt environment is clean after an exception
+            return Outcome.error(f"simulator: {type(error).__name__}: {error}")
+        return Outcome.of(rollouts, self._task.stage_names)
+
+    def _check(self, scene: Scene) -> Rejection | None:
+        if scene.task != self._task.name:
+            return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
+        rejection = check_static(scene, self._catalogue, self._min_distance)
+        return rejection or check_dynamic_of(scene, self._catalogue)
+
+    def _rollout(self, scene: Scene, seed: int) -> Rollout:
+        began = time.perf_counter()
+        env = self._environment()
+        state = env.begin(scene)
+        env.applied().check(scene, env.models, env.rig)
+        start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed)
+        actions = self._act(env, Harness(self._subject, start), start, scene, state)
+        monitor = env.monitor
+        success = monitor.published_success if self._published else monitor.success_once
+        return Rollout(
+            success_once=success,
+            success_at_end=monitor.success_now,
+            published_success=monitor.published_success,
+            reached=self._task.stage_names if success else tuple(monitor.reached),
+            progress=1.0 if success else monitor.progress,
+            trace=monitor.trace,
+            actions=np.array(actions, dtype=np.float32),
+            states_hash=env.world.states_hash,
+            seconds=time.perf_counter() - began,
+        )
+
+    def _act(self, env: TabletopEnv, harness: Harness, start: EpisodeStart, scene: Scene, state: State) -> list[NDArray[np.float64]]:
+        spec, monitor = self._subject.spec, env.monitor
+        actions: list[NDArray[np.float64]] = []
+        last = EPISODE_SECONDS * spec.action.hz
+        self._film(env)
+        while len(actions) < last:
+            now = state
+            action = harness.action(lambda: self._observe(env, start, scene, now, len(actions)))
+            actions.append(action)
+            state = env.advance(action, spec.action.relative_to)
+            self._film(env)
+            if monitor.success_once and last > len(actions) + AFTER_SUCCESS:
+                last = len(actions) + (0 if self._stop_early else AFTER_SUCCESS)
+        return actions
+
+    def _observe(self, env: TabletopEnv, start: EpisodeStart, scene: Scene, state: State, step: int) -> Observation:
+        spec = self._subject.spec
+        return Observation(
+            episode=start.episode,
+            step=step,
+            instruction=scene.instruction,
+            images={camera.name: env.picture(camera.name) for camera in spec.cameras},
+            state=_proprioception(state) if spec.state else None,
+            outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
+            privileged=Privileged(scene, env.models, state, env.monitor.success_now) if spec.privileged else None,
+        )
+
+    def _film(self, env: TabletopEnv) -> None:
+        if self._watch is not None:
+            self.frames.append(env.picture(self._watch.name))
+
+    def _environment(self) -> TabletopEnv:
+        if self._env is None:
+            cameras = self._subject.spec.cameras + ((self._watch,) if self._watch else ())
+            made = gymnasium.make(
+                gym_id(self._task.name),
+                catalogue=self._catalogue,
+                cameras=cameras,
+                control_hz=self._subject.spec.action.hz,
+                obs_mode="none",
+                render_backend="gpu" if cameras else "none",
+            )
+            assert isinstance(made.unwrapped, TabletopEnv)
+            self._env = made.unwrapped
+        return self._env
+
+    def _drop_env(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+def _proprioception(state: State) -> NDArray[np.float32]:
+    turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
+    return np.concatenate([state.tcp, turn, [state.opening / 0.08]]).astype(np.float32)
+
+
+def check_dynamic_of(scene: Scene, catalogue: Catalogue) -> Rejection | None:
+    """Settling and "not already solved", for a scene that passed the static checks."""
+    models = [catalogue[placement.object] for placement in scene.placements]
+    return check_dynamic(task_named(scene.task), models, scene.placements)

@@ -1,0 +1,96 @@
+"""What a camera sees, without a renderer: objects as convex outlines painted by depth, with their colours under the light.
+
+Each convex part is projected by the scene's true camera and painted, farthest object first, into a picture 256 pixels wide
+that holds only who is seen where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import CameraPose
+from vlafuzz.sim.maniskill.table import COLOUR
+from vlafuzz.subjects.base import Outlines, Silhouette
+from vlafuzz.tasks.state import State
+
+Array = NDArray[np.float64]
+WIDTH = 256
+SUBPIXEL = 4  # bits; OpenCV's fixed-point coordinates
+NOBODY, HAND = 0, 255
+AMBIENT = 0.35  # of the light that an unlit surface gets; outlines have no shading, so it only matters together with saturation
+# The hand as seen from afar: a box over palm and fingers, in the TCP's frame (z points down), metres.
+_HAND_BOX = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])
+_FINGER_BOXES = [np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)]) for s in (1, -1)]
+
+
+def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, light: float) -> Outlines:
+    """Objects, hand and table as the camera sees them.
+
+    Args:
+        light: factor on all lights; an apparent colour saturates at 1.
+    """
+    height = round(WIDTH / view.aspect)
+    depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
+    seen = np.zeros((height, WIDTH), dtype=np.uint8)
+    whole = []
+    for index in range(len(models)):
+        alone = np.zeros_like(seen)
+        _paint(alone, _corners(models[index], state, index), view, 1)
+        whole.append(max(_size(models[index], state, index, view, height), int(alone.sum())))
+    for index in sorted(range(len(models)), key=lambda i: -depth[i]):
+        _paint(seen, _corners(models[index], state, index), view, index + 1)
+    _paint(seen, _hand(state), view, HAND)
+    things = tuple(
+        Silhouette(pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / whole[index], 1.0))
+        for index in range(len(models))
+        if len(pixels := _pixels(seen, index + 1))
+    )
+    hand, distance = view.project(state.tcp[None])
+    visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
+    return Outlines(_shuffled(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0))
+
+
+def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:
+    return [part @ state.rotations[index].T + state.positions[index] for part in model.parts]
+
+
+def _hand(state: State) -> list[Array]:
+    half = state.opening / 2
+    fingers = [box + np.array([0.0, np.sign(box[:, 1].sum()) * half, 0.0]) for box in _FINGER_BOXES]
+    return [box @ state.tcp_rotation.T + state.tcp for box in (_HAND_BOX, *fingers)]
+
+
+def _paint(picture: NDArray[np.uint8], parts: list[Array], view: CameraPose, value: int) -> None:
+    height, width = picture.shape
+    for part in parts:
+        uv, depth = view.project(part)
+        if depth.min() <= 0.01:
+            continue
+        points = np.round((uv * [width, height] - 0.5) * 2**SUBPIXEL).astype(np.int32)
+        cv2.fillConvexPoly(picture, cv2.convexHull(points), value, lineType=cv2.LINE_8, shift=SUBPIXEL)
+
+
+def _size(model: ObjectModel, state: State, index: int, view: CameraPose, height: int) -> int:
+    """Pixels of the whole outline, as if the picture had no border."""
+    uv, _ = view.project(np.concatenate(_corners(model, state, index)))
+    inside = np.all((uv >= 0) & (uv <= 1))
+    if inside:
+        return 0
+    hull = cv2.convexHull((uv * [WIDTH, height]).astype(np.float32))
+    return round(float(cv2.contourArea(hull)))
+
+
+def _pixels(seen: NDArray[np.uint8], value: int) -> Array:
+    v, u = np.nonzero(seen == value)
+    height, width = seen.shape
+    return np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=1)
+
+
+def _shuffled(things: tuple[Silhouette, ...]) -> tuple[Silhouette, ...]:
+    """From left to right: the order of the scene's objects would give away which one is the target."""
+    return tuple(sorted(things, key=lambda thing: float(thing.pixels[:, 0].mean())))

@@ -1,0 +1,78 @@
+"""Settling: one second of physics without a robot. A fair scene stays as it was put."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import sapien
+from sapien import physx
+
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.scene import Placement
+from vlafuzz.sim.maniskill.contacts import object_contacts
+from vlafuzz.sim.maniskill.objects import add_object
+from vlafuzz.sim.maniskill.table import add_table
+from vlafuzz.sim.maniskill.world import SIM_HZ
+from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.state import TABLE, State
+from vlafuzz.validity.report import Rejection
+
+SECONDS = 1.0
+MOVED = 0.01  # metres
+TIPPED = np.cos(np.radians(15.0))
+FALLEN = -0.1  # metres
+
+
+def check_dynamic(task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> Rejection | None:
+    """Whether the objects stay where they are put, and the task is not solved before anybody acts.
+
+    Nothing may move more than 1 cm or tip by more than 15 degrees within a second; success must hold neither before nor after.
+    """
+    scene = sapien.Scene([physx.PhysxCpuSystem()])
+    scene.physx_system.timestep = 1 / SIM_HZ
+    add_table(scene)
+    bodies = [add_object(scene, model, placement, placement.object) for model, placement in zip(models, placements, strict=True)]
+    before = _state(scene, bodies)
+    for _ in range(round(SECONDS * SIM_HZ)):
+        scene.physx_system.step()
+    after = _state(scene, bodies)
+    for index, placement in enumerate(placements):
+        reason = _moved(before, after, index)
+        if reason:
+            return Rejection("settling", f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f}) {reason}")
+    for moment, state in (("at the start", before), ("after settling", after)):
+        if task.solved(tuple(models), state):
+            return Rejection("solved", f"{task.name} is solved {moment}, before anybody acts")
+    return None
+
+
+def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
+    labels = {body: index for index, body in enumerate(bodies)} | dict.fromkeys(scene.physx_system.rigid_static_components, TABLE)
+    contacts = {(one, other) for one, other, _, _ in object_contacts(scene.physx_system, labels)}
+    matrices = [body.entity_pose.to_transformation_matrix() for body in bodies]
+    return State(
+        positions=np.array([matrix[:3, 3] for matrix in matrices], dtype=np.float64),
+        rotations=np.array([matrix[:3, :3] for matrix in matrices], dtype=np.float64),
+        linear=np.zeros(len(bodies)),
+        angular=np.zeros(len(bodies)),
+        tcp=np.zeros(3),
+        tcp_rotation=np.eye(3),
+        opening=0.0,
+        contacts=frozenset(contacts),
+    )
+
+
+def _moved(before: State, after: State, index: int) -> str | None:
+    start, end = before.positions[index], after.positions[index]
+    if not np.all(np.isfinite(end)):
+        return "has no finite position after settling"
+    if end[2] < FALLEN:
+        return f"fell to z = {end[2]:.2f} m"
+    distance = float(np.linalg.norm(end - start))
+    if distance > MOVED:
+        return f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
+    vertical = float(before.rotations[index][2] @ after.rotations[index][2])
+    if vertical < TIPPED:
+        return f"tipped by {np.degrees(np.arccos(np.clip(vertical, -1, 1))):.0f} degrees while settling"
+    return None

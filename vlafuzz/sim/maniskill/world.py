@@ -1,0 +1,185 @@
+"""World: robot, table and objects in PhysX, one scene after the other, with identical trajectories for identical scenes.
+
+CPU PhysX repeats itself bit by bit only in a fresh PhysX scene. Building everything anew takes 185 ms in ManiSkill; here
+robot and table move over into a new, empty PhysX scene (0.2 ms) and only the objects are built again. Moving the objects
+too, or emptying the old scene, gives other trajectories.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sapien
+from numpy.typing import NDArray
+from sapien import physx
+
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import Rig
+from vlafuzz.scene import Placement
+from vlafuzz.sim.maniskill.contacts import object_contacts
+from vlafuzz.sim.maniskill.objects import add_object
+from vlafuzz.sim.maniskill.rendering import render_system
+from vlafuzz.sim.maniskill.robots import MetricArm
+from vlafuzz.tasks.state import ARM, HAND, TABLE, State, speeds
+
+Array = NDArray[np.float64]
+SIM_HZ = 100  # with 15 solver iterations; 50 Hz is near a cliff for grasps
+GRASP_FORCE = 0.5  # newtons a finger, as ManiSkill's is_grasping
+GRASP_COSINE = np.cos(np.radians(85.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """The parts of the robot that the world reads and drives."""
+
+    articulation: physx.PhysxArticulation
+    arm: MetricArm
+    tcp: physx.PhysxArticulationLinkComponent
+    fingers: tuple[physx.PhysxArticulationLinkComponent, physx.PhysxArticulationLinkComponent]
+
+
+class World:
+    """One robot at one table, with the objects of one scene at a time."""
+
+    def __init__(self, scene: sapien.Scene, robot: Robot, rig: Rig, control_hz: int) -> None:
+        self.scene = scene
+        self._robot, self._rig = robot, rig
+        self._substeps = SIM_HZ // control_hz
+        self._bodies: list[physx.PhysxRigidDynamicComponent] = []
+        self._fresh = True
+        self._touched = False
+        self._before: State | None = None
+
+    def begin(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> State:
+        """Put the objects onto the table and the robot to rest; the state at the start."""
+        if not self._fresh:
+            self._move_over()
+        self._fresh = False
+        self._bodies = [
+            add_object(self.scene, model, placement, f"{index}-{placement.object}")
+            for index, (model, placement) in enumerate(zip(models, placements, strict=True))
+        ]
+        self._rest()
+        self._labels = self._label_bodies()
+        self._touched = False
+        self._before = None
+        self._hash = hashlib.blake2b(digest_size=16)
+        return self._read()
+
+    def step(self, action: Array, relative_to: str = "target") -> State:
+        """One control step of a metric action (see ``MetricArm``); the state after it."""
+        self._robot.arm.command(action, relative_to)
+        self._touched = self._touched or action[6] < 0
+        system = self.scene.physx_system
+        for _ in range(self._substeps):
+            system.step()
+        return self._read()
+
+    def _read(self) -> State:
+        """The state now; it also enters the hash."""
+        poses = [body.entity_pose for body in self._bodies]
+        positions = np.array([pose.p for pose in poses]).reshape(-1, 3)
+        quaternions = np.array([pose.q for pose in poses]).reshape(-1, 4)
+        velocities = [np.concatenate([body.linear_velocity, body.angular_velocity]) for body in self._bodies]
+        qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
+        for array in (positions, quaternions, *velocities, qpos, qvel):
+            self._hash.update(array.tobytes())
+        tcp = self._robot.tcp.entity_pose
+        contacts, held = self._contacts() if self._touched else (frozenset(), None)
+        positions, rotations = positions.astype(np.float64), _matrices(quaternions.astype(np.float64))
+        linear = angular = np.zeros(len(positions))
+        if self._before is not None:
+            linear, angular = speeds(positions, rotations, self._before, self._substeps / SIM_HZ)
+        self._before = State(
+            positions=positions,
+            rotations=rotations,
+            linear=linear,
+            angular=angular,
+            tcp=tcp.p.astype(np.float64),
+            tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
+            opening=float(qpos[-1] + qpos[-2]),
+            held=held,
+            contacts=contacts,
+        )
+        return self._before
+
+    @property
+    def states_hash(self) -> str:
+        """Of all states so far, bit by bit."""
+        return self._hash.hexdigest()
+
+    @property
+    def refused(self) -> int:
+        """Commands that were out of the robot's reach, so far in this rollout."""
+        return self._robot.arm.refused
+
+    def pose_of(self, index: int) -> sapien.Pose:
+        """Of an object, as the simulator has it."""
+        return self._bodies[index].entity_pose
+
+    def _move_over(self) -> None:
+        """Everything but the objects goes into a new PhysX scene, in the same order."""
+        old, objects = self.scene, {body.entity for body in self._bodies}
+        renderer = render_system(old)
+        new = sapien.Scene([physx.PhysxCpuSystem(), *([renderer] if renderer else [])])
+        new.physx_system.timestep = old.physx_system.timestep
+        stay = [entity for entity in old.entities if entity not in objects]
+        for entity in old.entities:
+            old.remove_entity(entity)
+        for entity in stay:
+            new.add_entity(entity)
+        self.scene = new
+
+    def _rest(self) -> None:
+        robot = self._robot.articulation
+        robot.root_pose = sapien.Pose(self._rig.base)
+        robot.qpos = np.array(self._rig.rest, dtype=np.float32)
+        robot.qvel = np.zeros(robot.dof, dtype=np.float32)
+        robot.qf = np.zeros(robot.dof, dtype=np.float32)
+        self._robot.arm.reset()
+
+    def _label_bodies(self) -> dict[object, int | str]:
+        labels: dict[object, int | str] = dict.fromkeys(self._robot.articulation.links, ARM)
+        labels.update({link: HAND for link in self._robot.articulation.links if "hand" in link.name or "finger" in link.name})
+        labels.update({body: index for index, body in enumerate(self._bodies)})
+        labels.update({body: TABLE for body in self.scene.physx_system.rigid_static_components})
+        return labels
+
+    def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
+        pairs: set[tuple[int, int | str]] = set()
+        pressed: list[dict[int, Array]] = [{}, {}]
+        for index, other, bodies, impulse in object_contacts(self.scene.physx_system, self._labels):
+            pairs.add((index, other))
+            if other == HAND:
+                self._note_press(pressed, bodies, index, impulse)
+        return frozenset(pairs), self._held(pressed)
+
+    def _note_press(self, pressed: list[dict[int, Array]], bodies: Sequence[object], index: int, impulse: Array) -> None:
+        for finger, link in enumerate(self._robot.fingers):
+            if link in bodies:
+                pressed[finger][index] = pressed[finger].get(index, np.zeros(3)) + impulse
+
+    def _held(self, pressed: list[dict[int, Array]]) -> int | None:
+        for index in sorted(pressed[0].keys() & pressed[1].keys()):
+            if all(self._presses(link, pressed[finger][index]) for finger, link in enumerate(self._robot.fingers)):
+                return index
+        return None
+
+    def _presses(self, finger: physx.PhysxArticulationLinkComponent, impulse: Array) -> bool:
+        size = float(np.linalg.norm(impulse))
+        axis = finger.entity_pose.to_transformation_matrix()[:3, 1]
+        return size * SIM_HZ >= GRASP_FORCE and abs(float(axis @ impulse)) >= GRASP_COSINE * size
+
+
+def _matrices(quaternions: Array) -> Array:
+    """``(n, 4)`` w x y z to ``(n, 3, 3)``."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)

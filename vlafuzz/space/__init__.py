@@ -1,0 +1,10 @@
+"""The scene operators as data, and the space that they span: genomes to scenes and back."""
+
+from __future__ import annotations
+
+from vlafuzz.space.catalogue import OperatorSet, load_operators
+from vlafuzz.space.codec import SearchSpace
+from vlafuzz.space.operators import OPERATORS
+from vlafuzz.space.params import Gene, Genome
+
+__all__ = ["OPERATORS", "Gene", "Genome", "OperatorSet", "SearchSpace", "load_operators"]

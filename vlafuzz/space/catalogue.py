@@ -1,0 +1,213 @@
+"""OperatorSet: the operators with their ranges, read from YAML and narrowed by the user."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, Field, ValidationError
+
+from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.shipped import operators_dir
+from vlafuzz.space.operators import OPERATORS, ConfounderCount, Operator, Strict
+from vlafuzz.tasks.tabletop import TASKS
+
+DEFAULT = "tabletop"
+O = TypeVar("O", bound=Operator)
+_Raw = dict[str, dict[str, Any]]
+_Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _TaskPart(Strict):
+    min_distance: _Distance | None = None
+    operators: _Raw = {}
+
+
+class _File(Strict):
+    extends: str | None = None
+    min_distance: _Distance | None = None
+    vary: list[str] | None = None
+    operators: _Raw = {}
+    tasks: dict[str, _TaskPart] = {}
+
+
+@dataclass(frozen=True)
+class OperatorSet:
+    """All operators with their ranges in a task, and which of them vary; the others stay nominal.
+
+    Attributes:
+        source: the file that they come from.
+        min_distance: between the centres of any two objects, metres.
+        tasks: the same for the tasks whose ranges differ.
+    """
+
+    source: Path
+    min_distance: float
+    operators: Mapping[str, Operator]
+    varied: frozenset[str]
+    tasks: Mapping[str, OperatorSet]
+
+    def only(self, names: Iterable[str]) -> OperatorSet:
+        """The same, with nothing but these operators varied.
+
+        Raises:
+            UsageError: no such operator, or one that has nothing to vary.
+        """
+        names = list(names)
+        for name in names:
+            if name not in OPERATORS:
+                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, OPERATORS))
+        idle = [name for name in names if name.startswith("confounder-") and name != ConfounderCount.name]
+        if idle and ConfounderCount.name not in names and self.get(ConfounderCount).nominal == 0:
+            raise UsageError(
+                f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0",
+                hint=f"vary {ConfounderCount.name} as well, or give it a nominal value above 0 in your own file",
+            )
+        tasks = {name: replace(part, varied=frozenset(names)) for name, part in self.tasks.items()}
+        return replace(self, varied=frozenset(names), tasks=tasks)
+
+    def in_task(self, task: str) -> OperatorSet:
+        """The operators as they are in a task."""
+        return self.tasks.get(task, self)
+
+    def get(self, kind: type[O]) -> O:
+        """The operator of a kind."""
+        found = self.operators[kind.name]
+        assert isinstance(found, kind)
+        return found
+
+    @cached_property
+    def digest(self) -> str:
+        """32 hexadecimal digits: equal for sets that vary the same in the same way."""
+        parts = [f"{task}={part.digest}" for task, part in sorted(self.tasks.items())]
+        ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.operators.items())]
+        text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts])
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def load_operators(source: str | Path | None = None) -> OperatorSet:
+    """Read a set of operators: a file, or the name of a shipped one (``tabletop`` by default).
+
+    Raises:
+        CatalogueError: the file is wrong; the message names file and key.
+    """
+    path = _find(str(source or DEFAULT), beside=None)
+    return _make(path, _read(path, ()))
+
+
+def _find(source: str, beside: Path | None) -> Path:
+    shipped = {path.stem: path for path in operators_dir().glob("*.yaml") if path.stem != "instructions"}
+    if source in shipped:
+        return shipped[source]
+    path = (beside.parent / source) if beside else Path(source)
+    if not path.is_file():
+        raise CatalogueError(f"operators: no file {str(path)!r}", hint=suggestion(source, shipped))
+    return path
+
+
+def _read(path: Path, extended: tuple[Path, ...]) -> _File:
+    """A file with what it extends filled in."""
+    if path in extended:
+        raise CatalogueError(f"{path}: extends: goes round in a circle")
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise CatalogueError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    except yaml.YAMLError as error:
+        raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    file = _validated(path, "", _File, raw)
+    if file.extends is None:
+        return file
+    return _merged(_read(_find(file.extends, beside=path), (*extended, path)), file)
+
+
+def _merged(base: _File, file: _File) -> _File:
+    tasks = dict(base.tasks)
+    for name, part in file.tasks.items():
+        old = tasks.get(name, _TaskPart())
+        nearest = old.min_distance if part.min_distance is None else part.min_distance
+        tasks[name] = _TaskPart(min_distance=nearest, operators=_overlaid(old.operators, part.operators))
+    return _File(
+        min_distance=base.min_distance if file.min_distance is None else file.min_distance,
+        vary=base.vary if file.vary is None else file.vary,
+        operators=_overlaid(base.operators, file.operators),
+        tasks=tasks,
+    )
+
+
+def _overlaid(base: _Raw, over: _Raw) -> _Raw:
+    return base | {name: base.get(name, {}) | keys for name, keys in over.items()}
+
+
+def _make(path: Path, file: _File) -> OperatorSet:
+    if file.min_distance is None:
+        raise CatalogueError(f"{path}: min_distance: missing", hint="`extends: tabletop` fills in what a file leaves out")
+    missing = [name for name in OPERATORS if name not in file.operators]
+    if missing:
+        raise CatalogueError(f"{path}: operators.{missing[0]}: missing", hint="`extends: tabletop` fills in what a file leaves out")
+    vary = list(OPERATORS) if file.vary is None else file.vary
+    _known(path, "vary", vary, OPERATORS)
+    _known(path, "tasks", file.tasks, TASKS)
+    operators = _operators(path, "operators", file.operators)
+    varied = frozenset(vary)
+    whole = OperatorSet(path, file.min_distance, operators, varied, {})
+    tasks = {}
+    for name, part in file.tasks.items():
+        nearest = file.min_distance if part.min_distance is None else part.min_distance
+        own = _operators(path, f"tasks.{name}.operators", _overlaid(file.operators, part.operators))
+        tasks[name] = OperatorSet(path, nearest, own, varied, {})
+    return replace(whole, tasks=tasks)
+
+
+def _operators(path: Path, where: str, raw: _Raw) -> dict[str, Operator]:
+    _known(path, where, raw, OPERATORS)
+    return {name: _validated(path, f"{where}.{name}", kind, raw[name]) for name, kind in OPERATORS.items()}
+
+
+def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise CatalogueError(f"{path}: {where}: unknown name {name!r}", hint=suggestion(name, known))
+
+
+S = TypeVar("S", bound=Strict)
+
+
+def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
+    """Data as a model.
+
+    Raises:
+        CatalogueError: file, key and value in a sentence, with the nearest key where one is misspelt.
+    """
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+    keys = [str(key) for key in problem["loc"]]
+    place = ".".join([where, *keys] if where else keys) or "the file"
+    if problem["type"] == "extra_forbidden":
+        raise CatalogueError(f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1])))
+    message = problem["msg"].removeprefix("Value error, ")
+    told = problem["type"] in ("missing", "value_error")  # the message has the value already, or there is none
+    got = "" if told else f", got {_short(problem['input'])}"
+    raise CatalogueError(f"{path}: {place}: {message[0].lower()}{message[1:]}{got}")
+
+
+def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
+    """The keys that would be right where a wrong one stands."""
+    for key in keys:
+        inner = kind.model_fields[key].annotation if key in kind.model_fields else None
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return list(_TaskPart.model_fields)  # the only model that stands in a mapping
+        kind = inner
+    return list(kind.model_fields)
+
+
+def _short(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 60 else shown[:57] + "..."

@@ -1,0 +1,153 @@
+"""SearchSpace: the scenes of a task as points, and the way from genomes to scenes and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from vlafuzz.errors import SceneError
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.rig import Rig, rig
+from vlafuzz.scene import Scene
+from vlafuzz.space.catalogue import OperatorSet
+from vlafuzz.space.compose import Composer, Values
+from vlafuzz.space.generate import generate
+from vlafuzz.space.operators import OPERATORS, TargetType
+from vlafuzz.space.params import Gene, Genome
+from vlafuzz.tasks.tabletop import task as task_named
+
+
+class SearchSpace:
+    """Every scene that the operators can make of a task.
+
+    Attributes:
+        genes: the coordinates, in the order of the genome: those of the operators that vary.
+    """
+
+    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
+        self.operators = operators.in_task(task)
+        self.catalogue, self.task, self.rig = catalogue, task_named(task), rig(robot)
+        self.composer = Composer(self.operators, catalogue, self.task, robot)
+        layout = self.composer.layout
+        genes = [gene for name in OPERATORS for gene in self.operators.operators[name].genes(layout)]
+        self.by_path = {gene.path: gene for gene in genes}
+        self.genes = tuple(gene for gene in genes if self.varies(gene))
+        self._nominal: Values = {gene.path: gene.grid.nominal for gene in genes}
+
+    @property
+    def dim(self) -> int:
+        """The length of a genome."""
+        return len(self.genes)
+
+    def varies(self, gene: Gene) -> bool:
+        """Whether a gene is free; the others stay nominal."""
+        return gene.operator in self.operators.varied
+
+    def decode(self, genome: Genome) -> Scene:
+        """The scene of a ``(dim,)`` genome in [0, 1]. Never fails; many genomes have the same scene."""
+        values = dict(self._nominal)
+        for gene, where in zip(self.genes, genome, strict=True):
+            values[gene.path] = gene.grid.value(min(int(where * gene.grid.size), gene.grid.size - 1))
+        return self.composer.compose(values)
+
+    def encode(self, scene: Scene) -> Genome:
+        """A genome of a scene, at the middle of each level; what the scene does not use is nominal.
+
+        Raises:
+            SceneError: no genome has this scene; the message names the value.
+        """
+        if scene.task != self.task.name:
+            raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
+        levels = self._levels(self._nominal | self.composer.values(scene), scene)
+        middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
+        genome = np.array(middles, dtype=np.float64)
+        again = self.decode(genome)
+        if again != scene:
+            path, value = _difference(asdict(scene), asdict(again))
+            raise SceneError(f"{path}: {value!r} is not a value that the operators give in this place")
+        return genome
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene that passes the semantic and the geometric checks (Algorithm 1 of VLATest).
+
+        Raises:
+            UsageError: the ranges leave no room for the objects.
+        """
+        return generate(self, rng)
+
+    def nominal(self, like: Scene | None = None) -> Scene:
+        """The scene in which every operator is nominal, or all but the targets' types, which are those of ``like``."""
+        if like is None:
+            return self.composer.compose(self._nominal)
+        return self.reset(like, OPERATORS.keys() - {TargetType.name})
+
+    def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
+        """The same scene with some operators wholly nominal. The others keep their values, on the grid or not.
+
+        Raises:
+            SceneError: the scene has something that is not a value of any operator.
+        """
+        values = self._nominal | self.composer.values(scene)
+        operators = set(operators)
+        for path, gene in self.by_path.items():
+            if gene.operator in operators:
+                values[path] = gene.grid.nominal
+            elif math.isnan(values[path]):
+                raise SceneError(f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}")
+        return self.composer.compose(values)
+
+    def severities(self, scene: Scene) -> dict[str, float]:
+        """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
+
+        A slot that is not used counts as nominal, so that leaving out a confounder is never more severe.
+        """
+        values = self._nominal | self.composer.values(scene)
+        squares: dict[str, list[float]] = {name: [] for name in OPERATORS}
+        for path, gene in self.by_path.items():
+            if not gene.neutral:
+                squares[gene.operator].append(gene.distance(values[path]) ** 2)
+        return {name: math.sqrt(sum(each) / len(each)) if each else 0.0 for name, each in squares.items()}
+
+    def severity(self, scene: Scene) -> float:
+        """The sum over all operators."""
+        return sum(self.severities(scene).values())
+
+    def _levels(self, values: Values, scene: Scene) -> dict[str, int]:
+        levels: dict[str, int] = {}
+        for path, gene in self.by_path.items():
+            level = gene.grid.level(values[path])
+            if level is None:
+                reason = f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
+                known = "is unknown" if gene.kind == "category" else reason
+                raise SceneError(f"{path}: {_at(scene, path)!r} {known}", hint="scenes from elsewhere keep their floats")
+            if level != gene.grid.nominal_level and not self.varies(gene):
+                raise SceneError(
+                    f"{path}: {_at(scene, path)!r} is not nominal, and {gene.operator} does not vary",
+                    hint=f"vary {gene.operator} as well",
+                )
+            levels[path] = level
+        return levels
+
+
+def _at(scene: Scene, path: str) -> Any:
+    """What stands at a path in a scene; of the confounders, how many."""
+    value: Any = asdict(scene)
+    for key in path.split("."):
+        value = value[int(key)] if key.isdigit() else value[key]
+    return len(value) if path == "confounders" else value
+
+
+def _difference(one: Any, other: Any, path: str = "") -> tuple[str, Any]:
+    """The first place in which two equally built values differ, and what the first has there."""
+    if isinstance(one, dict):
+        pairs = [(key, one[key], other[key]) for key in one]
+    elif isinstance(one, tuple) and len(one) == len(other or ()):
+        pairs = [(str(index), a, b) for index, (a, b) in enumerate(zip(one, other, strict=True))]
+    else:
+        return path, one
+    key, a, b = next(pair for pair in pairs if pair[1] != pair[2])
+    return _difference(a, b, f"{path}.{key}" if path else key)

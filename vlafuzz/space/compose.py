@@ -1,0 +1,147 @@
+"""Composer: from values, one a gene, to a scene, and back. It knows no grid: any number is fine here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.space.catalogue import OperatorSet
+from vlafuzz.space.operators import (
+    ConfounderCount,
+    ConfounderOrientation,
+    ConfounderType,
+    Layout,
+    TargetOrientation,
+    TargetType,
+)
+from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.instructions import load_wordings, say
+
+Values = dict[str, float]  # by where they stand in a scene; of a category, its index
+
+
+class Composer:
+    """Puts the scenes of one task together."""
+
+    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
+        self._catalogue, self._task, self._robot = catalogue, task, robot
+        self._wordings = load_wordings()[task.name]
+        self._fixed = {
+            "targets": operators.get(TargetOrientation).fixed,
+            "confounders": operators.get(ConfounderOrientation).fixed,
+        }
+        slots = _slots(operators, catalogue, task)
+        rests = max(len(catalogue[name].rests) for name in catalogue.names())
+        self.layout = Layout(slots, _distinct(slots), rests, len(self._wordings))
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene that has these values. A name that is taken gives way to the next free one."""
+        slots = [*self.layout.of("targets"), *self.layout.of("confounders")[: int(values["confounders"])]]
+        names: list[str] = []
+        for slot in slots:
+            names.append(self._free_name(slot, int(values[f"{slot}.object"]), names))
+        placed = tuple(self.placement(values, slot, name) for slot, name in zip(slots, names, strict=True))
+        targets = placed[: self._task.targets]
+        spoken = [self._catalogue[target.object].spoken for target in targets]
+        return Scene(
+            task=self._task.name,
+            targets=targets,
+            instruction=say(self._wordings[int(values["instruction"])], spoken),
+            confounders=placed[self._task.targets :],
+            light=Light(values["light.intensity"]),
+            camera=camera(values),
+            robot=self._robot,
+        )
+
+    def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
+        """The object of that name in a slot."""
+        rests = self._catalogue[name].rests
+        rest = rests[int(values[f"{slot}.rest"]) % len(rests)].name
+        yaw = 0.0 if rest in self._fixed[slot.partition(".")[0]] else values[f"{slot}.yaw"]
+        return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
+
+    def values(self, scene: Scene) -> Values:
+        """The values of a scene, for all that it has; NaN where no index stands for what it has."""
+        found: Values = {"confounders": len(scene.confounders), "light.intensity": scene.light.intensity}
+        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
+            for slot, placement in zip(self.layout.of(part), placements, strict=False):
+                found |= self._placed(slot, placement)
+        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
+            found[f"camera.{field}"] = getattr(scene.camera, field)
+        spoken = [self._catalogue[each.object].spoken for each in scene.targets if each.object in self._catalogue]
+        found["instruction"] = _index([say(wording, spoken) for wording in self._wordings], scene.instruction)
+        return found
+
+    def _placed(self, slot: str, placement: Placement) -> Values:
+        known = placement.object in self._catalogue and placement.quaternion is None
+        rests = [rest.name for rest in self._catalogue[placement.object].rests] if known else []
+        return {
+            f"{slot}.object": _index(self.layout.slots[slot], placement.object),
+            f"{slot}.rest": _index(rests, placement.rest),
+            f"{slot}.x": placement.x,
+            f"{slot}.y": placement.y,
+            f"{slot}.yaw": placement.yaw if placement.quaternion is None else math.nan,
+        }
+
+    def _free_name(self, slot: str, index: int, taken: Sequence[str]) -> str:
+        names = self.layout.slots[slot]
+        spoken = {self._catalogue[name].spoken for name in taken}
+        free = (name for name in names[index:] + names[:index] if self._catalogue[name].spoken not in spoken)
+        return next(free, names[index])
+
+
+def camera(values: Mapping[str, float]) -> Camera:
+    """The camera that has these values; of directions that mean the same, the one with zeros."""
+    distance, elevation = values["camera.distance"], values["camera.elevation"]
+    azimuth = 0.0 if distance == 0 or abs(elevation) == 90 else values["camera.azimuth"]
+    turned = {axis: values[f"camera.{axis}"] for axis in ("roll", "pitch", "yaw")}
+    return Camera(distance, azimuth, 0.0 if distance == 0 else elevation, **turned)
+
+
+def _index(known: Sequence[str], name: str) -> float:
+    return known.index(name) if name in known else math.nan
+
+
+def _slots(operators: OperatorSet, catalogue: Catalogue, task: Task) -> dict[str, tuple[str, ...]]:
+    """The slots of a task's scenes with the names that each may have."""
+    types, around = operators.get(TargetType), operators.get(ConfounderType)
+    slots = {"targets.0": _narrowed("target-type: names", catalogue.graspable(), types.names, catalogue)}
+    if task.targets > 1:
+        slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
+    names = _narrowed("confounder-type: names", catalogue.graspable(), around.names, catalogue)
+    return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
+
+
+def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:
+    """What an object can be brought to."""
+    if task.onto is None:
+        return catalogue.graspable()
+    models = [catalogue[name] for name in catalogue.names()]
+    if task.onto == "container":
+        return tuple(model.name for model in models if model.container)
+    return tuple(model.name for model in models if model.supports)
+
+
+def _narrowed(
+    key: str, allowed: tuple[str, ...], names: tuple[str, ...] | None, catalogue: Catalogue
+) -> tuple[str, ...]:
+    for name in names or ():
+        if name not in allowed:
+            what = "is of no use there" if name in catalogue else "is not in the catalogue"
+            raise UsageError(f"{key}: {name!r} {what}", hint="known: " + ", ".join(allowed))
+    if not allowed:
+        raise UsageError(f"{key}: the catalogue has no object for it", hint="see `vlafuzz objects`")
+    return names or allowed
+
+
+def _distinct(slots: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
+    """For each slot the first name that no earlier slot has."""
+    nominal: dict[str, int] = {}
+    taken: set[str] = set()
+    for slot, names in slots.items():
+        nominal[slot] = next((index for index, name in enumerate(names) if name not in taken), 0)
+        taken.add(names[nominal[slot]])
+    return nominal

@@ -1,0 +1,145 @@
+"""Random generation: VLATest's Algorithm 1, with every precondition that the paper states.
+
+Objects are drawn without replacement by their spoken names; a draw that the task does not allow (``semantic_valid``) or that has no
+room (``safe_dist``) is rejected. Rejection is bounded: a place is redrawn, then the whole scene, then it is an error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects.catalogue import ObjectModel
+from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.space.compose import Values, camera
+from vlafuzz.space.operators import TargetPosition
+from vlafuzz.validity.footprint import Footprint, footprint
+from vlafuzz.validity.geometry import off_workspace, out_of_reach, out_of_view, too_close
+from vlafuzz.validity.semantic import ambiguous, cannot_grasp, cannot_place
+
+if TYPE_CHECKING:
+    from vlafuzz.space.codec import SearchSpace
+
+REDRAWS = 60  # places of one object
+RESTARTS = 200  # of a scene
+_ONCE = ("light.intensity", "instruction")
+
+
+def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
+    """A random scene that passes the semantic and the geometric checks.
+
+    Raises:
+        UsageError: the ranges leave no room for the objects.
+    """
+    count = _draw(space, rng, "confounders")  # outside the restarts: crowded scenes are not rarer than others
+    attempt = _Attempt(space, rng)
+    for _ in range(RESTARTS):
+        values = attempt.values(count)
+        if values is not None:
+            return space.composer.compose(values)
+    box = space.operators.get(TargetPosition)
+    objects = f"{space.task.targets} target(s) and {int(count)} confounder(s)"
+    raise UsageError(
+        f"{space.task.name}: found no scene with {objects}, {space.operators.min_distance:g} m apart, in "
+        f"{box.ranges()}, in {RESTARTS} attempts; the last one failed because {attempt.reason}",
+        hint="widen the positions, or lower confounder-count's high or min_distance, in your own --operators file",
+    )
+
+
+class _Attempt:
+    """One try after another at a scene; ``reason`` says why the last one failed."""
+
+    def __init__(self, space: SearchSpace, rng: np.random.Generator) -> None:
+        self._space, self._rng = space, rng
+        self._placed: list[tuple[Placement, ObjectModel, Footprint]] = []
+        self.reason = ""
+
+    def values(self, count: float) -> Values | None:
+        """The values of a scene with so many confounders, unless the draws leave no room for it."""
+        space = self._space
+        values = {path: gene.grid.nominal for path, gene in space.by_path.items()} | {"confounders": count}
+        for path in values:
+            if path in _ONCE or path.startswith("camera."):
+                values[path] = _draw(space, self._rng, path)
+        layout = space.composer.layout
+        self._placed = []
+        for slot in [*layout.of("targets"), *layout.of("confounders")[: int(count)]]:
+            name = self._choose(slot, values)
+            if name is None or not self._stand(slot, name, values):
+                return None
+        return values
+
+    def _choose(self, slot: str, values: Values) -> str | None:
+        """Draw a name and a rest pose that mean something beside what is there already."""
+        names = self._space.composer.layout.slots[slot]
+        for index in self._options(f"{slot}.object", len(names)):
+            model = self._space.catalogue[names[index]]
+            if any(ambiguous(model.spoken, other.spoken) for _, other, _ in self._placed):
+                continue
+            for rest in self._options(f"{slot}.rest", len(model.rests)):
+                values |= {f"{slot}.object": index, f"{slot}.rest": rest}
+                if not self._senseless(slot, self._space.composer.placement(values, slot, model.name), model):
+                    return model.name
+        self.reason = f"no object is left for {slot}"
+        return None
+
+    def _options(self, path: str, size: int) -> Iterator[int]:
+        gene = self._space.by_path[path]
+        if self._space.varies(gene):
+            return iter(self._rng.permutation(size).tolist())
+        return iter([int(gene.grid.nominal)])
+
+    def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:
+        if slot == "targets.0":
+            return cannot_grasp(placement, model)
+        onto = self._space.task.onto
+        if slot == "targets.1" and onto:
+            return cannot_place(onto, *self._placed[0][:2], placement, model)
+        return None
+
+    def _stand(self, slot: str, name: str, values: Values) -> bool:
+        """Draw places for an object until there is room for it."""
+        model = self._space.catalogue[name]
+        for _ in range(REDRAWS):
+            for field in ("x", "y", "yaw"):
+                values[f"{slot}.{field}"] = _draw(self._space, self._rng, f"{slot}.{field}")
+            placement = self._space.composer.placement(values, slot, name)
+            if self._crowded(placement):
+                continue
+            outline = footprint(placement, model)
+            watched = camera(values) if slot.startswith("targets") else None
+            self.reason = self._misplaced(placement, model, outline, watched) or ""
+            if not self.reason:
+                self._placed.append((placement, model, outline))
+                return True
+        return False
+
+    def _crowded(self, placement: Placement) -> bool:
+        """Whether another centre is too close: what most draws fail by, so it is looked at first."""
+        here, nearest = (placement.x, placement.y), self._space.operators.min_distance
+        if all(math.dist(here, other.centre) >= nearest for _, _, other in self._placed):
+            return False
+        self.reason = f"{placement.object} is closer than {nearest:g} m to another object everywhere"
+        return True
+
+    def _misplaced(
+        self, placement: Placement, model: ObjectModel, outline: Footprint, watched: Camera | None
+    ) -> str | None:
+        setup, named = self._space.rig, (model.spoken, outline)
+        if problem := off_workspace(*named, setup):
+            return problem
+        for _, other, around in self._placed:
+            if problem := too_close(named, (other.spoken, around), self._space.operators.min_distance):
+                return problem
+        if watched is None:
+            return None
+        return out_of_reach(*named, setup) or out_of_view(placement, model, setup, watched)
+
+
+def _draw(space: SearchSpace, rng: np.random.Generator, path: str) -> float:
+    gene = space.by_path[path]
+    return gene.draw(rng) if space.varies(gene) else gene.grid.nominal

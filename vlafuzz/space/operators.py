@@ -1,0 +1,339 @@
+"""The eleven scene operators: what each one varies, as data that YAML fills in, and the genes that it has in a task."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from vlafuzz.space.params import Gene, Grid, Kind
+
+MOST_CONFOUNDERS = 4
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Step = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Point = tuple[Number, Number]
+
+
+class Strict(BaseModel):
+    """Data from outside: an unknown key is an error, and so is a number in quotes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Span(Strict):
+    """The values from ``low`` to ``high``."""
+
+    low: Number
+    high: Number
+    step: Step
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Span:
+        if self.low > self.high:
+            raise ValueError(f"low is above high: {self.low:g} > {self.high:g}")
+        return self
+
+    def grid(self, nominal: float) -> Grid:
+        """Its levels, counted from a nominal value."""
+        return Grid(self.low, self.high, self.step, nominal)
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is in it."""
+        return self.low <= value <= self.high
+
+
+class Range(Span):
+    """The values from ``low`` to ``high`` around a nominal one."""
+
+    nominal: Number
+
+    @model_validator(mode="after")
+    def _around(self) -> Range:
+        if not self.holds(self.nominal):
+            raise ValueError(f"nominal {self.nominal:g} is not between {self.low:g} and {self.high:g}")
+        return self
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a scene of a task has room for.
+
+    Attributes:
+        slots: where each object stands in a scene, such as ``targets.0``, with the names that it may have.
+        nominal: the nominal name of each slot, by its index.
+        rests: the most rest poses that one object has.
+        wordings: how many ways there are to say the task.
+    """
+
+    slots: dict[str, tuple[str, ...]]
+    nominal: dict[str, int]
+    rests: int
+    wordings: int
+
+    def of(self, part: str) -> list[str]:
+        """The slots of the ``targets`` or the ``confounders``."""
+        return [slot for slot in self.slots if slot.startswith(part)]
+
+
+class Operator(Strict):
+    """One way in which a scene can vary. ``name`` is how users call it, ``says`` what it does."""
+
+    name: ClassVar[str]
+    says: ClassVar[str]
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        """Its genes, slot by slot."""
+        raise NotImplementedError
+
+    def ranges(self) -> str:
+        """What it varies, for people."""
+        raise NotImplementedError
+
+    def nominally(self) -> str:
+        """Its nominal value, for people."""
+        raise NotImplementedError
+
+    def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
+        return Gene(self.name, path, kind, grid)
+
+
+class _Type(Operator):
+    names: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
+    part: ClassVar[str]
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        for slot in layout.of(self.part):
+            yield self._gene(f"{slot}.object", "category", Grid.choice(len(layout.slots[slot]), layout.nominal[slot]))
+
+    def nominally(self) -> str:
+        return "the first that the task allows"
+
+    def ranges(self) -> str:
+        return ", ".join(self.names) if self.names else "all that the task allows"
+
+
+class TargetType(_Type):
+    """Which object is manipulated, and which one it goes to: all that the task allows, or of ``names`` and ``onto``."""
+
+    name, says, part = "target-type", "which objects the task is about", "targets"
+    onto: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
+
+
+class ConfounderType(_Type):
+    """Which objects stand about: all that can be grasped, or of ``names``."""
+
+    name, says, part = "confounder-type", "which objects stand about", "confounders"
+
+
+class Box(Strict):
+    """A rectangle on the table, metres."""
+
+    x: Span
+    y: Span
+
+
+class _Position(Operator):
+    x: Span
+    y: Span
+    nominal: tuple[Annotated[Point, Field(strict=False)], ...] = Field(strict=False)
+    part: ClassVar[str]
+    spots: ClassVar[int]
+
+    @model_validator(mode="after")
+    def _has_spots(self) -> _Position:
+        if len(self.nominal) != self.spots:
+            raise ValueError(f"nominal has {len(self.nominal)} places, {self.spots} are needed")
+        for index, (x, y) in enumerate(self.nominal):
+            box = self._box(index)
+            if not (box.x.holds(x) and box.y.holds(y)):
+                raise ValueError(f"the nominal place ({x:g}, {y:g}) is outside its box")
+        return self
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        for index, slot in enumerate(layout.of(self.part)):
+            box, (x, y) = self._box(index), self.nominal[index]
+            yield self._gene(f"{slot}.x", "real", box.x.grid(x))
+            yield self._gene(f"{slot}.y", "real", box.y.grid(y))
+
+    def _box(self, index: int) -> Box:
+        return Box(x=self.x, y=self.y)
+
+    def nominally(self) -> str:
+        return ", ".join(f"({x:g}, {y:g})" for x, y in self.nominal)
+
+    def ranges(self) -> str:
+        return f"x {_span(self.x)} m, y {_span(self.y)} m"
+
+
+class TargetPosition(_Position):
+    """Where the targets stand, the second one in a box of its own if there is ``onto``. One nominal place a target."""
+
+    name, says, part, spots = "target-position", "where the targets stand", "targets", 2
+    onto: Box | None = None
+
+    def _box(self, index: int) -> Box:
+        return self.onto if index == 1 and self.onto else super()._box(index)
+
+
+class ConfounderPosition(_Position):
+    """Where the confounders stand. One nominal place a slot."""
+
+    name, says, part, spots = "confounder-position", "where the confounders stand", "confounders", MOST_CONFOUNDERS
+
+
+class _Orientation(Operator):
+    yaw: Range
+    fixed: tuple[str, ...] = Field(default=(), strict=False)
+    part: ClassVar[str]
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        yaw = self.yaw
+        whole = yaw.high - yaw.low >= 360
+        for slot in layout.of(self.part):
+            yield self._gene(f"{slot}.rest", "category", Grid.choice(layout.rests))
+            grid = Grid(yaw.low, yaw.high, yaw.step, yaw.nominal, wraps=whole)
+            yield self._gene(f"{slot}.yaw", "angle" if whole else "real", grid)
+
+    def nominally(self) -> str:
+        return f"first rest pose, {self.yaw.nominal:g}°"
+
+    def ranges(self) -> str:
+        fixed = f", none when {' or '.join(self.fixed)}" if self.fixed else ""
+        return f"any rest pose, yaw {_span(self.yaw)}°{fixed}"
+
+
+class TargetOrientation(_Orientation):
+    """How the targets rest, and their yaw, which the ``fixed`` rest poses do not vary."""
+
+    name, says, part = "target-orientation", "how the targets lie and are turned", "targets"
+
+
+class ConfounderOrientation(_Orientation):
+    """How the confounders rest, and their yaw, which the ``fixed`` rest poses do not vary."""
+
+    name, says, part = "confounder-orientation", "how the confounders lie and are turned", "confounders"
+
+
+class ConfounderCount(Operator):
+    """How many objects stand about that the task is not about."""
+
+    name, says = "confounder-count", "how many objects stand about"
+    low: int = Field(ge=0, le=MOST_CONFOUNDERS)
+    high: int = Field(ge=0, le=MOST_CONFOUNDERS)
+    nominal: int
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ConfounderCount:
+        if not self.low <= self.nominal <= self.high:
+            raise ValueError(f"expected low <= nominal <= high, got {self.low}, {self.nominal}, {self.high}")
+        return self
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        yield self._gene("confounders", "count", Grid(self.low, self.high, 1, self.nominal))
+
+    def nominally(self) -> str:
+        return str(self.nominal)
+
+    def ranges(self) -> str:
+        return f"{self.low} to {self.high}"
+
+
+class Light(Operator):
+    """A factor on every light of the scene, stepped in log2; drawn evenly in it, or by the paper's ``coin``."""
+
+    name, says = "light", "a factor on all lights"
+    intensity: Range
+    spread: Literal["even", "coin"] = "even"
+
+    @model_validator(mode="after")
+    def _positive(self) -> Light:
+        if self.intensity.low <= 0:
+            raise ValueError(f"intensity must be positive, low is {self.intensity.low:g}")
+        return self
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        span = self.intensity
+        grid = Grid(span.low, span.high, span.step, span.nominal, log=True)
+        yield Gene(self.name, "light.intensity", "real", grid, spread=self.spread)
+
+    def nominally(self) -> str:
+        return f"× {self.intensity.nominal:g}"
+
+    def ranges(self) -> str:
+        return f"× {_span(self.intensity)}, {'log-uniform' if self.spread == 'even' else 'fair coin dark or bright, linear'}"
+
+
+class CameraPosition(Operator):
+    """How far from its nominal place the camera stands, in whatever direction."""
+
+    name, says = "camera-position", "where the camera stands"
+    distance: Range
+    direction_step: Step
+
+    @model_validator(mode="after")
+    def _not_negative(self) -> CameraPosition:
+        if self.distance.low < 0 or self.distance.nominal != 0:
+            raise ValueError("distance must start at 0, its nominal value")
+        return self
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        step = self.direction_step
+        yield self._gene("camera.distance", "real", self.distance.grid(0.0))
+        yield Gene(self.name, "camera.azimuth", "angle", Grid(-180, 180, step, 0, wraps=True), neutral=True)
+        elevation = Grid(-90, 90, step, 0)
+        yield Gene(self.name, "camera.elevation", "real", elevation, neutral=True, spread="sphere")
+
+    def nominally(self) -> str:
+        return "0 m"
+
+    def ranges(self) -> str:
+        return f"{_span(self.distance)} m off, in any direction"
+
+
+class CameraOrientation(Operator):
+    """How the camera is turned about its own axes."""
+
+    name, says = "camera-orientation", "how the camera is turned"
+    roll: Range
+    pitch: Range
+    yaw: Range
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        for axis, span in (("roll", self.roll), ("pitch", self.pitch), ("yaw", self.yaw)):
+            yield self._gene(f"camera.{axis}", "real", span.grid(span.nominal))
+
+    def nominally(self) -> str:
+        return f"{self.roll.nominal:g}°, {self.pitch.nominal:g}°, {self.yaw.nominal:g}°"
+
+    def ranges(self) -> str:
+        return f"roll {_span(self.roll)}°, pitch {_span(self.pitch)}°, yaw {_span(self.yaw)}°"
+
+
+class Wording(Operator):
+    """How the task is said."""
+
+    name, says = "wording", "how the task is said"
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        yield self._gene("instruction", "category", Grid.choice(layout.wordings))
+
+    def nominally(self) -> str:
+        return "the first"
+
+    def ranges(self) -> str:
+        return "the wordings of instructions.yaml"
+
+
+def _span(span: Span) -> str:
+    return f"{span.low:g} to {span.high:g}"
+
+
+OPERATORS: dict[str, type[Operator]] = {
+    kind.name: kind
+    for kind in (
+        TargetType, TargetPosition, TargetOrientation, ConfounderType, ConfounderPosition, ConfounderOrientation,
+        ConfounderCount, Light, CameraPosition, CameraOrientation, Wording,
+    )
+}

@@ -1,0 +1,124 @@
+"""Gene: one coordinate of a scene, on a grid of levels. Category, count, number and angle all are numbers here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Genome = NDArray[np.float64]  # (d,) in [0, 1]
+Kind = Literal["category", "real", "angle", "count"]
+Spread = Literal["even", "coin", "sphere"]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The values ``nominal + k * step`` between ``low`` and ``high``; levels count them from 0.
+
+    Attributes:
+        log: the steps are steps of log2 of the value.
+        wraps: the two ends are the same angle, of which the upper one is kept.
+    """
+
+    low: float
+    high: float
+    step: float
+    nominal: float
+    log: bool = False
+    wraps: bool = False
+
+    @staticmethod
+    def choice(size: int, nominal: int = 0) -> Grid:
+        """One of ``size`` things, by index."""
+        return Grid(0, size - 1, 1, nominal)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of levels."""
+        return self._last - self._first + 1
+
+    @property
+    def nominal_level(self) -> int:
+        """The level of the nominal value."""
+        return -self._first
+
+    def value(self, level: int) -> float:
+        """The value of a level."""
+        scaled = round(self._scaled(self.nominal) + (level + self._first) * self.step, 9) + 0.0
+        return float(f"{2.0**scaled:.6g}") if self.log else scaled  # short floats: equal on every machine
+
+    def snap(self, value: float) -> int:
+        """The level nearest to a value."""
+        steps = round((self._scaled(value) - self._scaled(self.nominal)) / self.step) - self._first
+        return min(max(steps, 0), self.size - 1)
+
+    def level(self, value: float) -> int | None:
+        """The level that has exactly this value, if one has."""
+        if not math.isfinite(value) or (self.log and value <= 0):
+            return None
+        level = self.snap(value)
+        return level if self.value(level) == value else None
+
+    def distance(self, value: float) -> float:
+        """How far a value is from nominal, as a share of the farthest that the range allows: in [0, 1]."""
+        if math.isnan(value) or (self.log and value <= 0):
+            return 1.0
+        centre = self._scaled(self.nominal)
+        away = abs(self._scaled(value) - centre)
+        if self.wraps:
+            away = abs((away + 180.0) % 360.0 - 180.0)
+            return away / 180.0
+        farthest = max(centre - self._scaled(self.low), self._scaled(self.high) - centre)
+        return min(away / farthest, 1.0) if farthest > 0 else float(away > 0)
+
+    @cached_property
+    def _first(self) -> int:
+        first = math.ceil((self._scaled(self.low) - self._scaled(self.nominal)) / self.step - 1e-9)
+        return first + 1 if self.wraps else first
+
+    @cached_property
+    def _last(self) -> int:
+        return math.floor((self._scaled(self.high) - self._scaled(self.nominal)) / self.step + 1e-9)
+
+    def _scaled(self, value: float) -> float:
+        return math.log2(value) if self.log else float(value)
+
+
+@dataclass(frozen=True)
+class Gene:
+    """One coordinate.
+
+    Attributes:
+        operator: whose it is.
+        path: where its value stands in a scene, such as ``targets.0.x``.
+        neutral: none of its values is more severe than another, as of a direction.
+        spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin between the sides below and
+            above 1, then linearly in it (the paper's light); ``sphere``, an elevation of an even direction.
+    """
+
+    operator: str
+    path: str
+    kind: Kind
+    grid: Grid
+    neutral: bool = False
+    spread: Spread = "even"
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """A random value on the grid."""
+        grid = self.grid
+        if self.spread == "coin":
+            side = (grid.low, 1.0) if rng.random() < 0.5 else (1.0, grid.high)
+            return grid.value(grid.snap(float(rng.uniform(*side))))
+        if self.spread == "sphere":
+            return grid.value(grid.snap(math.degrees(math.asin(rng.uniform(-1.0, 1.0)))))
+        return grid.value(int(rng.integers(grid.size)))
+
+    def distance(self, value: float) -> float:
+        """How far a value is from nominal, in [0, 1]; of two categories, one is either the same or not."""
+        if self.neutral:
+            return 0.0
+        return float(value != self.grid.nominal) if self.kind == "category" else self.grid.distance(value)

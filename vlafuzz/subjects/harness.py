@@ -1,0 +1,99 @@
+"""Between subject and robot: the queue of a chunk's actions, their units, a sticky gripper, and the guards."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import SubjectError
+from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, Subject
+
+Array = NDArray[np.float64]
+
+
+class Harness:
+    """One rollout of a subject: asks it when its last chunk is used up, and hands out metric actions."""
+
+    def __init__(self, subject: Subject, start: EpisodeStart) -> None:
+        self._subject, self._spec = subject, subject.spec
+        self._queue: deque[Array] = deque()
+        self._gripper = Gripper(self._spec.action)
+        with _blamed_on(self._spec.name):
+            subject.reset([start])
+
+    def action(self, observe: Callable[[], Observation]) -> Array:
+        """The next action: ``(7,)`` metres, radians, gripper of -1 or 1. ``observe`` is called only when the subject is asked.
+
+        Raises:
+            SubjectError: the subject's answer is not a chunk of finite actions.
+        """
+        if not self._queue:
+            observation = observe()
+            with _blamed_on(self._spec.name):
+                chunks = self._subject.act([observation])
+            chunk = check_chunks(chunks, 1, self._spec.name)[0]
+            self._queue.extend(chunk[: self._spec.execute])
+        return self._metric(self._queue.popleft())
+
+    def _metric(self, action: Array) -> Array:
+        spec = self._spec.action
+        rotation = action[3:6] * spec.rotation_scale
+        if spec.rotation == "euler_xyz":
+            rotation = Rotation.from_euler("XYZ", rotation).as_rotvec()
+        return np.concatenate([action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]])
+
+
+@contextmanager
+def _blamed_on(name: str) -> Iterator[None]:
+    """Whatever a subject's own code raises is the subject's error, with its cause."""
+    try:
+        yield
+    except SubjectError:
+        raise
+    except Exception as error:
+        raise SubjectError(f"{name} raised {type(error).__name__}: {error}") from error
+
+
+class Gripper:
+    """Turns a subject's gripper number into open (1) or closed (-1), and keeps a change for ``sticky`` steps."""
+
+    def __init__(self, spec: ActionSpec) -> None:
+        self._convention, self._sticky = spec.gripper, spec.sticky
+        self._now, self._kept = 1.0, 0
+
+    def command(self, value: float) -> float:
+        """The command for one control step."""
+        threshold = 0.5 if self._convention.endswith("01") else 0.0
+        wanted = 1.0 if (value > threshold) == self._convention.startswith("open") else -1.0
+        if self._kept > 0:
+            self._kept -= 1
+        elif wanted != self._now:
+            self._now, self._kept = wanted, self._sticky
+        return self._now
+
+
+def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> list[Array]:
+    """The actions of each chunk, ``(steps, 7)``.
+
+    Raises:
+        SubjectError: wrong number of chunks, wrong shape, or not finite.
+    """
+    if len(chunks) != expected:
+        raise SubjectError(f"{name}: {expected} observations, {len(chunks)} chunks of actions", cause="bad_action")
+    return [_check(chunk, name) for chunk in chunks]
+
+
+def _check(chunk: ActionChunk, name: str) -> Array:
+    actions = np.asarray(getattr(chunk, "actions", chunk), dtype=np.float64)
+    if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
+        raise SubjectError(
+            f"{name}: actions of shape {actions.shape}", hint="expected (steps, 7), at least one step", cause="bad_action"
+        )
+    if not np.all(np.isfinite(actions)):
+        raise SubjectError(f"{name}: an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}", cause="bad_action")
+    return actions

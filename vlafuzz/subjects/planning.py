@@ -1,0 +1,210 @@
+"""Plans on beliefs: which grasp to take, how high to travel, where to put an object down. Pure geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.grasps import find_grasps
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import Rig
+
+Array = NDArray[np.float64]
+UPRIGHT = np.cos(np.radians(8.0))  # a rest pose's own grasps serve up to this tilt
+MARGIN = 0.006  # metres around fingers and hand
+# Boxes of the open gripper in its own frame (across, along the closing axis, up from the TCP), metres: half width across,
+# span along the axis (both sides), span of heights. Measured on the Panda's collision meshes.
+FINGERS = (0.013, (0.038, 0.062), (-0.012, 0.05))
+PALM = (0.035, (0.0, 0.105), (0.038, 0.16))
+GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
+_ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 32); a convex outline is farthest along one of them
+TRAVEL = 0.03  # metres between fingertips or load and what they pass over
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An object where it is believed to be: ``position`` (3,) of its origin in metres, ``rotation`` (3, 3)."""
+
+    model: ObjectModel
+    position: Array
+    rotation: Array
+
+    @property
+    def corners(self) -> Array:
+        """``(m, 3)`` hull vertices in the world."""
+        return np.asarray(self.model.vertices @ self.rotation.T + self.position)
+
+    @property
+    def top(self) -> float:
+        """Highest point, metres."""
+        return float(self.corners[:, 2].max())
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Where the hand goes for a grasp: TCP in metres, direction of the closing axis in radians, width in metres."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    width: float
+    cost: float
+
+
+def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) -> list[Reach]:
+    """All grasps of a thing where it lies now, the best first: good contact, clear of others, little turning."""
+    found = []
+    for yaw, width, offset, z, quality in _grasps(thing):
+        x, y = thing.position[:2] + offset
+        yaw = nearest_yaw(yaw, rig.neutral_yaw(x, y))
+        turn = yaw - hand_yaw
+        cost = 1.0 - quality + 2.0 * _crowding(np.array([x, y, z]), yaw, others) + 0.2 * abs(turn)
+        found.append(Reach(float(x), float(y), float(z), yaw, width, cost))
+    return sorted(found, key=lambda reach: reach.cost)
+
+
+def nearest_yaw(yaw: float, to: float) -> float:
+    """The direction of a closing axis, up to half a turn, that is nearest to ``to``. Radians."""
+    return to + (yaw - to + np.pi / 2) % np.pi - np.pi / 2
+
+
+def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
+    """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the thing's present pose."""
+    bottom = float(thing.corners[:, 2].min())
+    for rest in thing.model.rests:
+        w, x, y, z = rest.quaternion
+        up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])  # the world's z in the object's frame
+        if thing.rotation[2] @ up > UPRIGHT and rest.grasps:
+            level = thing.rotation @ _matrix(rest.quaternion).T
+            yaw = float(np.arctan2(level[1, 0], level[0, 0]))
+            turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+            return [
+                (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality) for g in rest.grasps
+            ]
+    shift = np.array([0.0, 0.0, thing.position[2] - bottom])
+    parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
+    return [
+        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality) for g in find_grasps(parts, shift)
+    ]
+
+
+def _matrix(quaternion: Array) -> Array:
+    w, x, y, z = quaternion
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+
+
+def _crowding(tcp: Array, yaw: float, others: Sequence[Thing]) -> float:
+    """How many of the gripper's boxes another object's bounding box (in the gripper's frame) cuts into."""
+    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    across = np.array([-along[1], along[0], 0.0])
+    frame = np.stack([across, along, [0.0, 0.0, 1.0]])
+    cuts = 0
+    for other in others:
+        local = (other.corners - tcp) @ frame.T
+        low, high = local.min(axis=0) - MARGIN, local.max(axis=0) + MARGIN
+        for half, (near, far), (below, above) in (FINGERS, PALM):
+            if high[0] < -half or low[0] > half or high[2] < below or low[2] > above:
+                continue
+            cuts += bool(high[1] > near and low[1] < far) or bool(low[1] < -near and high[1] > -far)
+    return float(cuts)
+
+
+def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: float) -> float:
+    """Height over everything within ``radius`` metres of the way from ``start`` to ``end``, ``(2,)`` metres each; 0 if clear."""
+    way = start + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 0.02))[:, None] * (end - start)
+    highest = 0.0
+    for other in others:
+        nearest = (other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - way @ _DIRECTIONS  # (points, directions)
+        if nearest.max(axis=1).min() < radius:
+            highest = max(highest, other.top + TRAVEL)
+    return highest
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where a is put down: its origin's ``(2,)`` place in metres, the turn on the way (radians, up to half a turn), the height
+    of what is below.
+    """
+
+    place: Array
+    turn: float
+    floor: float
+
+
+def goal_on(a: Thing, b: Thing) -> Goal:
+    """On the middle of b."""
+    return Goal(b.position[:2].copy(), 0.0, b.top)
+
+
+def goal_in(a: Thing, b: Thing) -> Goal:
+    """In the middle of b, a's long side along b's."""
+    container = b.model.container
+    assert container is not None, f"{b.model.name} is no container"
+    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (0.0 if container.width >= container.depth else np.pi / 2)
+    turn = nearest_yaw(long_side, _long_axis(a)) - _long_axis(a) if _elongation(a) > 1.15 else 0.0
+    return Goal(b.position[:2].copy(), float(turn), float(b.position[2] + container.floor))
+
+
+def _outline(thing: Thing) -> Array:
+    points = thing.corners[:, :2]
+    return points - (points.max(axis=0) + points.min(axis=0)) / 2
+
+
+def _long_axis(thing: Thing) -> float:
+    values, vectors = np.linalg.eigh(np.cov(_outline(thing).T))
+    return float(np.arctan2(vectors[1, -1], vectors[0, -1]))
+
+
+def _elongation(thing: Thing) -> float:
+    values = np.linalg.eigvalsh(np.cov(_outline(thing).T))
+    return float(np.sqrt(values[-1] / max(values[0], 1e-9)))
+
+
+def goal_near(a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig) -> Goal:
+    """Beside b: the nearest free place whose gap to b is right, fingers not between the two."""
+    best, best_cost = None, np.inf
+    outline_a, outline_b = a.corners[:, :2] - a.position[:2], b.corners[:, :2]
+    for angle in np.arange(0.0, 2 * np.pi, np.pi / 12):
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        place = b.position[:2] + direction * _distance(outline_a, outline_b, b.position[:2], direction)
+        cost = float(np.linalg.norm(place - a.position[:2])) + 0.15 * abs(np.cos(angle - closing))
+        cost += _unreachable(place, rig) + sum(_overlap(place, outline_a, other) for other in others)
+        if cost < best_cost:
+            best, best_cost = place, cost
+    assert best is not None
+    return Goal(best, 0.0, 0.0)
+
+
+def _separation(a: Array, b: Array) -> float:
+    return float(((b @ _DIRECTIONS).min(axis=0) - (a @ _DIRECTIONS).max(axis=0)).max())
+
+
+def _distance(outline_a: Array, outline_b: Array, centre: Array, direction: Array) -> float:
+    """How far from b's centre a has to be for the right gap, by bisection."""
+    near, far = 0.0, 0.5
+    for _ in range(12):
+        middle = (near + far) / 2
+        near, far = (middle, far) if _separation(outline_a + centre + direction * middle, outline_b) < GAP else (near, middle)
+    return far
+
+
+def _overlap(place: Array, outline: Array, other: Thing) -> float:
+    apart = _separation(outline + place, other.corners[:, :2])
+    return 0.0 if apart > 0.05 else 1.0 + 10 * (0.05 - apart)
+
+
+def _unreachable(place: Array, rig: Rig) -> float:
+    low_x, high_x = rig.workspace.x
+    low_y, high_y = rig.workspace.y
+    outside = not (low_x <= place[0] <= high_x and low_y <= place[1] <= high_y)
+    far = float(np.hypot(place[0] - rig.base[0], place[1] - rig.base[1])) > rig.reach - 0.02
+    return 3.0 * (outside + far)

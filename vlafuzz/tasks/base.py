@@ -1,0 +1,118 @@
+"""Task and Stage: what the robot is told to do, its milestones, and how far a rollout came."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.tasks.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """A moment and what it is judged against: the objects' models and the state at the start."""
+
+    models: tuple[ObjectModel, ...]
+    start: State
+    now: State
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A milestone, reached once ``holds`` was true for ``steps`` consecutive control steps.
+
+    ``nearness`` says in [0, 1] how close the moment is to it.
+    """
+
+    name: str
+    holds: Callable[[Situation], bool]
+    nearness: Callable[[Situation], float]
+    steps: int = 2
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the robot is told to do.
+
+    Attributes:
+        targets: number of objects that the instruction names.
+        onto: what the second target must offer (``support``, ``container``), if anything.
+        stages: in order; the last one is success, which implies the others.
+        published: the weaker success of the published environments, judged at a single step.
+    """
+
+    name: str
+    targets: int
+    stages: tuple[Stage, ...]
+    published: Callable[[Situation], bool]
+    onto: str | None = None
+
+    @property
+    def stage_names(self) -> tuple[str, ...]:
+        """In order."""
+        return tuple(stage.name for stage in self.stages)
+
+    def solved(self, models: tuple[ObjectModel, ...], state: State) -> bool:
+        """Whether the success condition holds at a moment that is also the start."""
+        return self.stages[-1].holds(Situation(models, state, state))
+
+
+class Monitor:
+    """Watches one rollout, a control step at a time."""
+
+    def __init__(self, task: Task, models: tuple[ObjectModel, ...], start: State) -> None:
+        self._task, self._models, self._start = task, models, start
+        self._streaks = [0] * len(task.stages)
+        self.reached: list[str] = []
+        self.published_success = False
+        self._trace: list[float] = []
+
+    def observe(self, state: State) -> None:
+        """Judge the state after a control step."""
+        situation = Situation(self._models, self._start, state)
+        for index, stage in enumerate(self._task.stages):
+            self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
+        self._advance()
+        self._trace.append(self._progress(situation))
+        self.published_success = self.published_success or self._task.published(situation)
+
+    @property
+    def success_now(self) -> bool:
+        """Whether success holds at the last step, for as many steps as it takes."""
+        return self._streaks[-1] >= self._task.stages[-1].steps
+
+    @property
+    def success_once(self) -> bool:
+        """Whether success was reached at any step."""
+        return len(self.reached) == len(self._task.stages)
+
+    @property
+    def progress(self) -> float:
+        """The best so far, in [0, 1]."""
+        return max(self._trace, default=0.0)
+
+    @property
+    def trace(self) -> NDArray[np.float32]:
+        """``(steps,)`` progress after each step."""
+        return np.array(self._trace, dtype=np.float32)
+
+    def _advance(self) -> None:
+        stages = self._task.stages
+        if self.success_now:
+            self.reached = list(self._task.stage_names)
+        while len(self.reached) < len(stages) - 1:
+            index = len(self.reached)
+            if self._streaks[index] < stages[index].steps:
+                break
+            self.reached.append(stages[index].name)
+
+    def _progress(self, situation: Situation) -> float:
+        stages, done = self._task.stages, len(self.reached)
+        if done == len(stages):
+            return 1.0
+        streak = self._streaks[done] / stages[done].steps
+        return (done + min(max(stages[done].nearness(situation), streak, 0.0), 0.99)) / len(stages)

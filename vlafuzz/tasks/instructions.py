@@ -1,0 +1,45 @@
+"""How a task is said: wordings from ``operators/instructions.yaml``, filled with the targets' spoken names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+
+import yaml
+from pydantic import TypeAdapter, ValidationError
+
+from vlafuzz.errors import CatalogueError
+from vlafuzz.shipped import operators_dir
+from vlafuzz.tasks.tabletop import TASKS
+
+_WORDINGS = TypeAdapter(dict[str, list[str]])
+_SLOTS = ("{a}", "{b}")
+
+
+@cache
+def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
+    """The wordings of every task, the nominal one first.
+
+    Raises:
+        CatalogueError: the file is not of that form, a task has no wording, or a wording lacks a target.
+    """
+    path = path or operators_dir() / "instructions.yaml"
+    try:
+        found = _WORDINGS.validate_python(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (OSError, yaml.YAMLError, ValidationError) as error:
+        reason = str(error).splitlines()[0]
+        raise CatalogueError(f"{path}: {reason}", hint="expected one list of wordings a task") from None
+    for name, task in TASKS.items():
+        for wording in found.get(name) or [""]:
+            for slot in _SLOTS[: task.targets]:
+                if slot not in wording:
+                    raise CatalogueError(f"{path}: {name}: {wording!r} does not say {slot}", hint="every wording names all targets")
+    return {name: tuple(found[name]) for name in TASKS}
+
+
+def say(wording: str, spoken: Sequence[str]) -> str:
+    """A wording, filled with the targets' spoken names."""
+    for slot, name in zip(_SLOTS, spoken, strict=False):
+        wording = wording.replace(slot, name)
+    return wording

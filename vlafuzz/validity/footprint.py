@@ -1,0 +1,87 @@
+"""Where an object of a scene is: its corners in space and its outline on the table. Metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.objects.hulls import outline
+from vlafuzz.objects.catalogue import ObjectModel
+from vlafuzz.scene import Placement
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """An object's convex outline seen from above: ``polygon`` (k, 2), counter-clockwise, and its ``radius`` about ``centre``."""
+
+    centre: tuple[float, float]
+    polygon: Array
+    radius: float
+
+
+def footprint(placement: Placement, model: ObjectModel) -> Footprint:
+    """The outline of an object where it stands."""
+    polygon, radius = _outline(model, placement.rest, placement.quaternion)
+    turned = (polygon * placement.scale) @ _turn(placement).T
+    centre = (placement.x, placement.y)
+    return Footprint(centre, turned + centre, radius * placement.scale)
+
+
+def solid(placement: Placement, model: ObjectModel) -> Array:
+    """``(m, 3)`` hull vertices of an object where it stands on the table."""
+    points = _standing(model, placement.rest, placement.quaternion) * placement.scale
+    return np.column_stack([points[:, :2] @ _turn(placement).T + (placement.x, placement.y), points[:, 2]])
+
+
+def apart(a: Footprint, b: Footprint) -> bool:
+    """Whether two outlines are disjoint, by separating axes: of two convex polygons, an edge of one separates them."""
+    if math.dist(a.centre, b.centre) > a.radius + b.radius:
+        return True
+    return _separates(a.polygon, b.polygon) or _separates(b.polygon, a.polygon)
+
+
+def extents(polygon: Array) -> Array:
+    """``(90, 2)`` length along and across each of 90 directions, every 2 degrees."""
+    along = polygon @ _AXES  # (k, 180): the second half is across the first
+    sides = along.max(axis=0) - along.min(axis=0)
+    return np.asarray(np.stack([sides[:90], np.roll(sides, -45)[:90]], axis=1))
+
+
+_ANGLES = np.radians(np.arange(0.0, 360.0, 2.0))
+_AXES = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+def _separates(a: Array, b: Array) -> bool:
+    edges = np.roll(a, -1, axis=0) - a
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)  # outwards
+    return bool(np.any((b @ normals.T).min(axis=0) >= (a * normals).sum(axis=1)))
+
+
+def _turn(placement: Placement) -> Array:
+    if placement.quaternion is not None:
+        return np.eye(2)
+    angle = math.radians(placement.yaw)
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+@lru_cache(maxsize=512)
+def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None) -> Array:
+    pose = np.array(quaternion) if quaternion else model.rest(rest).quaternion
+    points = model.vertices @ Rotation.from_quat(pose, scalar_first=True).as_matrix().T
+    points[:, 2] -= points[:, 2].min()
+    return np.asarray(points)
+
+
+@lru_cache(maxsize=512)
+def _outline(
+    model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None
+) -> tuple[Array, float]:
+    polygon = outline(_standing(model, rest, quaternion)[:, :2]) if quaternion else model.rest(rest).footprint
+    return polygon, float(np.linalg.norm(polygon, axis=1).max())

@@ -1,0 +1,132 @@
+"""Whether a scene means something: names that tell objects apart, and a task that these objects allow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from vlafuzz.objects.catalogue import Catalogue, ObjectModel
+from vlafuzz.rig import RIGS
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.validity.footprint import extents, footprint
+from vlafuzz.validity.report import Rejection
+
+WIDEST_GRASP = 0.074  # metres; the gripper opens 0.080, 3 mm a finger are for the approach
+OVERHANG = 0.35  # share of its length by which an object may stick out of its support, at each end
+MARGIN = 0.004  # metres on each side of an object inside a container
+DISH = 0.003  # metres between floor and rim that keep a rolling object in place
+
+
+def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
+    """Judge what a scene says, not where things are."""
+    problem = next(_problems(scene, catalogue), None)
+    return Rejection("semantic", problem) if problem else None
+
+
+def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
+    """Each problem in a sentence. Later ones may rely on there being no earlier one: only the first is taken."""
+    if scene.task not in TASKS:
+        yield f"unknown task {scene.task!r}"
+    if scene.robot not in RIGS:
+        yield f"unknown robot {scene.robot!r}"
+    if not scene.instruction.strip():
+        yield "the instruction is empty"
+    if scene.light.intensity < 0:
+        yield f"light: an intensity of {scene.light.intensity:g} is negative"
+    task = TASKS[scene.task]
+    if len(scene.targets) != task.targets:
+        yield f"{task.name} names {task.targets} target(s), the scene has {len(scene.targets)}"
+    for placement in scene.placements:
+        yield from _placement_problems(placement, catalogue)
+    models = [catalogue[placement.object] for placement in scene.placements]
+    for a, b in combinations(models, 2):
+        if ambiguous(a.spoken, b.spoken):
+            yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
+    yield from _task_problems(task, scene.targets, models)
+
+
+def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
+    if placement.object not in catalogue:
+        yield f"unknown object {placement.object!r}"
+    if not placement.scale > 0:
+        yield f"{placement.object}: a scale of {placement.scale:g} is not positive"
+    if placement.quaternion is not None:
+        if not math.isclose(math.hypot(*placement.quaternion), 1.0, abs_tol=1e-3):
+            yield f"{placement.object}: the quaternion {placement.quaternion} is not of length 1"
+    elif placement.rest not in (known := [rest.name for rest in catalogue[placement.object].rests]):
+        yield f"{placement.object}: unknown rest pose {placement.rest!r}, it has {', '.join(known)}"
+
+
+def _task_problems(task: Task, targets: tuple[Placement, ...], models: list[ObjectModel]) -> Iterator[str]:
+    if problem := cannot_grasp(targets[0], models[0]):
+        yield problem
+    if task.onto and (problem := cannot_place(task.onto, targets[0], models[0], targets[1], models[1])):
+        yield problem
+
+
+def ambiguous(a: str, b: str) -> bool:
+    """Whether one spoken name has all the words of the other, as ``large plate`` those of ``plate``."""
+    one, other = set(a.lower().split()), set(b.lower().split())
+    return one <= other or other <= one
+
+
+def cannot_grasp(a: Placement, model: ObjectModel) -> str | None:
+    """Why the gripper cannot grasp an object from above as it lies there; of a raw orientation nothing is known."""
+    if model.role != "graspable":
+        return f"{model.spoken} is not there to be grasped"
+    if a.quaternion is not None:
+        return None
+    narrowest = min((grasp.width * a.scale for grasp in model.rest(a.rest).grasps), default=math.inf)
+    if narrowest > WIDEST_GRASP:
+        width = f"{narrowest:.3f} m wide" if math.isfinite(narrowest) else "without a grasp"
+        return f"{model.spoken}, {a.rest}, is {width}: the gripper takes up to {WIDEST_GRASP} m"
+    return None
+
+
+def cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+    """Why ``a``, as it lies there, cannot stay on the ``support`` or in the ``container`` ``b``."""
+    return _cannot_place(onto, _at_origin(a), model_a, _at_origin(b), model_b)
+
+
+def _at_origin(placement: Placement) -> Placement:
+    return replace(placement, x=0.0, y=0.0, yaw=0.0)
+
+
+@lru_cache(maxsize=4096)
+def _cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+    if onto == "container":
+        return _cannot_put_in(a, model_a, b, model_b)
+    if not model_b.supports:
+        return f"nothing can be put on {model_b.spoken}"
+    if a.quaternion is None and model_a.rest(a.rest).rolls and not _is_dished(model_b):
+        return f"{model_a.spoken}, {a.rest}, rolls off {model_b.spoken}"
+    sides = extents(footprint(a, model_a).polygon)
+    short, long = float(sides.min()), float(sides.max())
+    room = float(extents(footprint(b, model_b).polygon).min())
+    if short > room or long * (1 - 2 * OVERHANG) > room:
+        size = f"{long:.3f} x {short:.3f} m"
+        return f"{model_a.spoken}, {size}, is too large for {model_b.spoken}, {room:.3f} m across"
+    return None
+
+
+def _is_dished(model: ObjectModel) -> bool:
+    tops = [float(part[:, 2].max()) for part in model.parts]
+    return max(tops) - min(tops) >= DISH
+
+
+def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+    container = model_b.container
+    if container is None:
+        return f"nothing can be put into {model_b.spoken}"
+    room = np.array([container.width, container.depth]) * b.scale - 2 * MARGIN
+    if not np.any(np.all(extents(footprint(a, model_a).polygon) <= room, axis=1)):
+        size = f"{container.width:g} x {container.depth:g} m inside"
+        return f"{model_a.spoken}, {a.rest}, does not fit into {model_b.spoken}, {size}"
+    return None
