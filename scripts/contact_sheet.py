@@ -73,7 +73,7 @@ def main() -> None:
     parser.add_argument(
         "--objects", type=Path, nargs="*", default=[], help="catalogue files instead of the built-in one"
     )
-    parser.add_argument("--yaw", type=float, default=25.0, help="turn every object by that many degrees")
+    parser.add_argument("--yaw", type=float, default=15.0, help="turn every object by that many degrees")
     options = parser.parse_args()
     studio = Studio()
     pictures = [

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from vlafuzz.corpus.records import Manifest
-from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.corpus.records import Manifest, Trial
+from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Light, Placement, Scene
-from vlafuzz.search.base import Genome, Proposal
 from vlafuzz.scoring import Score
+from vlafuzz.search.base import Genome, Proposal
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
 
 STAGES = ("grasp", "lift", "success")
@@ -150,10 +150,27 @@ class Idle:
         pass
 
 
+def make_idle(*_: object, **__: object) -> Idle:
+    return Idle()
+
+
 NOMINAL = Manifest(
-    task="pick-up", subject="idle", spec="{}", strategy="random", budget=20, batch=8, seed=0, catalogue_digest="c"
+    task="pick-up",
+    subject="idle",
+    spec="{}",
+    strategy="random",
+    budget=20,
+    batch=8,
+    seed=0,
+    catalogue_digest="c",
 )
 
 
 def manifest(**changes: object) -> Manifest:
     return replace(NOMINAL, **changes)  # type: ignore[arg-type]
+
+
+def trial(proposal: int, outcome: Outcome, *, duplicate: bool = False) -> Trial:
+    place = "grasp|light|x0y0" if outcome.verdict is Verdict.FAILED else None
+    genome = np.array([0.1, 0.9])
+    return Trial(proposal, scene(x=proposal / 1000), outcome, 0.5, genome, place, duplicate)

@@ -9,16 +9,14 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import cast
 
-from vlafuzz import campaign
+from vlafuzz import __version__, campaign
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import SceneError, UsageError, suggestion
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.plugins import is_reference
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
@@ -26,12 +24,14 @@ from vlafuzz.search.registry import POOL, strategy_factory
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.subjects.base import Subject
+from vlafuzz.subjects.registry import check_subject_name, make_subject
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
+MOST = 2**63 - 1
 CRITERIA = ("strict", "published")
-_PACKAGES = ("vlafuzz", "mani_skill", "sapien", "torch", "numpy", "scipy")
+_PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,13 @@ def plan(config: RunConfig) -> Plan:
     task = _task(config, scenes)
     strategy_name = _strategy_name(config)
     factory = None if scenes else strategy_factory(strategy_name)
-    _check_subject(config.subject)
+    check_subject_name(config.subject)
     operators = load_operators(config.operators)
     operators = operators.only(config.vary) if config.vary else operators
     catalogue = load_catalogue()
     space = SearchSpace(operators, catalogue, task.name)
     strategy = InOrder(len(scenes)) if factory is None else factory(space, config.seed)
-    subject = _make_subject(config)
+    subject = make_subject(config.subject)
     budget = config.budget or (len(scenes) * config.repeats if scenes else BUDGET)
     return Plan(
         manifest=_manifest(config, strategy_name, budget, space, subject),
@@ -114,11 +114,7 @@ def plan(config: RunConfig) -> Plan:
 
 def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
     """Run it in this process."""
-    with (
-        closing(plan.subject),
-        closing(make_evaluator(plan)) as evaluator,
-        Corpus.open(plan.store, "write") as corpus,
-    ):
+    with closing(make_evaluator(plan)) as evaluator, Corpus.open(plan.store, "write") as corpus:
         return campaign.fuzz(
             manifest=plan.manifest,
             stages=plan.task.stage_names,
@@ -165,6 +161,10 @@ def _check_numbers(config: RunConfig) -> None:
             raise UsageError(
                 f"{name}: expected at least {least}, got {value}", hint=f"give {name} {least} or more"
             )
+        if value is not None and value > MOST:
+            raise UsageError(
+                f"{name}: expected at most {MOST}, got {value}", hint="stores hold 64-bit numbers"
+            )
     if config.criteria not in CRITERIA:
         raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
 
@@ -188,19 +188,6 @@ def _strategy_name(config: RunConfig) -> str:
             f"--scenes: strategy {config.strategy!r} makes its own scenes", hint="leave one of the two out"
         )
     return POOL
-
-
-def _check_subject(name: str) -> None:
-    from vlafuzz.subjects.registry import known_subjects
-
-    if not is_reference(name) and name not in known_subjects():
-        raise UsageError(f"unknown subject {name!r}", hint=suggestion(name, known_subjects()))
-
-
-def _make_subject(config: RunConfig) -> Subject:
-    from vlafuzz.subjects.registry import make_subject
-
-    return cast(Subject, make_subject(config.subject, config.seed))
 
 
 def _manifest(
@@ -238,7 +225,7 @@ def _operators_json(operators: OperatorSet) -> str:
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    found = {"vlafuzz": __version__}
     for name in _PACKAGES:
         try:
             found[name] = metadata.version(name)

@@ -23,7 +23,7 @@ COMMANDS = {
     "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),
     "subjects": ("vlafuzz.cli.subjects:command", "List the subjects that can be tested."),
-    "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine and a subject."),
+    "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine: what is there, whether it works."),
 }
 
 app = typer.Typer(

@@ -43,13 +43,12 @@ def vlatest(
 
     A scene with an object that has no counterpart in our catalogue is left out, and said so.
     """
-    catalogue = load_catalogue()
-    imported: list[Imported] = []
-    with progress() as bar:
-        for path in bar.track(files, description="reading"):
-            imported.append(read_vlatest(path, catalogue, frame=frame.value))
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
+    catalogue = load_catalogue()
+    with progress() as bar:
+        tracked = bar.track(files, description="reading")
+        imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
     write_scenes(out, [scene for each in imported for scene in each.scenes])
     _print_missing(imported)
     rows = [_row(each) for each in imported]
@@ -76,5 +75,7 @@ def _print_missing(imported: list[Imported]) -> None:
         return
     left_out = sum(each.left_out for each in imported)
     rows = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
-    stderr().print(f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue")
+    stderr().print(
+        f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue"
+    )
     stderr().print(table(rows))

@@ -15,10 +15,9 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.scene import Scene, read_scenes
 from vlafuzz.space.catalogue import load_operators
-from vlafuzz.validity import CHECKS, Rejection, check_static
+from vlafuzz.validity import CHECKS, check_static
 
 BROKEN = "broken"  # a line that is no scene
-CHUNK = 16  # scenes between two steps of the progress bar
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,8 @@ def command(
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     keep = load_operators().min_distance if min_distance is None else min_distance
     catalogue = load_catalogue()
-    judged = []
     with progress() as bar:
-        for path in files:
-            judged.append(_judge(path, catalogue, keep, bar, dynamic=not static))
+        judged = [_judge(path, catalogue, keep, bar, dynamic=not static) for path in files]
     _print(judged, json=json, verbose=verbose)
     if any(each.problems for each in judged):
         raise typer.Exit(1)
@@ -82,7 +79,7 @@ def _judge(path: Path, catalogue: Catalogue, keep: float, bar: Progress, *, dyna
     fair: list[tuple[int, Scene]] = []
     for number, scene in bar.track(lines, description=path.name):
         if isinstance(scene, SceneError):
-            problems.append(Problem(number, BROKEN, scene.message))
+            problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
         elif rejection := check_static(scene, catalogue, keep):
             problems.append(Problem(number, rejection.check, rejection.reason))
         else:
@@ -94,15 +91,12 @@ def _judge(path: Path, catalogue: Catalogue, keep: float, bar: Progress, *, dyna
 
 
 def _judge_dynamically(fair: list[tuple[int, Scene]], catalogue: Catalogue, bar: Progress) -> list[Problem]:
-    from vlafuzz.sim.maniskill.evaluator import check_dynamic
+    from vlafuzz.sim.maniskill.evaluator import check_dynamic_of
 
-    chunks = [fair[start : start + CHUNK] for start in range(0, len(fair), CHUNK)]
     problems = []
-    for chunk in bar.track(chunks, description="settling"):
-        rejections: list[Rejection | None] = check_dynamic([scene for _, scene in chunk], catalogue)
-        for (number, _), rejection in zip(chunk, rejections, strict=True):
-            if rejection:
-                problems.append(Problem(number, rejection.check, rejection.reason))
+    for number, scene in bar.track(fair, description="settling"):
+        if rejection := check_dynamic_of(scene, catalogue):
+            problems.append(Problem(number, rejection.check, rejection.reason))
     return problems
 
 

@@ -61,9 +61,10 @@ def stderr() -> Console:
 
 
 def progress() -> Progress:
-    """A progress bar on stderr that leaves nothing behind."""
+    """A progress bar on stderr that leaves nothing behind, and is not there when nobody looks."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=stderr(), transient=True)
+    console = stderr()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _print_csv(rows: Sequence[Row]) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.output import print_json, stderr, stdout
+from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.errors import VlafuzzError
 
 
@@ -57,7 +57,7 @@ def command(
     Runs are kept in a store, by default runs/<task>-<subject>-<strategy>-<seed>.db. Scenes that a store knows
     are answered from it and cost no budget.
     """
-    from vlafuzz.cli.summary import Watch, summary_table
+    from vlafuzz.cli.summary import Watch, print_summary
     from vlafuzz.config import RunConfig, plan, start
 
     prepared = plan(
@@ -83,15 +83,17 @@ def command(
             summary = start(prepared, watch)
         except KeyboardInterrupt:
             watch.stop()
-            stderr().print(f"interrupted: {watch.rollouts} rollouts are stored in {prepared.store}")
+            stderr().print(
+                f"interrupted: {watch.rollouts} rollouts are stored in {prepared.store}", soft_wrap=True
+            )
             raise typer.Exit(130) from None
     if json:
         print_json(asdict(summary))
     else:
-        stdout().print(summary_table(summary))
+        print_summary(summary)
     if summary.stopped:
-        stderr().print(f"stopped: {summary.stopped}")
+        stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
-        raise VlafuzzError("no scene could be judged", hint="`vlafuzz doctor` checks this machine and the subject")
+        raise VlafuzzError("no scene could be judged", hint="`vlafuzz doctor` checks this machine")
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)

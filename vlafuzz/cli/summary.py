@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from typing import Self
 
-from rich.console import Group, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -16,9 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
-from rich.text import Text
 
-from vlafuzz.cli.output import stderr
+from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import wilson
@@ -29,6 +27,7 @@ class Watch:
 
     def __init__(self, budget: int) -> None:
         self.rollouts = 0
+        console = stderr()
         self._progress = Progress(
             SpinnerColumn(),
             BarColumn(),
@@ -36,8 +35,9 @@ class Watch:
             TextColumn("{task.fields[rate]} · {task.fields[failed]} failed"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
-            console=stderr(),
+            console=console,
             transient=True,
+            disable=not console.is_terminal,
         )
         self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0)
 
@@ -61,17 +61,18 @@ class Watch:
         self.stop()
 
 
-def summary_table(summary: Summary) -> RenderableType:
+def print_summary(summary: Summary) -> None:
     """A run in numbers, and how to see its first failure."""
     table = Table(show_header=False, title=_title(summary), title_justify="left")
     table.add_column(style="bold")
     table.add_column()
     for name, value in _lines(summary):
         table.add_row(name, value)
-    if summary.first_failure is None:
-        return table
-    digest, store = summary.first_failure[:12], shlex.quote(summary.store)
-    return Group(table, Text(f"see the first failure: vlafuzz replay {store} {digest}", overflow="fold"))
+    console = stdout()
+    console.print(table)
+    if summary.first_failure is not None:
+        command = f"vlafuzz replay {shlex.quote(summary.store)} {summary.first_failure[:12]}"
+        console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to be copied
 
 
 def _title(summary: Summary) -> str:

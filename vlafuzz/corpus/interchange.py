@@ -18,7 +18,8 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.shipped import operators_dir
 from vlafuzz.space.catalogue import load_operators
-from vlafuzz.space.operators import Box, TargetPosition
+from vlafuzz.space.operators import TargetPosition
+from vlafuzz.space.ranges import Box
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -96,7 +97,7 @@ class Imported:
 
     Attributes:
         read: number of scenes in it.
-        missing: names without a counterpart of ours, with how many scenes are left out for each (a scene may lack several).
+        missing: names without a counterpart of ours, and how many scenes have each; a scene may have several.
     """
 
     path: Path
@@ -114,7 +115,7 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     """Read a scene file of VLATest.
 
     Args:
-        frame: ``fit`` stretches its sampling box onto ours, ``keep`` keeps all distances and moves it to the middle of ours.
+        frame: ``fit`` stretches its sampling box onto ours, ``keep`` moves it to the middle of ours.
 
     Raises:
         SceneError: the file is not one of its scene files; the message names file and key.
@@ -186,7 +187,7 @@ def _entries(path: Path) -> dict[str, object]:
         raise SceneError(f"{path}: cannot be read: {reason}") from None
     except json.JSONDecodeError as error:
         raise SceneError(f"{path}: not JSON: {error}") from None
-    hint = "expected an object of scenes under \"0\", \"1\", …, with \"seed\" and \"num\""
+    hint = 'expected an object of scenes under "0", "1", …, with "seed" and "num"'
     if not isinstance(found, dict):
         raise SceneError(f"{path}: not a scene file of VLATest, got {type(found).__name__}", hint)
     scenes = {key: value for key, value in found.items() if key.isdecimal()}
@@ -227,7 +228,9 @@ def _of_two(scene: _Two) -> tuple[list[_Thing], list[_Thing]]:
         if not 0 <= index < len(things):
             raise IndexError(f"{name}: {index} is not the place of one of {len(things)} objects")
     chosen = [scene.source_obj_id, scene.target_obj_id]
-    return [things[index] for index in chosen], [thing for index, thing in enumerate(things) if index not in chosen]
+    return [things[index] for index in chosen], [
+        thing for index, thing in enumerate(things) if index not in chosen
+    ]
 
 
 def _other(model: str, options: dict[str, _Other]) -> _Thing:
@@ -248,8 +251,12 @@ def _placement(path: Path, key: str, thing: _Thing, counterpart: _Counterpart, m
     w, x, y, z = thing.quaternion
     level = math.hypot(x, y) < 1e-3
     yaw = 2 * math.degrees(math.atan2(z, w))
-    if not level and not (math.isclose(abs(x), abs(w), abs_tol=1e-3) and w * x > 0 and math.hypot(y, z) < 1e-3):
-        raise SceneError(f"{path}: {key}: {thing.model}: orientation {thing.quaternion} is neither upright nor level")
+    if not level and not (
+        math.isclose(abs(x), abs(w), abs_tol=1e-3) and w * x > 0 and math.hypot(y, z) < 1e-3
+    ):
+        raise SceneError(
+            f"{path}: {key}: {thing.model}: orientation {thing.quaternion} is neither upright nor level"
+        )
     pose = counterpart.poses.level if level else counterpart.poses.turned
     turned = (yaw if level else 0.0) + pose.yaw + 180.0
     wrapped = 180.0 - (180.0 - turned) % 360.0  # in (-180, 180]

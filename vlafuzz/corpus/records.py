@@ -17,7 +17,7 @@ Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 # What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
 _DECISIVE = (
     "subject", "spec", "seed", "repeats", "criteria", "stop_early", "min_distance", "catalogue_digest",
-    "simulator",
+    "simulator", "commit",
 )  # fmt: skip
 
 

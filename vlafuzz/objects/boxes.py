@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from PIL import Image, ImageDraw
 
-from vlafuzz.objects.canvas import Canvas, rgb
+from vlafuzz.objects.canvas import Canvas, dot, rgb
 from vlafuzz.objects.hulls import Array
 
 SIDE = 512  # pixels of a face's longer side
@@ -48,8 +48,7 @@ def box_pores(canvas: Canvas, face: int, pixel: float) -> None:
     width, height = canvas.image.size
     for x, y, r in np.random.default_rng(11 + face).random((170, 3)):
         reach = (0.0006 + 0.0016 * r * r) / pixel
-        box = [x * width - reach, y * height - reach, x * width + reach, y * height + reach]
-        canvas.draw.ellipse(box, rgb(canvas.colour, 0.72))
+        dot(canvas.draw, x * width, y * height, reach, [0.72 * part for part in canvas.colour])
     if face != 4:
         top = 0 if face == 5 else 0.78 * height
         canvas.draw.rectangle([0, top, width, height], rgb(canvas.look.accent))

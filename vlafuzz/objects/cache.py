@@ -19,7 +19,7 @@ from vlafuzz import shipped
 from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
 from vlafuzz.objects.schema import ObjectSpec
 
-BUILDER = 4  # raise it when the same entry would build another object: a test compares the numbers
+BUILDER = 6  # raise it when the same entry would build another object: a test compares the numbers
 NUMBERS = "model.json"
 
 

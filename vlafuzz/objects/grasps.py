@@ -22,12 +22,14 @@ TIP = 0.009
 TOUCH = (
     0.003  # the surface counts less the farther it is behind the foremost point, and nothing from there on
 )
-PAD_Z = (-0.008, -0.004, 0.0, 0.004, 0.008)
+PAD_Z = np.linspace(-0.008, 0.008, 5)
 STEP = 0.002  # between the lines on which the object is measured
 PAD = 5  # steps from the middle of a pad to its side
 SHIFTS = range(-24, 25, 4)  # steps from the centre of mass, sideways
 YAWS = tuple(15.0 * k for k in range(12))
 BALANCE = 0.03  # offset from the centre of mass at which the quality has halved
+EVEN = 0.005  # height between TCP and the middle of what a pad touches at which it has halved
+WORST = 0.08  # below that the fingers slip
 LIMIT = 12
 
 
@@ -48,14 +50,14 @@ class Body:
 
 
 class Scan:
-    """How far a body reaches along one closing axis, measured on parallel lines on both sides of its centre of mass."""
+    """How far a body reaches along one closing axis, on parallel lines either side of its centre of mass."""
 
     def __init__(self, body: Body, yaw: float, centre: Array) -> None:
         angle = np.radians(yaw)
         self.body, self.yaw, self.centre = body, yaw, centre
         self.axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         count = SHIFTS[-1] + PAD
-        self.lines = float(self.axes[1] @ centre[:2]) + STEP * np.arange(-count, count + 1)
+        self.lines: Array = float(self.axes[1] @ centre[:2]) + STEP * np.arange(-count, count + 1.0)
         self._reach: dict[float, tuple[Array, Array]] = {}
 
     def reach(self, shift: int, heights: Iterable[float]) -> tuple[Array, Array]:
@@ -110,7 +112,7 @@ def find_grasps(parts: Sequence[Array], centre: Array) -> tuple[Grasp, ...]:
     found = sorted(_candidates(body, centre), key=lambda grasp: (-grasp.quality, grasp.yaw, grasp.z))
     kept: list[Grasp] = []
     for grasp in found:
-        worth = grasp.quality >= 0.4 * found[0].quality
+        worth = grasp.quality >= max(WORST, 0.4 * found[0].quality)
         if worth and len(kept) < LIMIT and all(_differ(grasp, other) for other in kept):
             kept.append(grasp)
     return tuple(kept)
@@ -136,8 +138,8 @@ def _candidates(body: Body, centre: Array) -> Iterator[Grasp]:
 
 
 def _grasp(scan: Scan, shift: int, z: float) -> Grasp | None:
-    """The grasp at a height and a shift, if the open gripper fits over the object there and can close on it."""
-    low, high = scan.reach(shift, (z + pad for pad in PAD_Z))
+    """The grasp at a height and a shift, if the open gripper fits over the object and can close on it."""
+    low, high = scan.reach(shift, z + PAD_Z)
     width = float(high.max() - low.min())
     if not THINNEST <= width <= WIDEST:
         return None
@@ -145,10 +147,12 @@ def _grasp(scan: Scan, shift: int, z: float) -> Grasp | None:
     least, most = scan.reach(shift, np.arange(max(z - TIP, 0.001), scan.body.top, 0.004))
     if max(most.max() - middle, middle - least.min()) > OPENING:
         return None
-    gaps = (high.max() - high, low - low.min())
-    touch = min(float(np.maximum(0.0, 1 - gap / TOUCH).mean()) for gap in gaps)
+    touches = [np.maximum(0.0, 1 - gap / TOUCH) for gap in (high.max() - high, low - low.min())]
+    touch = min(float(touch.mean()) for touch in touches)
+    tilt = max(abs(float(touch.sum(axis=1) @ PAD_Z / touch.sum())) for touch in touches)
     place = np.array([middle, scan.lines[len(scan.lines) // 2] + shift * STEP]) @ scan.axes
     lever = np.hypot(*(place - scan.centre[:2]))
-    quality = touch / (1 + (lever / BALANCE) ** 2) / (1 + abs(z - scan.centre[2]) / 0.1)
+    quality = touch / (1 + (lever / BALANCE) ** 2) / (1 + (tilt / EVEN) ** 2)
+    quality /= 1 + abs(z - scan.centre[2]) / 0.1  # mildly: a standing can is held at its top
     x, y = (round(float(value), 4) + 0.0 for value in place)
     return Grasp(scan.yaw, round(width, 4), x, y, z, round(float(quality), 2))

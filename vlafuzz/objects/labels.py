@@ -14,12 +14,12 @@ def motif_none(canvas: Canvas) -> None:
 
 
 def motif_wave(canvas: Canvas) -> None:
-    _swell(canvas, 0.80, 0.12, rgb(canvas.look.accent))
-    _swell(canvas, 0.94, 0.06, rgb((0.85, 0.1, 0.15)))
+    _swell(canvas, 0.80, 0.08, rgb(canvas.look.accent))
+    _swell(canvas, 0.92, 0.06, rgb((0.85, 0.1, 0.15)))
 
 
 def motif_ribbon(canvas: Canvas) -> None:
-    _swell(canvas, 0.76, 0.07, rgb(canvas.look.accent))
+    _swell(canvas, 0.76, 0.045, rgb(canvas.look.accent))
     _swell(canvas, 0.12, 0.03, rgb(canvas.look.accent))
 
 

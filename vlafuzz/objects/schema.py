@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from vlafuzz.errors import CatalogueError, suggestion
 
@@ -25,7 +33,7 @@ class Strict(BaseModel):
 
 def _require(shape: AnyShape, holds: bool) -> AnyShape:  # noqa: FBT001
     if not holds:
-        raise ValueError("these lengths do not fit together")
+        raise ValueError(f"these lengths do not fit together, got {shape.model_dump(exclude={'kind'})}")
     return shape
 
 
@@ -72,10 +80,10 @@ class Box(Strict):
     size: tuple[Length, Length, Length]
 
 
-class Cone(Strict):
+class Carrot(Strict):
     """A truncated cone, axis x, thick end at -x."""
 
-    kind: Literal["cone"]
+    kind: Literal["carrot"]
     length: Length
     radius: Length
     tip: Length
@@ -134,14 +142,18 @@ class Basket(Strict):
 
 
 Shape = Annotated[
-    Can | Bottle | Ball | Box | Cone | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
+    Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
 ]
 
 
 KINDS: dict[int | str, type[BaseModel]] = {
     kind.model_fields["kind"].annotation.__args__[0]: kind  # type: ignore[union-attr]
-    for kind in (Can, Bottle, Ball, Box, Cone, Egg, Spoon, Plate, Basket)
+    for kind in (Can, Bottle, Ball, Box, Carrot, Egg, Spoon, Plate, Basket)
 }
+
+
+FLAT_PATTERNS = ("plain", "pores", "checks", "stripes")
+ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "calyx")
 
 
 class Look(Strict):
@@ -184,6 +196,15 @@ class ObjectSpec(Strict):
     friction: Annotated[float, Field(ge=0, le=5)] = 0.6
     supports: bool = False
 
+    @field_validator("look")
+    @classmethod
+    def _suits_the_shape(cls, look: Look, info: ValidationInfo) -> Look:
+        shape = info.data.get("shape")  # missing if it was wrong itself
+        known = FLAT_PATTERNS if isinstance(shape, Box) else ROUND_PATTERNS
+        if shape is not None and look.pattern not in known:
+            raise ValueError(f"a {shape.kind} can be painted {', '.join(known)} only, got {look.pattern!r}")
+        return look
+
 
 class CatalogueFile(Strict):
     objects: Annotated[dict[Name, ObjectSpec], Field(min_length=1)]
@@ -223,6 +244,8 @@ def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
             )
             value = first["ctx"].get("tag", first["input"])
             return CatalogueError(f"{where}: unknown value {value!r}", suggestion(str(value), known))
+    if first["type"] == "value_error":
+        return CatalogueError(f"{where}: {first['ctx']['error']}")
     return CatalogueError(f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r}")
 
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from vlafuzz.objects.hulls import Array
-from vlafuzz.objects.schema import Ball, Basket, Bottle, Box, Can, Cone, Egg, Plate, Shape, Spoon
+from vlafuzz.objects.schema import Ball, Basket, Bottle, Box, Can, Carrot, Egg, Plate, Shape, Spoon
 
 SIDES = 24  # of a can: 0.3 mm flatter than round, and a face to lie on
 SLIM = 12  # of thinner things
@@ -30,8 +30,8 @@ def convex_parts(shape: Shape) -> list[Array]:
             return [ball(shape)]
         case Box():
             return [box(shape.size)]
-        case Cone():
-            return [along_x(revolve(cone_profile(shape), SLIM))]
+        case Carrot():
+            return [along_x(revolve(carrot_profile(shape), SLIM))]
         case Egg():
             return [along_x(revolve(egg_profile(shape), SLIM))]
         case Spoon():
@@ -96,9 +96,9 @@ def ball(shape: Ball) -> Array:
     return np.asarray(points * np.array([shape.diameter, shape.diameter, shape.height]) / 2)
 
 
-def cone_profile(cone: Cone) -> list[tuple[float, float]]:
+def carrot_profile(carrot: Carrot) -> list[tuple[float, float]]:
     """The thick end is bevelled."""
-    return [(cone.radius * 0.7, 0.0), (cone.radius, cone.radius * 0.35), (cone.tip, cone.length)]
+    return [(carrot.radius * 0.7, 0.0), (carrot.radius, carrot.radius * 0.35), (carrot.tip, carrot.length)]
 
 
 def egg_profile(egg: Egg) -> list[tuple[float, float]]:

@@ -18,7 +18,19 @@ from trimesh.visual.material import PBRMaterial
 from vlafuzz.objects import textures
 from vlafuzz.objects.boxes import cell
 from vlafuzz.objects.hulls import Array, Faces, triangles
-from vlafuzz.objects.schema import Ball, Basket, Bottle, Box, Can, Cone, Egg, ObjectSpec, Plate, Shape, Spoon
+from vlafuzz.objects.schema import (
+    Ball,
+    Basket,
+    Bottle,
+    Box,
+    Can,
+    Carrot,
+    Egg,
+    ObjectSpec,
+    Plate,
+    Shape,
+    Spoon,
+)
 from vlafuzz.objects.shapes import along_x, convex_parts, spoon
 
 ROUND = 48  # sides of a turned surface
@@ -71,8 +83,8 @@ def surfaces(shape: Shape) -> list[Surface]:
             return [turned(bottle_rings(shape))]
         case Ball():
             return [turned(ball_rings(shape)), *stalk(shape)]
-        case Cone():
-            return [laid(turned(cone_rings(shape)))]
+        case Carrot():
+            return [laid(turned(carrot_rings(shape)))]
         case Egg():
             return [laid(turned(egg_rings(shape)))]
         case Plate():
@@ -204,13 +216,14 @@ def stalk(shape: Ball) -> list[Surface]:
     return [Surface(thin.vertices, thin.normals, np.tile(uv[0], (len(thin.uv), 1)), thin.faces), *leaf]
 
 
-def cone_rings(cone: Cone) -> list[Ring]:
-    bulge = [(t, np.sqrt(1 - (1 - t) ** 2)) for t in (0.0, 0.15, 0.4, 0.7, 1.0)]
-    shoulder = cone.radius * 0.35
-    end = cone.tip
-    thick = [(cone.radius * r, shoulder * t, 0.12 * t) for t, r in bulge]
-    thin = [(cone.tip * r, cone.length - end * t, 1 - 0.1 * t) for t, r in reversed(bulge)]
-    return thick + thin
+def carrot_rings(carrot: Carrot) -> list[Ring]:
+    """The stub of the leaves, which is drawn only, then the root."""
+    bulge = [(t, np.sqrt(1 - (1 - t) ** 2)) for t in (0.0, 0.05, 0.15, 0.4, 0.7, 1.0)]
+    radius, end = carrot.radius, carrot.tip
+    leaves = [(0.0, -0.010, 0.0), (0.40 * radius, -0.014, 0.02), (0.22 * radius, 0.0, 0.04)]
+    thick = [(radius * r, 0.35 * radius * t, 0.06 + 0.06 * t) for t, r in bulge[1:]]
+    thin = [(end * r, carrot.length - end * t, 1 - 0.1 * t) for t, r in reversed(bulge)]
+    return leaves + thick + thin
 
 
 def egg_rings(egg: Egg) -> list[Ring]:

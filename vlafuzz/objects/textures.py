@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from vlafuzz.objects.boxes import paint_box
-from vlafuzz.objects.canvas import Canvas, rgb, speckle, write
+from vlafuzz.objects.canvas import Canvas, dot, rgb, speckle, write
 from vlafuzz.objects.labels import MOTIFS
 from vlafuzz.objects.schema import Box, ObjectSpec
 
@@ -54,7 +54,7 @@ def paint_label(canvas: Canvas) -> None:
     label = Image.new("RGB", (part, bottom - top), rgb(colour))
     MOTIFS[look.motif](Canvas(label, ImageDraw.Draw(label), colour, look))
     high = label.size[1]
-    write(ImageDraw.Draw(label), look.word, (part * 0.08, high * 0.22, part * 0.92, high * 0.62), look.ink)
+    write(ImageDraw.Draw(label), look.word, (part * 0.12, high * 0.22, part * 0.88, high * 0.62), look.ink)
     for k in range(REPEATS):
         image.paste(label, (k * part, top))
 
@@ -94,18 +94,18 @@ def paint_peel(canvas: Canvas) -> None:
     image, draw, colour, look = canvas
     width, height = image.size
     for x, y in np.random.default_rng(5).random((1800, 2)):
-        draw.ellipse([x * width - 2, y * height - 2, x * width + 2, y * height + 2], rgb(colour, 0.86))
+        dot(draw, x * width, y * height, 2, [0.86 * part for part in colour])
     draw.rectangle([0, 0, width, height * 0.05], rgb(look.accent))
 
 
 def paint_rings(canvas: Canvas) -> None:
-    """A carrot: dark rings across, and the green left over from its leaves at the thick end."""
+    """A carrot: dark rings across, and the green of its leaves at the bottom."""
     image, draw, colour, look = canvas
     width, height = image.size
     for x, y, length in np.random.default_rng(5).random((70, 3)):
         row = y * height
         draw.line([(x * width, row), (x * width + (0.05 + 0.2 * length) * width, row)], rgb(colour, 0.72), 2)
-    draw.rectangle([0, height * 0.91, width, height], rgb(look.accent))
+    draw.rectangle([0, height * 0.95, width, height], rgb(look.accent))
 
 
 def paint_calyx(canvas: Canvas) -> None:

@@ -14,26 +14,27 @@ from pydantic import BaseModel, Field, ValidationError
 
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
 from vlafuzz.shipped import operators_dir
-from vlafuzz.space.operators import OPERATORS, ConfounderCount, Operator, Strict
+from vlafuzz.space.operators import OPERATORS, ConfounderCount, Operator
+from vlafuzz.space.ranges import Strict
 from vlafuzz.tasks.tabletop import TASKS
 
 DEFAULT = "tabletop"
-O = TypeVar("O", bound=Operator)
+Kind = TypeVar("Kind", bound=Operator)
 _Raw = dict[str, dict[str, Any]]
 _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _TaskPart(Strict):
     min_distance: _Distance | None = None
-    operators: _Raw = {}
+    operators: _Raw = Field(default_factory=dict)
 
 
 class _File(Strict):
     extends: str | None = None
     min_distance: _Distance | None = None
     vary: list[str] | None = None
-    operators: _Raw = {}
-    tasks: dict[str, _TaskPart] = {}
+    operators: _Raw = Field(default_factory=dict)
+    tasks: dict[str, _TaskPart] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class OperatorSet:
         if idle and ConfounderCount.name not in names and self.get(ConfounderCount).nominal == 0:
             raise UsageError(
                 f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0",
-                hint=f"vary {ConfounderCount.name} as well, or give it a nominal value above 0 in your own file",
+                hint=f"vary {ConfounderCount.name} as well, or give it another nominal value in a file",
             )
         tasks = {name: replace(part, varied=frozenset(names)) for name, part in self.tasks.items()}
         return replace(self, varied=frozenset(names), tasks=tasks)
@@ -75,7 +76,7 @@ class OperatorSet:
         """The operators as they are in a task."""
         return self.tasks.get(task, self)
 
-    def get(self, kind: type[O]) -> O:
+    def get(self, kind: type[Kind]) -> Kind:
         """The operator of a kind."""
         found = self.operators[kind.name]
         assert isinstance(found, kind)
@@ -117,7 +118,9 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise CatalogueError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+        raise CatalogueError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
+        ) from None
     except yaml.YAMLError as error:
         raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
     file = _validated(path, "", _File, raw)
@@ -146,10 +149,15 @@ def _overlaid(base: _Raw, over: _Raw) -> _Raw:
 
 def _make(path: Path, file: _File) -> OperatorSet:
     if file.min_distance is None:
-        raise CatalogueError(f"{path}: min_distance: missing", hint="`extends: tabletop` fills in what a file leaves out")
+        raise CatalogueError(
+            f"{path}: min_distance: missing", hint="`extends: tabletop` fills in what a file leaves out"
+        )
     missing = [name for name in OPERATORS if name not in file.operators]
     if missing:
-        raise CatalogueError(f"{path}: operators.{missing[0]}: missing", hint="`extends: tabletop` fills in what a file leaves out")
+        raise CatalogueError(
+            f"{path}: operators.{missing[0]}: missing",
+            hint="`extends: tabletop` fills in what a file leaves out",
+        )
     vary = list(OPERATORS) if file.vary is None else file.vary
     _known(path, "vary", vary, OPERATORS)
     _known(path, "tasks", file.tasks, TASKS)
@@ -191,9 +199,14 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
     keys = [str(key) for key in problem["loc"]]
     place = ".".join([where, *keys] if where else keys) or "the file"
     if problem["type"] == "extra_forbidden":
-        raise CatalogueError(f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1])))
+        raise CatalogueError(
+            f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1]))
+        )
     message = problem["msg"].removeprefix("Value error, ")
-    told = problem["type"] in ("missing", "value_error")  # the message has the value already, or there is none
+    told = problem["type"] in (
+        "missing",
+        "value_error",
+    )  # the message has the value already, or there is none
     got = "" if told else f", got {_short(problem['input'])}"
     raise CatalogueError(f"{path}: {place}: {message[0].lower()}{message[1:]}{got}")
 

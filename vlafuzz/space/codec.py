@@ -11,7 +11,7 @@ import numpy as np
 
 from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.rig import Rig, rig
+from vlafuzz.rig import rig
 from vlafuzz.scene import Scene
 from vlafuzz.space.catalogue import OperatorSet
 from vlafuzz.space.compose import Composer, Values
@@ -62,6 +62,10 @@ class SearchSpace:
         """
         if scene.task != self.task.name:
             raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
+        if len(scene.targets) != self.task.targets:
+            raise SceneError(
+                f"targets: {self.task.name} has {self.task.targets}, the scene {len(scene.targets)}"
+            )
         levels = self._levels(self._nominal | self.composer.values(scene), scene)
         middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
         genome = np.array(middles, dtype=np.float64)
@@ -72,7 +76,7 @@ class SearchSpace:
         return genome
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that passes the semantic and the geometric checks (Algorithm 1 of VLATest).
+        """A random scene that passes the semantic and the geometric checks.
 
         Raises:
             UsageError: the ranges leave no room for the objects.
@@ -80,13 +84,13 @@ class SearchSpace:
         return generate(self, rng)
 
     def nominal(self, like: Scene | None = None) -> Scene:
-        """The scene in which every operator is nominal, or all but the targets' types, which are those of ``like``."""
+        """The scene in which every operator is nominal; with ``like``, its targets' types are kept."""
         if like is None:
             return self.composer.compose(self._nominal)
         return self.reset(like, OPERATORS.keys() - {TargetType.name})
 
     def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
-        """The same scene with some operators wholly nominal. The others keep their values, on the grid or not.
+        """The same scene with some operators wholly nominal; others keep their values, on the grid or not.
 
         Raises:
             SceneError: the scene has something that is not a value of any operator.
@@ -97,7 +101,9 @@ class SearchSpace:
             if gene.operator in operators:
                 values[path] = gene.grid.nominal
             elif math.isnan(values[path]):
-                raise SceneError(f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}")
+                raise SceneError(
+                    f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}"
+                )
         return self.composer.compose(values)
 
     def severities(self, scene: Scene) -> dict[str, float]:
@@ -121,9 +127,13 @@ class SearchSpace:
         for path, gene in self.by_path.items():
             level = gene.grid.level(values[path])
             if level is None:
-                reason = f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
+                reason = (
+                    f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
+                )
                 known = "is unknown" if gene.kind == "category" else reason
-                raise SceneError(f"{path}: {_at(scene, path)!r} {known}", hint="scenes from elsewhere keep their floats")
+                raise SceneError(
+                    f"{path}: {_at(scene, path)!r} {known}", hint="scenes from elsewhere keep their floats"
+                )
             if level != gene.grid.nominal_level and not self.varies(gene):
                 raise SceneError(
                     f"{path}: {_at(scene, path)!r} is not nominal, and {gene.operator} does not vary",

@@ -71,7 +71,9 @@ class Composer:
                 found |= self._placed(slot, placement)
         for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
             found[f"camera.{field}"] = getattr(scene.camera, field)
-        spoken = [self._catalogue[each.object].spoken for each in scene.targets if each.object in self._catalogue]
+        spoken = [
+            self._catalogue[each.object].spoken for each in scene.targets if each.object in self._catalogue
+        ]
         found["instruction"] = _index([say(wording, spoken) for wording in self._wordings], scene.instruction)
         return found
 

@@ -1,7 +1,8 @@
 """Random generation: VLATest's Algorithm 1, with every precondition that the paper states.
 
-Objects are drawn without replacement by their spoken names; a draw that the task does not allow (``semantic_valid``) or that has no
-room (``safe_dist``) is rejected. Rejection is bounded: a place is redrawn, then the whole scene, then it is an error.
+Objects are drawn without replacement by their spoken names. A draw that the task does not allow
+(``semantic_valid``) or that has no room (``safe_dist``) is rejected. Rejection is bounded: a place is drawn
+again, then the whole scene, then it is an error.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
         values = attempt.values(count)
         if values is not None:
             return space.composer.compose(values)
-    box = space.operators.get(TargetPosition)
+    box = space.operators.get(TargetPosition).ranges()
     objects = f"{space.task.targets} target(s) and {int(count)} confounder(s)"
     raise UsageError(
-        f"{space.task.name}: found no scene with {objects}, {space.operators.min_distance:g} m apart, in "
-        f"{box.ranges()}, in {RESTARTS} attempts; the last one failed because {attempt.reason}",
-        hint="widen the positions, or lower confounder-count's high or min_distance, in your own --operators file",
+        f"{space.task.name}: no room for {objects}, {space.operators.min_distance:g} m apart, in {box}; "
+        f"the last of {RESTARTS} attempts: {attempt.reason}",
+        hint="widen the positions, or lower min_distance or confounder-count, in your own --operators file",
     )
 
 
@@ -123,7 +124,7 @@ class _Attempt:
         here, nearest = (placement.x, placement.y), self._space.operators.min_distance
         if all(math.dist(here, other.centre) >= nearest for _, _, other in self._placed):
             return False
-        self.reason = f"{placement.object} is closer than {nearest:g} m to another object everywhere"
+        self.reason = f"{placement.object} comes closer than {nearest:g} m to another object"
         return True
 
     def _misplaced(

@@ -1,4 +1,4 @@
-"""The eleven scene operators: what each one varies, as data that YAML fills in, and the genes that it has in a task."""
+"""The eleven scene operators: what each one varies, in which ranges, and its genes in a task."""
 
 from __future__ import annotations
 
@@ -6,54 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from vlafuzz.space.params import Gene, Grid, Kind
+from vlafuzz.space.ranges import Box, Point, Range, Span, Step, Strict
 
 MOST_CONFOUNDERS = 4
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Step = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Point = tuple[Number, Number]
-
-
-class Strict(BaseModel):
-    """Data from outside: an unknown key is an error, and so is a number in quotes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class Span(Strict):
-    """The values from ``low`` to ``high``."""
-
-    low: Number
-    high: Number
-    step: Step
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Span:
-        if self.low > self.high:
-            raise ValueError(f"low is above high: {self.low:g} > {self.high:g}")
-        return self
-
-    def grid(self, nominal: float) -> Grid:
-        """Its levels, counted from a nominal value."""
-        return Grid(self.low, self.high, self.step, nominal)
-
-    def holds(self, value: float) -> bool:
-        """Whether a value is in it."""
-        return self.low <= value <= self.high
-
-
-class Range(Span):
-    """The values from ``low`` to ``high`` around a nominal one."""
-
-    nominal: Number
-
-    @model_validator(mode="after")
-    def _around(self) -> Range:
-        if not self.holds(self.nominal):
-            raise ValueError(f"nominal {self.nominal:g} is not between {self.low:g} and {self.high:g}")
-        return self
 
 
 @dataclass(frozen=True)
@@ -105,17 +63,21 @@ class _Type(Operator):
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         for slot in layout.of(self.part):
-            yield self._gene(f"{slot}.object", "category", Grid.choice(len(layout.slots[slot]), layout.nominal[slot]))
+            yield self._gene(
+                f"{slot}.object", "category", Grid.choice(len(layout.slots[slot]), layout.nominal[slot])
+            )
 
     def nominally(self) -> str:
         return "the first that the task allows"
 
     def ranges(self) -> str:
-        return ", ".join(self.names) if self.names else "all that the task allows"
+        onto = getattr(self, "onto", None)
+        named = [", ".join(self.names)] if self.names else ["all that the task allows"]
+        return "; onto ".join([*named, ", ".join(onto)] if onto else named)
 
 
 class TargetType(_Type):
-    """Which object is manipulated, and which one it goes to: all that the task allows, or of ``names`` and ``onto``."""
+    """Which object is manipulated, of ``names``, and which one it goes to, of ``onto``."""
 
     name, says, part = "target-type", "which objects the task is about", "targets"
     onto: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
@@ -125,13 +87,6 @@ class ConfounderType(_Type):
     """Which objects stand about: all that can be grasped, or of ``names``."""
 
     name, says, part = "confounder-type", "which objects stand about", "confounders"
-
-
-class Box(Strict):
-    """A rectangle on the table, metres."""
-
-    x: Span
-    y: Span
 
 
 class _Position(Operator):
@@ -168,7 +123,7 @@ class _Position(Operator):
 
 
 class TargetPosition(_Position):
-    """Where the targets stand, the second one in a box of its own if there is ``onto``. One nominal place a target."""
+    """Where the targets stand, the second one in the box ``onto`` if given. One nominal place a target."""
 
     name, says, part, spots = "target-position", "where the targets stand", "targets", 2
     onto: Box | None = None
@@ -180,7 +135,8 @@ class TargetPosition(_Position):
 class ConfounderPosition(_Position):
     """Where the confounders stand. One nominal place a slot."""
 
-    name, says, part, spots = "confounder-position", "where the confounders stand", "confounders", MOST_CONFOUNDERS
+    name, says, part = "confounder-position", "where the confounders stand", "confounders"
+    spots = MOST_CONFOUNDERS
 
 
 class _Orientation(Operator):
@@ -227,7 +183,7 @@ class ConfounderCount(Operator):
     @model_validator(mode="after")
     def _ordered(self) -> ConfounderCount:
         if not self.low <= self.nominal <= self.high:
-            raise ValueError(f"expected low <= nominal <= high, got {self.low}, {self.nominal}, {self.high}")
+            raise ValueError(f"not low <= nominal <= high: {self.low}, {self.nominal}, {self.high}")
         return self
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
@@ -241,7 +197,7 @@ class ConfounderCount(Operator):
 
 
 class Light(Operator):
-    """A factor on every light of the scene, stepped in log2; drawn evenly in it, or by the paper's ``coin``."""
+    """A factor on every light of the scene, stepped and drawn evenly in log2, or by the paper's ``coin``."""
 
     name, says = "light", "a factor on all lights"
     intensity: Range
@@ -262,7 +218,8 @@ class Light(Operator):
         return f"× {self.intensity.nominal:g}"
 
     def ranges(self) -> str:
-        return f"× {_span(self.intensity)}, {'log-uniform' if self.spread == 'even' else 'fair coin dark or bright, linear'}"
+        drawn = "log-uniform" if self.spread == "even" else "fair coin dark or bright, linear"
+        return f"× {_span(self.intensity)}, {drawn}"
 
 
 class CameraPosition(Operator):
@@ -333,7 +290,16 @@ def _span(span: Span) -> str:
 OPERATORS: dict[str, type[Operator]] = {
     kind.name: kind
     for kind in (
-        TargetType, TargetPosition, TargetOrientation, ConfounderType, ConfounderPosition, ConfounderOrientation,
-        ConfounderCount, Light, CameraPosition, CameraOrientation, Wording,
+        TargetType,
+        TargetPosition,
+        TargetOrientation,
+        ConfounderType,
+        ConfounderPosition,
+        ConfounderOrientation,
+        ConfounderCount,
+        Light,
+        CameraPosition,
+        CameraOrientation,
+        Wording,
     )
 }

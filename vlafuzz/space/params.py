@@ -1,4 +1,4 @@
-"""Gene: one coordinate of a scene, on a grid of levels. Category, count, number and angle all are numbers here."""
+"""Gene: one coordinate of a scene, on a grid of levels. Categories and counts are numbers, too."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ class Gene:
         operator: whose it is.
         path: where its value stands in a scene, such as ``targets.0.x``.
         neutral: none of its values is more severe than another, as of a direction.
-        spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin between the sides below and
-            above 1, then linearly in it (the paper's light); ``sphere``, an elevation of an even direction.
+        spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below
+            or above 1, then linearly (the paper's light); ``sphere``, the elevation of an even direction.
     """
 
     operator: str

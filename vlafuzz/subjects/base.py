@@ -53,7 +53,7 @@ class SubjectSpec:
     Attributes:
         cameras: pictures to render.
         silhouettes: wants outlines of what the third-person camera sees (physics only, no renderer).
-        state: wants proprioception: ``(8,)`` TCP position, axis-angle, opening / 0.08.
+        state: wants proprioception: ``(7,)`` TCP position in metres, its rotation vector in radians, opening / 0.08 m.
         privileged: wants the simulator's state and the scene itself: for experts, never for a policy under test.
         execute: actions of a chunk to execute before asking again; None for all of them.
         deterministic: same observations and seed, same actions.

@@ -20,7 +20,7 @@ HOVER = 0.06  # metres above the grasp, fingertips over the object's top at leas
 LEVEL = 0.004  # metres off in x and y at which the hand goes down
 ALIGNED = 0.06  # radians
 PATIENCE = 4  # control steps to close, or to stay without getting nearer
-GENTLE = 0.012  # metres a step for the last stretch down
+GENTLE = 0.012  # metres a step for the last stretch down and the first one up
 FINGERTIP = 0.012  # metres below the TCP
 
 
@@ -52,7 +52,7 @@ class Hands:
     def __init__(self, task: str, rig: Rig) -> None:
         self._task, self._rig = task, rig
         self._phase: Callable[[Belief], Array] = self._approach
-        self._attempt = 0
+        self.attempt = 0
         self._waited = 0
         self._plan: Reach | None = None
         self._planned_for: Array = np.zeros(3)
@@ -124,7 +124,7 @@ class Hands:
         if not belief.held:
             return self._retry(belief)
         assert self._goal is not None
-        floor = self._goal.floor + self._hang + 0.002
+        floor = self._goal.floor + self._hang
         air = float(belief.tcp[2] - floor)
         self._waited += 1
         stalled = self._waited > 2 and air < 0.03 and self._last_tcp[2] - belief.tcp[2] < 0.003
@@ -148,8 +148,10 @@ class Hands:
         self._waited += 1
         if self._waited > 2 * PATIENCE and not belief.done:
             return self._retry(belief)
-        up = np.array([*belief.tcp[:2], self._goal.floor + self._hang + 0.12])
-        return self._toward(belief, up, self._goal_yaw, OPEN)
+        height = self._goal.floor + self._hang + 0.12
+        if self._waited <= 3:  # a fast start swings the fingers sideways, and a can rolls away
+            height = min(height, belief.tcp[2] + GENTLE)
+        return self._toward(belief, np.array([*belief.tcp[:2], height]), self._goal_yaw, OPEN)
 
     # what the phases share
 
@@ -157,7 +159,7 @@ class Hands:
         self._phase, self._waited = phase, 0
 
     def _retry(self, belief: Belief) -> Array:
-        self._attempt += 1
+        self.attempt += 1
         self._plan = None
         self._enter(self._approach)
         up = np.array([*belief.tcp[:2], belief.tcp[2] + 0.08])
@@ -173,7 +175,7 @@ class Hands:
                 found.sort(key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost)
                 self._plan = found[0]
             else:
-                self._plan = found[self._attempt % len(found)] if found else self._blind(belief)
+                self._plan = found[self.attempt % len(found)] if found else self._blind(belief)
             self._planned_for = belief.a.position.copy()
         return self._plan
 

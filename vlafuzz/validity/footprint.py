@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.objects.hulls import outline
 from vlafuzz.objects.catalogue import ObjectModel
+from vlafuzz.objects.hulls import outline
 from vlafuzz.scene import Placement
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """An object's convex outline seen from above: ``polygon`` (k, 2), counter-clockwise, and its ``radius`` about ``centre``."""
+    """A convex outline from above: ``polygon`` (k, 2), counter-clockwise, within ``radius`` of ``centre``."""
 
     centre: tuple[float, float]
     polygon: Array
@@ -41,7 +41,7 @@ def solid(placement: Placement, model: ObjectModel) -> Array:
 
 
 def apart(a: Footprint, b: Footprint) -> bool:
-    """Whether two outlines are disjoint, by separating axes: of two convex polygons, an edge of one separates them."""
+    """Whether two outlines are disjoint: then an edge of one of them separates them."""
     if math.dist(a.centre, b.centre) > a.radius + b.radius:
         return True
     return _separates(a.polygon, b.polygon) or _separates(b.polygon, a.polygon)

@@ -48,9 +48,12 @@ Named = tuple[str, Footprint]
 def off_workspace(name: str, outline: Footprint, setup: Rig) -> str | None:
     """Why an outline is not wholly inside the workspace."""
     low, high = outline.polygon.min(axis=0), outline.polygon.max(axis=0)
-    for axis, (first, last), start, end in zip("xy", (setup.workspace.x, setup.workspace.y), low, high, strict=True):
+    for axis, (first, last), start, end in zip(
+        "xy", (setup.workspace.x, setup.workspace.y), low, high, strict=True
+    ):
         if start < first - _ROUNDING or end > last + _ROUNDING:
-            return f"{name}: covers {axis} from {start:.3f} to {end:.3f} m, the workspace ends at {first:g} and {last:g} m"
+            covered = f"covers {axis} from {start:.3f} to {end:.3f} m"
+            return f"{name}: {covered}, the workspace ends at {first:g} and {last:g} m"
     return None
 
 
@@ -66,19 +69,19 @@ def too_close(a: Named, b: Named, min_distance: float) -> str | None:
     """Why two objects have not enough room between them."""
     distance = math.dist(a[1].centre, b[1].centre)
     if distance < min_distance - _ROUNDING:
-        return f"{a[0]} and {b[0]}: {distance:.3f} m between their centres, at least {min_distance:g} m are kept"
+        return f"{a[0]} and {b[0]}: {distance:.3f} m between their centres, less than {min_distance:g} m"
     if not apart(a[1], b[1]):
         return f"{a[0]} and {b[0]}: their footprints overlap"
     return None
 
 
 def out_of_view(placement: Placement, model: ObjectModel, setup: Rig, camera: Camera) -> str | None:
-    """Why the camera does not see an object: its centre, and ``IN_VIEW`` of its hull vertices, must be in the picture."""
+    """Why the camera does not see an object: its centre and ``IN_VIEW`` of its hull vertices must be."""
     points = solid(placement, model)
     middle = (placement.x, placement.y, points[:, 2].max() / 2)
     uv, depth = camera_pose(setup.view, camera).project(np.vstack([points, middle]))
     seen = np.all((uv >= 0) & (uv <= 1), axis=1) & (depth > 0)
     share = float(seen[:-1].mean())
     if share < IN_VIEW or not seen[-1]:
-        return f"{model.spoken}: only {share:.0%} of it is in the camera's view, at least {IN_VIEW:.0%} and its centre must be"
+        return f"{model.spoken}: {share:.0%} of it is in view, {IN_VIEW:.0%} and its centre must be"
     return None

@@ -31,7 +31,7 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 
 
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
-    """Each problem in a sentence. Later ones may rely on there being no earlier one: only the first is taken."""
+    """Each problem in a sentence. Only the first is taken, so later ones may rely on there being none."""
     if scene.task not in TASKS:
         yield f"unknown task {scene.task!r}"
     if scene.robot not in RIGS:
@@ -78,7 +78,7 @@ def ambiguous(a: str, b: str) -> bool:
 
 
 def cannot_grasp(a: Placement, model: ObjectModel) -> str | None:
-    """Why the gripper cannot grasp an object from above as it lies there; of a raw orientation nothing is known."""
+    """Why the gripper cannot grasp an object from above as it lies; of a raw orientation nothing is known."""
     if model.role != "graspable":
         return f"{model.spoken} is not there to be grasped"
     if a.quaternion is not None:
@@ -90,7 +90,9 @@ def cannot_grasp(a: Placement, model: ObjectModel) -> str | None:
     return None
 
 
-def cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+def cannot_place(
+    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
+) -> str | None:
     """Why ``a``, as it lies there, cannot stay on the ``support`` or in the ``container`` ``b``."""
     return _cannot_place(onto, _at_origin(a), model_a, _at_origin(b), model_b)
 
@@ -100,7 +102,9 @@ def _at_origin(placement: Placement) -> Placement:
 
 
 @lru_cache(maxsize=4096)
-def _cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+def _cannot_place(
+    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
+) -> str | None:
     if onto == "container":
         return _cannot_put_in(a, model_a, b, model_b)
     if not model_b.supports:

@@ -1,0 +1,43 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from vlafuzz.cli import main
+from vlafuzz.scene import load_scenes
+
+UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+
+
+def scene_file(folder: Path, *models: str) -> Path:
+    options = {"init_xy": [-0.31, 0.17], "orientation": UPRIGHT}
+    found = {str(i): {"model_id": model, "obj_init_options": options} for i, model in enumerate(models)}
+    path = folder / f"t-grasp_{len(models)}.json"
+    path.write_text(json.dumps(found | {"seed": 7, "num": len(models)}))
+    return path
+
+
+def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "scenes.jsonl"
+    files = [scene_file(tmp_path, "apple", "hammer", "orange"), scene_file(tmp_path, "sponge")]
+    assert main(["import", "vlatest", *map(str, files), "--out", str(out), "--json"]) == 0
+    assert [scene.targets[0].object for scene in load_scenes(out)] == ["apple", "orange", "sponge"]
+    told = capsys.readouterr()
+    rows = json.loads(told.out)
+    assert [(row["scenes"], row["written"], row["left out"]) for row in rows] == [(3, 2, 1), (1, 1, 0)]
+    assert [row["missing"] for row in rows] == [{"hammer": 1}, {}]
+    assert "hammer" in told.err
+    assert "1 scenes are left out" in told.err
+
+
+def test_nowhere_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = scene_file(tmp_path, "apple")
+    assert main(["import", "vlatest", str(file), "--out", str(tmp_path / "no" / "x.jsonl")]) == 2
+    assert capsys.readouterr().err.startswith("error: --out: cannot write")
+
+
+def test_another_file_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("[]")
+    assert main(["import", "vlatest", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
+    assert "not a scene file of VLATest" in capsys.readouterr().err

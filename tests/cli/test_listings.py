@@ -1,0 +1,51 @@
+import csv
+import io
+import json
+
+import pytest
+
+from vlafuzz.cli import main
+from vlafuzz.objects import load_catalogue
+from vlafuzz.space import OPERATORS
+
+
+def test_operators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["operators", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["operator"] for row in rows] == list(OPERATORS)
+    assert {row["operator"] for row in rows if row["varies"] == "no"} == {"wording"}
+    assert rows[7]["range"] == "× 0.05 to 20, log-uniform"
+
+
+def test_operators_of_a_task_where_they_differ(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["operators", "--operators", "paper", "--task", "put-in", "--csv"]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert rows[1]["range"] == "x -0.075 to 0.025 m, y -0.07 to 0.03 m"
+    assert main(["operators", "--operators", "paper"]) == 0
+    assert "ranges differ in put-in, put-on: --task shows them" in capsys.readouterr().err
+
+
+def test_an_unknown_file_of_operators(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["operators", "--operators", "papper"]) == 2
+    assert "hint: did you mean 'paper'?" in capsys.readouterr().err
+
+
+def test_objects_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["objects", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["object"] for row in rows] == list(load_catalogue().names())
+    can = next(row for row in rows if row["object"] == "coke_can")
+    assert can["rest poses"] == {
+        "standing": pytest.approx(0.065, abs=1e-3),
+        "lying": pytest.approx(0.065, abs=1e-3),
+    }
+
+
+def test_a_table_shows_the_narrowest_grasp(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["objects"]) == 0
+    assert "standing 0.065, lying 0.065" in capsys.readouterr().out
+
+
+def test_json_and_csv_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["objects", "--json", "--csv"]) == 2
+    assert "exclude each other" in capsys.readouterr().err

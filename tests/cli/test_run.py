@@ -1,0 +1,245 @@
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm, Raising, scene
+from vlafuzz import config
+from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.scene import load_scenes, write_scenes
+
+IDLE = ("--subject", "python:tests.doubles:make_idle")
+NAMES = ["failed", "passed", "invalid", "error"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Runs happen in a folder of their own, without a simulator: in the dark, subjects fail."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: ClosedForm(plan.manifest.repeats))
+    return tmp_path
+
+
+def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", *IDLE, "--budget", "30", "--store", "a.db", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["rollouts"], summary["task"], summary["strategy"], summary["seed"]) == (
+        30,
+        "pick-up",
+        "random",
+        0,
+    )
+    assert list(summary["verdicts"]) == NAMES
+    assert summary["findings"] == summary["verdicts"]["failed"] > 0
+    with Corpus.open(Path(summary["store"])) as corpus:
+        assert len(corpus.findings(summary["run"])) == summary["findings"]
+
+
+def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", *IDLE, "--budget", "30", "--store", "a.db"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"failure share\W+\d+\.\d%, 95 % interval \d+\.\d% to \d+\.\d%", shown)
+    store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
+    with Corpus.open(Path(store)) as corpus:
+        assert corpus.scene(digest) in [found.scene for found in corpus.findings()]
+
+
+def test_the_same_seed_gives_the_same_scenes_whatever_the_batch(folder: Path):
+    for name, batch in (("a.db", "5"), ("b.db", "20")):
+        assert main(["run", *IDLE, "--budget", "20", "--store", name, "--batch", batch]) == 0
+    proposed = []
+    for name in ("a.db", "b.db"):
+        with Corpus.open(folder / name) as corpus:
+            proposed.append([trial.scene for trial in corpus.trials(1)])
+    assert proposed[0] == proposed[1]
+
+
+def test_the_default_store_is_named_after_the_run_and_gets_one_run_more(folder: Path):
+    for _ in range(2):
+        assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0
+    (store,) = (folder / "runs").iterdir()
+    assert store.name == "pick-up-python-tests.doubles-make_idle-random-7.db"
+    with Corpus.open(store) as corpus:
+        assert [run.manifest.seed for run in corpus.runs()] == [7, 7]
+
+
+def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
+    main(
+        [
+            "run",
+            *IDLE,
+            "--budget",
+            "3",
+            "--store",
+            "a.db",
+            "--vary",
+            "light,target-position",
+            "--repeats",
+            "3",
+        ]
+    )
+    with Corpus.open(folder / "a.db") as corpus:
+        made = corpus.runs()[0].manifest
+    assert json.loads(made.operators)["varied"] == ["light", "target-position"]
+    assert json.loads(made.spec)["name"] == "idle"
+    assert (made.repeats, made.min_distance, made.criteria) == (3, 0.15, "strict")
+    assert made.catalogue_digest
+    assert made.operators_digest
+    assert made.versions["numpy"]
+
+
+def test_a_file_of_scenes_is_run_once_each(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number, light=4.0) for number in range(9)])
+    assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["rollouts"], summary["budget"], summary["strategy"]) == (9, 9, "pool")
+
+
+@pytest.mark.parametrize(("light", "code"), [(0.25, 1), (4.0, 0)])
+def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, code: int):
+    write_scenes(folder / "pool.jsonl", [scene(light)])
+    for _ in range(2):  # answered from the store, it is a finding all the same
+        assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db", "--fail-on-finding"]) == code
+
+
+def test_a_run_in_which_nothing_was_judged_is_no_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: Raising(ConnectionError("refused")))
+    assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 2
+    shown = capsys.readouterr()
+    assert "ConnectionError: refused" in shown.out
+    assert "stopped: no rollout in" in shown.err
+    assert "error: no scene could be judged" in shown.err
+
+
+def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: Raising(KeyboardInterrupt(), after=5))
+    assert main(["run", *IDLE, "--store", "a.db"]) == 130
+    assert re.search(r"^interrupted: \d rollouts are stored in a.db$", capsys.readouterr().err, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--budget", "0"], "--budget: expected at least 1, got 0"),
+        (["--budget", "2", "--repeats", "3"], "--budget: expected at least 3, got 2"),
+        (["--batch", "0"], "--batch: expected at least 1, got 0"),
+        (["--seed", "-1"], "--seed: expected at least 0, got -1"),
+        (["--seed", "9223372036854775808"], "--seed: expected at most 9223372036854775807"),
+        (["--task", "pick_up"], "unknown task 'pick_up'"),
+        (["--subject", "pinhol"], "unknown subject 'pinhol'"),
+        (["--strategy", "radnom"], "unknown strategy 'radnom'"),
+        (["--criteria", "strickt"], "unknown criteria 'strickt'"),
+        (["--vary", "lihgt"], "unknown operator 'lihgt'"),
+        (["--operators", "no.yaml"], "no.yaml"),
+        (["--scenes", "no.jsonl"], "no.jsonl"),
+        (["--scenes", "pool.jsonl", "--strategy", "random"], "strategy 'random' makes its own scenes"),
+        (["--scenes", "pool.jsonl", "--task", "put-on"], "scene 1 is of task 'pick-up', not 'put-on'"),
+    ],
+)
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+):
+    write_scenes(folder / "pool.jsonl", [scene()])
+    assert main(["run", *IDLE, "--store", "a.db", *arguments]) == 2
+    first, *rest = capsys.readouterr().err.splitlines()
+    assert first.startswith("error: ")
+    assert says in first
+    assert rest[0].startswith("hint: ")
+    assert not (folder / "a.db").exists()
+
+
+def test_a_wrong_flag_is_noticed_before_a_simulator_is_loaded():
+    code = (
+        "import sys; from vlafuzz.cli import main; code = main(['run', '--budget', '0']);"
+        "print(code, [name for name in ('torch', 'sapien', 'mani_skill') if name in sys.modules])"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert child.stdout == "2 []\n"
+
+
+def test_an_unknown_flag_is_a_usage_error(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "--budgte", "3"]) == 2
+    assert "--budgte" in capsys.readouterr().err
+
+
+def test_the_version_is_the_installed_one(capsys: pytest.CaptureFixture[str]):
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"vlafuzz \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_help_lists_all_commands_without_importing_them():
+    code = (
+        "import sys; from vlafuzz.cli import main; main(['--help']);"
+        "print([name for name in ('torch', 'numpy', 'pydantic', 'vlafuzz.cli.run') if name in sys.modules])"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert child.stdout.endswith("[]\n")
+    for name in ("run", "replay", "lint", "import", "export", "operators", "objects", "subjects", "doctor"):
+        assert re.search(rf"^│ {name} ", child.stdout, re.MULTILINE)
+
+
+@pytest.fixture
+def store(capsys: pytest.CaptureFixture[str]) -> str:
+    main(["run", *IDLE, "--budget", "30", "--store", "a.db"])
+    main(["run", *IDLE, "--budget", "10", "--store", "a.db", "--seed", "1"])
+    capsys.readouterr()
+    return "a.db"
+
+
+@pytest.mark.parametrize("verdict", ["failed", "passed"])
+def test_export_writes_the_scenes_of_a_verdict_once_each(folder: Path, store: str, verdict: str):
+    assert main(["export", store, "--out", "out.jsonl", "--verdict", verdict]) == 0
+    scenes = load_scenes(folder / "out.jsonl")
+    assert len(set(scenes)) == len(scenes) > 0
+    assert all((each.light.intensity < 0.5) == (verdict == "failed") for each in scenes)
+
+
+def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):
+    main(["export", store, "--out", "all.jsonl", "--verdict", "all"])
+    main(["export", store, "--out", "one.jsonl", "--verdict", "all", "--run", "2"])
+    everything, one = set(load_scenes(folder / "all.jsonl")), set(load_scenes(folder / "one.jsonl"))
+    assert one < everything
+
+
+def test_exported_scenes_can_be_run_again(store: str, capsys: pytest.CaptureFixture[str]):
+    main(["export", store, "--out", "out.jsonl"])
+    capsys.readouterr()
+    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["verdicts"]["passed"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["no.db", "--out", "out.jsonl"], "no.db: no such store"),
+        (["a.db", "--out", "out.jsonl", "--run", "9"], "a.db: no run 9"),
+        (["a.db", "--out", "no/out.jsonl"], "cannot be written"),
+    ],
+)
+def test_export_refuses_what_is_not_there(
+    store: str, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+):
+    assert main(["export", *arguments]) == 2
+    shown = capsys.readouterr().err
+    assert says in shown
+    assert "hint: " in shown
+
+
+def test_subjects_are_listed(capsys: pytest.CaptureFixture[str]):
+    assert main(["subjects", "--json"]) == 0
+    assert "pinhole" in [row["subject"] for row in json.loads(capsys.readouterr().out)]
+
+
+def test_every_command_that_is_there_has_help():
+    from vlafuzz.cli import COMMANDS
+
+    for name, (target, _) in COMMANDS.items():
+        if importlib.util.find_spec(target.partition(":")[0]) is not None:
+            assert main([name, "--help"]) == 0

@@ -1,0 +1,205 @@
+import hashlib
+import itertools
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vlafuzz import shipped
+from vlafuzz.errors import CatalogueError
+from vlafuzz.objects import cache, load_catalogue
+from vlafuzz.objects.schema import read_file
+from vlafuzz.objects.textures import paint
+
+GRASPABLE = [
+    "pepsi_can",
+    "coke_can",
+    "sprite_can",
+    "7up_can",
+    "fanta_can",
+    "redbull_can",
+    "blue_plastic_bottle",
+    "apple",
+    "orange",
+    "sponge",
+    "spoon",
+    "carrot",
+    "green_cube",
+    "yellow_cube",
+    "eggplant",
+]
+PLACES = ["plate", "large_plate", "table_cloth", "short_table_cloth", "basket"]
+# Of the numbers that physics gets. If they change, raise cache.BUILDER, or users keep the old objects.
+GEOMETRY = (6, "589ef9bd541526d1")
+
+
+@pytest.fixture(scope="module")
+def catalogue():
+    return load_catalogue()
+
+
+def test_there_are_fifteen_objects_to_grasp_and_five_places(catalogue):
+    assert list(catalogue.graspable()) == GRASPABLE
+    assert list(catalogue.places()) == PLACES
+    assert list(catalogue.models) == list(catalogue.names()) == GRASPABLE + PLACES
+    assert catalogue["7up_can"].spoken == "7up can"
+
+
+def test_an_unknown_object_is_refused_with_the_nearest_name(catalogue):
+    assert "peps_can" not in catalogue
+    with pytest.raises(CatalogueError, match="no object 'peps_can'") as caught:
+        catalogue["peps_can"]
+    assert caught.value.hint == "did you mean 'pepsi_can'?"
+
+
+def test_an_unknown_rest_pose_is_refused_with_the_known_ones(catalogue):
+    with pytest.raises(CatalogueError, match="coke_can: no rest pose 'laying', known: standing, lying"):
+        catalogue["coke_can"].rest("laying")
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "mass"),
+    [
+        ("coke_can", (0.066, 0.066, 0.123), 0.38),
+        ("redbull_can", (0.059, 0.059, 0.132), 0.36),
+        ("blue_plastic_bottle", (0.062, 0.062, 0.203), 0.30),
+        ("apple", (0.070, 0.070, 0.066), 0.20),
+        ("orange", (0.070, 0.070, 0.069), 0.15),
+        ("sponge", (0.100, 0.070, 0.036), 0.035),
+        ("spoon", (0.140, 0.035, 0.026), 0.045),
+        ("carrot", (0.115, 0.036, 0.036), 0.055),
+        ("green_cube", (0.030, 0.030, 0.030), 0.027),
+        ("eggplant", (0.078, 0.037, 0.037), 0.05),
+        ("plate", (0.160, 0.160, 0.014), 0.30),
+        ("large_plate", (0.200, 0.200, 0.016), 0.50),
+        ("table_cloth", (0.180, 0.180, 0.012), 0.12),
+        ("short_table_cloth", (0.180, 0.120, 0.008), 0.06),
+        ("basket", (0.184, 0.150, 0.057), 0.45),
+    ],
+)
+def test_size_and_mass_are_as_stated(catalogue, name, size, mass):
+    model = catalogue[name]
+    extent = model.vertices.max(axis=0) - model.vertices.min(axis=0)
+    assert model.mass == mass
+    assert np.all(extent <= np.array(size) + 1e-6)
+    assert np.all(extent >= 0.95 * np.array(size))  # polygons for circles
+    assert np.abs(model.vertices.max(axis=0) + model.vertices.min(axis=0)).max() <= 2e-6
+
+
+def test_the_basket_takes_a_lying_can(catalogue):
+    inside = catalogue["basket"].container
+    assert inside.width >= 0.16
+    assert inside.depth >= 0.13
+    assert inside.rim - inside.floor == pytest.approx(0.05)
+    floor, *walls = catalogue["basket"].parts
+    assert floor[:, 2].max() == pytest.approx(inside.floor)
+    assert [np.abs(wall[:, 0]).min() for wall in walls[:2]] == pytest.approx([inside.width / 2] * 2)
+    assert [np.abs(wall[:, 1]).min() for wall in walls[2:]] == pytest.approx([inside.depth / 2] * 2)
+
+
+def test_only_plates_and_cloths_support_and_only_the_basket_contains(catalogue):
+    assert [m.name for m in catalogue.models.values() if m.supports] == PLACES[:4]
+    assert [m.name for m in catalogue.models.values() if m.container] == ["basket"]
+
+
+def test_plates_have_a_rim_that_keeps_a_lying_can(catalogue):
+    for name in ("plate", "large_plate"):
+        disc, *rim = catalogue[name].parts
+        rises = min(piece[:, 2].max() for piece in rim) - disc[:, 2].max()
+        assert rises >= 0.008
+        assert min(np.hypot(*piece[:, :2].T).min() for piece in rim) * 2 >= 0.123
+
+
+def test_a_footprint_goes_counter_clockwise_around_the_origin(catalogue):
+    for model in catalogue.models.values():
+        for rest in model.rests:
+            after = np.roll(rest.footprint, -1, axis=0)
+            x, y = rest.footprint.T
+            assert np.all(x * after[:, 1] - y * after[:, 0] > 0), (model.name, rest.name)
+
+
+def test_the_objects_to_grasp_have_distinct_colours(catalogue):
+    for a, b in itertools.combinations(GRASPABLE, 2):
+        assert np.linalg.norm(catalogue[a].colour - catalogue[b].colour) > 0.14, (a, b)
+
+
+def test_each_object_looks_most_like_its_own_colour(catalogue):
+    specs = read_file(shipped.operators_dir() / "objects" / "builtin.yaml")
+    # A subject that sees mean colours only must be able to tell them apart
+    for name in GRASPABLE:
+        pixels = np.asarray(paint(specs[name]), dtype=np.float64)[100:-100] / 255
+        off = {
+            other: np.linalg.norm(pixels.mean(axis=(0, 1)) - catalogue[other].colour) for other in GRASPABLE
+        }
+        assert min(off, key=off.get) == name
+
+
+def test_a_cached_object_equals_the_built_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "one"))
+    built = load_catalogue()["sponge"]
+    files = {path.name: path.read_bytes() for path in built.visual.parent.iterdir()}
+    again = load_catalogue()["sponge"]
+    assert numbers(again) == numbers(built)
+    assert again.density == built.density
+    assert [vars(grasp) for grasp in again.rests[0].grasps] == [vars(g) for g in built.rests[0].grasps]
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "two"))
+    elsewhere = load_catalogue()["sponge"].visual.parent
+    assert {path.name: path.read_bytes() for path in elsewhere.iterdir()} == files
+
+
+def test_a_missing_mesh_is_built_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    load_catalogue()["green_cube"].visual.unlink()
+    assert load_catalogue()["green_cube"].visual.is_file()
+
+
+def test_processes_that_build_at_once_get_the_same_object(tmp_path):
+    code = (
+        "from vlafuzz.objects import load_catalogue; model = load_catalogue()['plate'];"
+        "print(model.visual, model.visual.stat().st_size, model.vertices.sum())"
+    )
+    command = [sys.executable, "-c", code]
+    environment = {"VLAFUZZ_CACHE": str(tmp_path), "PATH": "/usr/bin", "PYTHONPATH": ":".join(sys.path)}
+    started = [
+        subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)
+    ]
+    said = {process.communicate(timeout=60)[0] for process in started}
+    assert all(process.returncode == 0 for process in started)
+    assert len(said) == 1
+    assert len(list((tmp_path / "objects").iterdir())) == 1
+
+
+def test_a_cached_catalogue_loads_fast_and_without_mesh_libraries(catalogue):
+    assert catalogue.models
+    start = time.perf_counter()
+    assert len(load_catalogue().models) == 20
+    assert time.perf_counter() - start < 0.1
+    code = (
+        "import sys; from vlafuzz.objects import load_catalogue; load_catalogue().models;"
+        "print([name for name in ('trimesh', 'scipy', 'PIL', 'sapien', 'torch') if name in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
+
+
+def numbers(model) -> list:
+    poses = [(rest.quaternion.tolist(), rest.height, rest.footprint.tolist()) for rest in model.rests]
+    return [[part.tolist() for part in model.parts], model.vertices.tolist(), poses]
+
+
+def test_the_geometry_changes_only_with_the_builders_version(catalogue):
+    found = hashlib.sha256(
+        repr([numbers(model) for model in catalogue.models.values()]).encode()
+    ).hexdigest()[:16]
+    assert (cache.BUILDER, found) == GEOMETRY
+
+
+def test_the_meshes_have_textures(catalogue):
+    trimesh = pytest.importorskip("trimesh")
+    for model in catalogue.models.values():
+        (mesh,) = trimesh.load(model.visual).geometry.values()
+        assert isinstance(mesh.visual.material.baseColorTexture, Image.Image)
+        assert mesh.visual.uv.min() >= 0
+        assert mesh.visual.uv.max() <= 1

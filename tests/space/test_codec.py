@@ -1,0 +1,243 @@
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Camera, Light, Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.validity import check_static
+
+quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+tasks = pytest.mark.parametrize("task", TASKS)
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def space(task: str, *vary: str) -> SearchSpace:
+    operators = load_operators()
+    return SearchSpace(operators.only(vary) if vary else operators, load_catalogue(), task)
+
+
+def scenes(task: str, count: int = 20) -> list[Scene]:
+    return [space(task).sample(np.random.default_rng([0, index])) for index in range(count)]
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_every_genome_is_a_scene_and_every_decoded_scene_comes_back(task: str, seed: int) -> None:
+    one = space(task)
+    scene = one.decode(np.random.default_rng(seed).random(one.dim))
+    again = one.decode(one.encode(scene))
+    assert again == scene
+    assert again.digest == scene.digest
+    assert Scene.from_json(scene.to_json()) == scene
+
+
+@tasks
+@pytest.mark.parametrize("edge", [0.0, 1.0])
+def test_the_corners_of_the_space_are_scenes_too(task: str, edge: float) -> None:
+    one = space(task)
+    scene = one.decode(np.full(one.dim, edge))
+    assert one.decode(one.encode(scene)) == scene
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_genes_that_a_scene_does_not_use_mean_nothing(task: str, seed: int) -> None:
+    one = space(task)
+    scene = one.sample(np.random.default_rng(seed))
+    genome = one.encode(scene)
+    unused = [
+        index
+        for index, gene in enumerate(one.genes)
+        if gene.path.startswith("confounders.") and int(gene.path.split(".")[1]) >= len(scene.confounders)
+    ]
+    genome[unused] = np.random.default_rng(seed).random(len(unused))
+    assert one.decode(genome) == scene
+
+
+def moves(one: SearchSpace, scene: Scene) -> list[Scene]:
+    """The scenes with one value a step nearer to nominal, or nominal where there are no steps."""
+    values = one.composer.values(scene)
+    found = []
+    for path, value in values.items():
+        gene = one.by_path[path]
+        level = gene.grid.level(value)
+        assert level is not None
+        if gene.neutral or level == gene.grid.nominal_level:
+            continue
+        step = -1 if level > gene.grid.nominal_level else 1
+        near = gene.grid.nominal if gene.kind == "category" else gene.grid.value(level + step)
+        names = path.endswith(".object") and any(
+            values[other] == near for other in values if other.endswith(".object")
+        )
+        if not names:  # a name that is taken cannot be moved to alone
+            found.append(
+                one.composer.compose(one.composer.values(scene) | defaults(one) | values | {path: near})
+            )
+    return found
+
+
+def defaults(one: SearchSpace) -> dict[str, float]:
+    return {path: gene.grid.nominal for path, gene in one.by_path.items()}
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_severity_falls_when_any_one_value_moves_toward_nominal(task: str, seed: int) -> None:
+    one = space(task)
+    scene = one.sample(np.random.default_rng(seed))
+    before = one.severity(scene)
+    for nearer in moves(one, scene):
+        assert one.severity(nearer) < before, nearer
+
+
+@tasks
+def test_the_nominal_scene_is_fair_and_has_no_severity(task: str) -> None:
+    one = space(task)
+    scene = one.nominal()
+    assert check_static(scene, one.catalogue, one.operators.min_distance) is None
+    assert set(one.severities(scene).values()) == {0.0}
+    assert one.decode(one.encode(scene)) == scene
+    assert scene.confounders == ()
+
+
+@tasks
+def test_severities_are_shares(task: str) -> None:
+    for scene in scenes(task):
+        shares = space(task).severities(scene)
+        assert all(0 <= share <= 1 for share in shares.values())
+        assert space(task).severity(scene) == pytest.approx(sum(shares.values()))
+
+
+def test_resetting_every_operator_gives_the_nominal_scene() -> None:
+    one = space("put-on")
+    scene = scenes("put-on", 1)[0]
+    operators = one.operators.operators
+    assert one.reset(scene, operators) == one.nominal()
+    assert one.reset(scene, []) == scene
+    assert one.severities(one.reset(scene, ["light"]))["light"] == 0.0
+
+
+def test_the_nominal_scene_of_the_same_objects_keeps_them() -> None:
+    one = space("move-near")
+    for scene in scenes("move-near", 5):
+        nominal = one.nominal(like=scene)
+        assert [each.object for each in nominal.targets] == [each.object for each in scene.targets]
+        assert sum(share > 0 for share in one.severities(nominal).values()) <= 1
+
+
+def test_a_camera_that_is_not_moved_has_no_direction() -> None:
+    one = space("pick-up", "camera-position")
+    assert one.dim == 3
+    assert one.decode(np.array([0.0, 0.7, 0.7])).camera == Camera()
+    moved = one.decode(np.array([1.0, 0.7, 0.7])).camera
+    assert moved.distance == 0.05
+    assert moved.azimuth != 0.0
+
+
+def test_only_what_varies_has_genes() -> None:
+    assert [gene.operator for gene in space("pick-up", "light").genes] == ["light"]
+    assert space("pick-up").dim == 28
+    assert space("put-in").dim == 33
+    kinds = {gene.path: gene.kind for gene in space("put-in").genes}
+    assert kinds["targets.1.yaw"] == "angle"
+    assert kinds["confounders"] == "count"
+    assert kinds["confounders.2.object"] == "category"
+    assert kinds["light.intensity"] == "real"
+
+
+def test_wordings_are_found_again() -> None:
+    one = space("put-in", "wording", "target-type")
+    said = {one.decode(np.array([0.0, 0.0, where])).instruction for where in np.linspace(0, 0.99, 10)}
+    assert len(said) == 10
+    for where in np.linspace(0, 0.99, 10):
+        scene = one.decode(np.array([0.3, 0.0, where]))
+        assert one.decode(one.encode(scene)) == scene
+
+
+def scene_of(change: Callable[[Scene], Scene]) -> Scene:
+    return change(scenes("pick-up", 1)[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda s: replace(s, task="put-on"), "task: 'put-on'"),
+        (lambda s: replace(s, light=Light(1.02)), "light.intensity: 1.02"),
+        (lambda s: replace(s, camera=Camera(distance=0.2)), "camera.distance: 0.2"),
+        (lambda s: replace(s, camera=Camera(azimuth=10.0)), "camera.azimuth: 10.0"),
+        (lambda s: replace(s, instruction="dance"), "instruction: 'dance' is unknown"),
+        (lambda s: replace(s, confounders=s.targets * 5), "confounders: 5"),
+        (lambda s: replace(s, confounders=s.targets), "confounders.0.object"),
+        (lambda s: replace(s, robot="widowx"), "robot: 'widowx'"),
+        (lambda s: replace(s, targets=(replace(s.targets[0], x=0.00005),)), "targets.0.x: 5e-05"),
+        (lambda s: replace(s, targets=(replace(s.targets[0], yaw=-180.0),)), "targets.0.yaw: -180.0"),
+        (
+            lambda s: replace(s, targets=(replace(s.targets[0], object="duck"),)),
+            "targets.0.object: 'duck' is unknown",
+        ),
+        (
+            lambda s: replace(s, targets=(replace(s.targets[0], rest="upside"),)),
+            "targets.0.rest: 'upside' is unknown",
+        ),
+        (lambda s: replace(s, targets=(replace(s.targets[0], scale=0.5),)), "targets.0.scale: 0.5"),
+        (lambda s: replace(s, targets=s.targets * 2), "targets: pick-up has 1, the scene 2"),
+        (lambda s: replace(s, targets=()), "targets: pick-up has 1, the scene 0"),
+        (
+            lambda s: replace(s, targets=(replace(s.targets[0], quaternion=(1.0, 0.0, 0.0, 0.0)),)),
+            "targets.0.rest",
+        ),
+    ],
+)
+def test_a_scene_that_has_no_genome_is_an_error_that_names_the_value(
+    change: Callable[[Scene], Scene], says: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
+        space("pick-up").encode(scene_of(change))
+    assert says in caught.value.message
+
+
+def test_a_value_that_does_not_vary_must_be_nominal() -> None:
+    scene = replace(
+        space("pick-up").nominal(), light=Light(space("pick-up").by_path["light.intensity"].grid.value(9))
+    )
+    with pytest.raises(SceneError, match="light does not vary") as caught:
+        space("pick-up", "camera-position").encode(scene)
+    assert caught.value.hint == "vary light as well"
+
+
+def test_severities_of_any_scene_are_known() -> None:
+    strange = replace(scenes("pick-up", 1)[0], instruction="dance", light=Light(1000.0))
+    shares = space("pick-up").severities(strange)
+    assert (shares["wording"], shares["light"]) == (1.0, 1.0)
+    assert not any(math.isnan(share) for share in shares.values())
+
+
+@pytest.mark.parametrize(
+    ("task", "key", "names", "says"),
+    [
+        ("pick-up", "names", ("duck",), "target-type: names: 'duck' is not in the catalogue"),
+        ("pick-up", "names", ("plate",), "target-type: names: 'plate' is of no use there"),
+        ("put-in", "onto", ("plate",), "target-type: onto: 'plate' is of no use there"),
+    ],
+)
+def test_names_that_a_task_has_no_use_for_are_an_error(
+    task: str, key: str, names: tuple[str, ...], says: str
+) -> None:
+    operators = load_operators()
+    narrowed = operators.operators["target-type"].model_copy(update={key: names})
+    changed = replace(operators, operators={**operators.operators, "target-type": narrowed})
+    with pytest.raises(UsageError, match=says):
+        SearchSpace(changed, load_catalogue(), task)

@@ -1,0 +1,101 @@
+from collections import Counter
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+from math import dist
+
+import numpy as np
+import pytest
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Scene
+from vlafuzz.space import OperatorSet, SearchSpace, load_operators
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.validity import check_static
+
+ranges = pytest.mark.parametrize("ranges", ["tabletop", "paper", "paper-rq1"])
+tasks = pytest.mark.parametrize("task", TASKS)
+CATALOGUE = load_catalogue()
+
+
+@cache
+def sampled(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[Scene]]:
+    space = SearchSpace(load_operators(ranges), CATALOGUE, task)
+    return space, [space.sample(np.random.default_rng([1, index])) for index in range(count)]
+
+
+@ranges
+@tasks
+def test_samples_are_fair_and_on_the_grid(ranges: str, task: str) -> None:
+    space, scenes = sampled(ranges, task)
+    for scene in scenes:
+        assert check_static(scene, CATALOGUE, space.operators.min_distance) is None
+        assert space.decode(space.encode(scene)) == scene
+
+
+@tasks
+def test_objects_keep_15_cm_and_have_names_of_their_own(task: str) -> None:
+    for scene in sampled("tabletop", task)[1]:
+        places = [(each.x, each.y) for each in scene.placements]
+        assert all(dist(*pair) > 0.15 - 1e-9 for pair in combinations(places, 2))
+        spoken = [CATALOGUE[each.object].spoken for each in scene.placements]
+        assert len(set(spoken)) == len(spoken)
+
+
+def test_every_count_and_every_object_comes_up() -> None:
+    space = SearchSpace(
+        load_operators().only(
+            ["target-type", "confounder-type", "confounder-count", "target-position", "confounder-position"]
+        ),
+        CATALOGUE,
+        "pick-up",
+    )
+    scenes = [space.sample(np.random.default_rng([2, index])) for index in range(400)]
+    counts = Counter(len(scene.confounders) for scene in scenes)
+    assert set(counts) == {0, 1, 2, 3}
+    assert min(counts.values()) > 70
+    assert {scene.targets[0].object for scene in scenes} == set(CATALOGUE.graspable())
+
+
+@tasks
+def test_the_same_seed_gives_the_same_scene(task: str) -> None:
+    space, scenes = sampled("tabletop", task)
+    again = [space.sample(np.random.default_rng([1, index])) for index in range(5)]
+    assert again == scenes[:5]
+    assert len({scene.digest for scene in scenes}) == len(scenes)
+
+
+def test_what_does_not_vary_stays_nominal() -> None:
+    space = SearchSpace(load_operators().only(["target-position"]), CATALOGUE, "put-on")
+    nominal = space.nominal()
+    for index in range(10):
+        scene = space.sample(np.random.default_rng(index))
+        assert replace(scene, targets=nominal.targets) == nominal
+        assert space.severities(scene)["target-position"] > 0
+
+
+def test_the_papers_upright_objects_are_not_turned() -> None:
+    upright = [
+        each
+        for scene in sampled("paper", "pick-up")[1]
+        for each in scene.placements
+        if each.rest in ("standing", "on_edge")
+    ]
+    assert len(upright) > 10
+    assert {each.yaw for each in upright} == {0.0}
+
+
+def crowded() -> OperatorSet:
+    operators = load_operators()
+    return replace(operators, min_distance=0.4)
+
+
+def test_a_box_that_is_too_small_is_an_error_with_box_count_and_distance() -> None:
+    space = SearchSpace(crowded(), CATALOGUE, "move-near")
+    with pytest.raises(UsageError) as caught:
+        for index in range(20):
+            space.sample(np.random.default_rng(index))
+    for part in ("move-near", "confounder(s)", "0.4 m apart", "x -0.2 to 0.12 m"):
+        assert part in caught.value.message
+    assert "min_distance" in (caught.value.hint or "")

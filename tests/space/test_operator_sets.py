@@ -1,0 +1,172 @@
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.shipped import operators_dir
+from vlafuzz.space import OPERATORS, load_operators
+from vlafuzz.space.operators import ConfounderPosition, Light, TargetPosition
+
+SHIPPED = ("tabletop", "paper", "paper-rq1")
+THE_TEN = set(OPERATORS) - {"wording"}
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_every_operator_in_yaml_has_code_and_the_other_way_round() -> None:
+    for name in SHIPPED:
+        raw = yaml.safe_load((operators_dir() / f"{name}.yaml").read_text())
+        assert set(raw.get("operators", {})) <= set(OPERATORS)
+    raw = yaml.safe_load((operators_dir() / "tabletop.yaml").read_text())
+    assert list(raw["operators"]) == list(OPERATORS)
+
+
+def test_every_operator_has_a_row_in_the_readme() -> None:
+    text = (operators_dir() / "README.md").read_text()
+    assert [name for name in OPERATORS if f"| `{name}` |" not in text] == []
+
+
+def test_the_default_varies_the_ten_and_keeps_a_distance_of_15_cm() -> None:
+    operators = load_operators()
+    assert operators.varied == THE_TEN
+    assert operators.min_distance == 0.15
+    assert load_operators("tabletop").digest == operators.digest
+
+
+def test_the_papers_boxes_keep_their_sizes() -> None:
+    paper = load_operators("paper")
+    sizes = {}
+    for task in ("pick-up", "move-near", "put-on", "put-in"):
+        box = paper.in_task(task).get(TargetPosition)
+        sizes[task] = (round(box.x.high - box.x.low, 6), round(box.y.high - box.y.low, 6))
+    assert sizes == {
+        "pick-up": (0.4, 0.4),
+        "move-near": (0.4, 0.4),
+        "put-on": (0.3, 0.28),
+        "put-in": (0.1, 0.1),
+    }
+    assert paper.get(Light).spread == "coin"
+
+
+def test_rq1_leaves_out_light_and_camera() -> None:
+    left_out = THE_TEN - load_operators("paper-rq1").varied
+    assert left_out == {"light", "camera-position", "camera-orientation"}
+
+
+def test_only_narrows_in_every_task() -> None:
+    narrowed = load_operators("paper").only(["light"])
+    assert narrowed.varied == narrowed.in_task("put-in").varied == {"light"}
+
+
+def test_an_unknown_operator_gets_the_nearest_name() -> None:
+    with pytest.raises(UsageError, match="unknown operator 'lihgt'") as caught:
+        load_operators().only(["lihgt"])
+    assert caught.value.hint == "did you mean 'light'?"
+
+
+def test_confounders_cannot_vary_where_there_are_none() -> None:
+    with pytest.raises(UsageError, match="confounder-position: there is no confounder to vary"):
+        load_operators().only(["confounder-position"])
+    assert load_operators().only(["confounder-position", "confounder-count"])
+
+
+def test_a_file_extends_another_and_keeps_the_keys_it_leaves_out(tmp_path: Path) -> None:
+    mine = load_operators(
+        write(
+            tmp_path,
+            "extends: paper\noperators:\n  light:\n    spread: even\ntasks:\n  put-in:\n    min_distance: 0.1\n",
+        )
+    )
+    assert mine.get(Light).spread == "even"
+    assert mine.get(Light).intensity == load_operators().get(Light).intensity
+    assert (mine.min_distance, mine.in_task("put-in").min_distance) == (0.15, 0.1)
+    assert mine.in_task("put-in").get(Light).spread == "even"
+    theirs = load_operators("paper").in_task("put-in").get(ConfounderPosition)
+    assert mine.in_task("put-in").get(ConfounderPosition) == theirs
+
+
+@pytest.mark.parametrize(
+    ("text", "says", "hint"),
+    [
+        ("operators: {light: {}}", "min_distance: missing", "extends"),
+        ("min_distance: 0.1\noperators: {light: {}}", "operators.target-type: missing", "extends"),
+        ("extends: tabletop\nvarry: [light]", "varry: unknown key", "did you mean 'vary'?"),
+        ("extends: tabletop\nvary: [ligt]", "vary: unknown name 'ligt'", "did you mean 'light'?"),
+        (
+            "extends: tabletop\noperators: {lite: {}}",
+            "operators: unknown name 'lite'",
+            "did you mean 'light'?",
+        ),
+        (
+            "extends: tabletop\noperators: {light: {intensty: 3}}",
+            "operators.light.intensty: unknown key",
+            "did you mean 'intensity'?",
+        ),
+        (
+            "extends: tabletop\noperators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",
+            "operators.target-position.x.",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}}",
+            "operators.light.intensity: low is above high: 3 > 2",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {light: {intensity: {low: 2, high: 3, step: 0.05, nominal: 1}}}",
+            "nominal 1 is not between 2 and 3",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {confounder-count: {high: 5}}",
+            "operators.confounder-count.high: input should be less than or equal to 4, got 5",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {confounder-count: {high: '3'}}",
+            "operators.confounder-count.high: input should be a valid integer, got '3'",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {target-position: {nominal: [[0, 0]]}}",
+            "operators.target-position: nominal has 1 places, 2 are needed",
+            None,
+        ),
+        (
+            "extends: tabletop\noperators: {target-position: {nominal: [[0, 0], [0, 9]]}}",
+            "the nominal place (0, 9) is outside its box",
+            None,
+        ),
+        ("extends: tabletop\ntasks: {pickup: {}}", "tasks: unknown name 'pickup'", "did you mean 'pick-up'?"),
+        ("extends: tabeltop", "no file", "did you mean 'tabletop'?"),
+        ("extends: mine.yaml", "extends: goes round in a circle", None),
+        ("[light]", "the file: ", None),
+        ("a: [", "not YAML", None),
+    ],
+)
+def test_a_wrong_file_is_a_sentence_with_file_and_key(
+    tmp_path: Path, text: str, says: str, hint: str | None
+) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(CatalogueError) as caught:
+        load_operators(path)
+    assert str(tmp_path) in caught.value.message
+    assert says in caught.value.message
+    assert "\n" not in caught.value.message
+    assert (hint or "") in (caught.value.hint or "")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(CatalogueError, match="no file"):
+        load_operators(tmp_path / "nowhere.yaml")
+
+
+def test_digests_tell_ranges_apart(tmp_path: Path) -> None:
+    mine = load_operators(write(tmp_path, "extends: tabletop\nmin_distance: 0.2"))
+    assert len({mine.digest, load_operators().digest, load_operators("paper").digest}) == 3
+    assert load_operators().only(["light"]).digest != load_operators().digest

@@ -1,0 +1,208 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tests.doubles import (
+    STAGES,
+    Always,
+    Backwards,
+    ClosedForm,
+    Raising,
+    Scripted,
+    TinySpace,
+    failed,
+    manifest,
+    passed,
+    scene,
+)  # fmt: skip
+from vlafuzz.campaign import fuzz
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.corpus.tally import Summary
+from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.search.pool import InOrder, Pool
+from vlafuzz.search.random import Random
+
+SPACE = TinySpace()
+
+
+@pytest.fixture
+def corpus(tmp_path: Path):
+    with Corpus.open(tmp_path / "a.db", "write") as opened:
+        yield opened
+
+
+def run(corpus: Corpus, **changes) -> Summary:
+    about = manifest(
+        **{name: changes.pop(name) for name in list(changes) if name in ("budget", "batch", "repeats")}
+    )
+    parts = {
+        "space": SPACE,
+        "strategy": Random(SPACE, 0),
+        "executor": LocalExecutor(ClosedForm(about.repeats)),
+    }
+    return fuzz(manifest=about, stages=STAGES, corpus=corpus, **(parts | changes))
+
+
+def scenes_of(corpus: Corpus, summary: Summary) -> list[tuple[str, Verdict]]:
+    return [(trial.scene.digest, trial.outcome.verdict) for trial in corpus.trials(summary.run)]
+
+
+def genomes(*scenes) -> list[np.ndarray]:
+    return [SPACE.encode(each) for each in scenes]
+
+
+def test_the_budget_is_spent_to_the_last_rollout(corpus: Corpus):
+    summary = run(corpus, budget=37, batch=16)
+    assert summary.rollouts == 37
+    assert summary.verdicts["passed"] + summary.verdicts["failed"] == 37
+    assert summary.verdicts["invalid"] > 0
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(budget=st.integers(1, 30), batch=st.integers(1, 20), repeats=st.integers(1, 4), seed=st.integers(0, 3))
+def test_no_setting_exceeds_the_budget(tmp_path: Path, budget: int, batch: int, repeats: int, seed: int):
+    (tmp_path / "a.db").unlink(missing_ok=True)
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        summary = run(corpus, budget=budget, batch=batch, repeats=repeats, strategy=Random(SPACE, seed))
+    assert budget - repeats < summary.rollouts <= budget
+
+
+def test_every_proposal_is_told_once_in_order_with_what_came_of_it(corpus: Corpus):
+    strategy = Scripted(genomes(scene(0.25), scene(1.0), scene(x=0.08), scene(0.25), scene(4.0)))
+    run(corpus, batch=2, strategy=strategy)
+    assert [number for number, _ in strategy.told] == [0, 1, 2, 3, 4]
+    assert [score.verdict.name for _, score in strategy.told] == [
+        "FAILED",
+        "PASSED",
+        "INVALID",
+        "FAILED",
+        "PASSED",
+    ]
+    assert [score.progress for _, score in strategy.told] == [0.25, 1.0, None, 0.25, 1.0]
+
+
+def test_what_the_executor_does_changes_no_scene_and_nothing_told(corpus: Corpus, tmp_path: Path):
+    told, stored = [], []
+    for number, make in enumerate([LocalExecutor, Backwards]):
+        for chunk in (1, 3, 100):
+            strategy = Scripted([np.random.default_rng([7, index]).random(3) for index in range(40)])
+            with Corpus.open(tmp_path / f"{number}-{chunk}.db", "write") as other:
+                summary = run(other, strategy=strategy, executor=make(ClosedForm()), chunk=chunk)
+                stored.append(scenes_of(other, summary))
+            told.append(strategy.told)
+    assert all(each == told[0] for each in told)
+    assert all(each == stored[0] for each in stored)
+
+
+def test_a_known_scene_is_answered_and_costs_nothing(corpus: Corpus):
+    evaluator = ClosedForm()
+    strategy = Scripted(genomes(scene(), scene(), scene(0.25), scene(), scene(0.25)))
+    summary = run(corpus, batch=2, strategy=strategy, executor=LocalExecutor(evaluator))
+    assert evaluator.evaluated == [scene(), scene(0.25)]
+    assert (summary.rollouts, summary.proposals, summary.duplicates) == (2, 5, 3)
+    assert summary.verdicts == {"failed": 1, "passed": 1, "invalid": 0, "error": 0}
+
+
+def test_a_repeated_run_is_answered_from_the_store_and_then_goes_on(corpus: Corpus):
+    first, again = run(corpus, budget=20), run(corpus, budget=20)
+    assert (first.duplicates, again.rollouts) == (0, 20)
+    assert again.duplicates >= first.proposals
+    assert scenes_of(corpus, again)[: first.proposals] == scenes_of(corpus, first)
+
+
+def test_an_error_is_tried_again_by_the_next_run(corpus: Corpus):
+    strategy = [Scripted(genomes(scene())) for _ in range(2)]
+    broken = run(corpus, strategy=strategy[0], executor=LocalExecutor(Raising(OSError("gone"))))
+    whole = run(corpus, strategy=strategy[1])
+    assert (broken.verdicts["error"], broken.last_error) == (1, "OSError: gone")
+    assert whole.verdicts["passed"] == 1
+
+
+def test_the_same_failing_scene_is_one_finding_of_both_runs(corpus: Corpus):
+    one, other = (run(corpus, strategy=Scripted(genomes(scene(0.25)))) for _ in range(2))
+    assert (one.findings, other.findings, other.rollouts) == (1, 1, 0)
+    assert len(corpus.findings()) == 1
+
+
+def test_the_summary_counts_scenes_by_what_was_reached(corpus: Corpus):
+    pool = [scene(0.0625), scene(0.125), scene(1.0), scene(x=0.08)]
+    summary = run(corpus, space=Pool(pool, SPACE), strategy=InOrder(4))
+    assert summary.stages == {"grasp": 1, "lift": 1, "success": 1}
+    assert summary.invalid == {"geometry": 1}
+    assert summary.progress_mean == pytest.approx((0.0625 + 0.125 + 1.0) / 3)
+    assert summary.first_failure == scene(0.0625).digest
+    assert (summary.findings, summary.distinct_cells) == (2, 1)
+    assert all(found.cell.startswith("grasp|light|") for found in corpus.findings())
+
+
+def test_a_pool_ends_when_each_scene_was_run(corpus: Corpus):
+    pool = [scene(x=-0.01 * number) for number in range(10)]
+    summary = run(corpus, budget=1000, batch=4, space=Pool(pool, SPACE), strategy=InOrder(10))
+    assert (summary.rollouts, summary.stopped, corpus.runs()[0].status) == (10, None, "finished")
+
+
+def test_it_stops_when_no_scene_is_fair_and_says_which_check_rejects_them(corpus: Corpus):
+    invalid = Outcome.invalid("geometry", "green_cube is out of reach")
+    summary = run(corpus, budget=1000, executor=LocalExecutor(Always(invalid)))
+    assert summary.stopped is not None
+    assert summary.stopped.startswith("no rollout in 56 proposals in a row: rejected by the geometry check (")
+    assert summary.stopped.endswith("the last of them: green_cube is out of reach")
+    assert (summary.proposals, corpus.runs()[0].status) == (56, "stopped")
+
+
+def test_it_stops_when_a_strategy_proposes_one_scene_for_ever(corpus: Corpus):
+    summary = run(corpus, budget=1000, strategy=Scripted(genomes(scene()) * 500))
+    assert summary.stopped == "no rollout in 55 proposals in a row: asked before (55)"
+
+
+def test_it_stops_when_the_subject_is_down(corpus: Corpus):
+    summary = run(corpus, budget=1000, executor=LocalExecutor(Raising(ConnectionError("refused"))))
+    assert summary.stopped is not None
+    assert "subject or simulator error" in summary.stopped
+    assert "ConnectionError: refused" in summary.stopped
+
+
+def test_an_error_costs_the_rollouts_that_it_ran(corpus: Corpus):
+    half_way = Outcome(Verdict.ERROR, passed().rollouts, detail="the connection broke in rollout 2")
+    summary = run(corpus, budget=6, repeats=3, executor=LocalExecutor(Always(half_way)))
+    assert (summary.rollouts, summary.verdicts["error"]) == (4, 4)
+
+
+def test_an_interruption_keeps_all_trials_up_to_it(corpus: Corpus):
+    with pytest.raises(KeyboardInterrupt):
+        run(corpus, executor=LocalExecutor(Raising(KeyboardInterrupt(), after=5)))
+    (interrupted,) = corpus.runs()
+    assert interrupted.status == "interrupted"
+    assert len(list(corpus.trials(interrupted.id))) == 5
+
+
+def test_what_must_be_installed_first_ends_the_run_as_failed(corpus: Corpus):
+    with pytest.raises(PrerequisiteError):
+        run(corpus, executor=LocalExecutor(Raising(PrerequisiteError("no renderer"))))
+    assert corpus.runs()[0].status == "failed"
+
+
+def test_a_strategy_that_proposes_too_much_is_refused(corpus: Corpus):
+    class Greedy(Scripted):
+        def ask(self, n: int):
+            return super().ask(n + 1)
+
+    with pytest.raises(UsageError, match="asked for 8 proposals, got 9"):
+        run(corpus, strategy=Greedy(genomes(scene()) * 20))
+
+
+def test_one_is_told_of_every_trial_as_it_is_stored(corpus: Corpus):
+    seen = []
+    run(
+        corpus,
+        budget=5,
+        batch=5,
+        executor=LocalExecutor(Always(failed())),
+        watch=lambda t: seen.append(t.rollouts),
+    )
+    assert seen == [1, 2, 3, 4, 5]
