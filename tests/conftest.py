@@ -18,3 +18,32 @@ probe = functools.cache(renderer.probe)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("render") and not probe().works:
         pytest.skip(str(probe()))
+
+
+@pytest.fixture(scope="session")
+def env():
+    """One physics-only environment for everybody; whoever uses it begins a scene first."""
+    from tests.sim.scenes import make_env
+
+    made = make_env()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="session")
+def expert_on():
+    """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
+    from tests.sim.scenes import CATALOGUE
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.subjects.expert import Expert
+
+    made = {}
+
+    def evaluator(task):
+        if task not in made:
+            made[task] = ManiSkillEvaluator(task, Expert(), CATALOGUE, min_distance=0.15)
+        return made[task]
+
+    yield evaluator
+    for each in made.values():
+        each.close()

@@ -18,8 +18,8 @@ LEVELS = 9  # of each gene
 
 
 def scene(light: float = 1.0, x: float = -0.04, y: float = 0.0) -> Scene:
-    placed = Placement("green_cube", "flat", round(x, 3), round(y, 3))
-    return Scene("pick-up", (placed,), "pick up green cube", light=Light(light))
+    placed = Placement("green_cube", "flat", float(round(x, 3)), float(round(y, 3)))
+    return Scene("pick-up", (placed,), "pick up green cube", light=Light(float(light)))
 
 
 class TinySpace:

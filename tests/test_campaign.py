@@ -106,6 +106,7 @@ def test_a_known_scene_is_answered_and_costs_nothing(corpus: Corpus):
     assert evaluator.evaluated == [scene(), scene(0.25)]
     assert (summary.rollouts, summary.proposals, summary.duplicates) == (2, 5, 3)
     assert summary.verdicts == {"failed": 1, "passed": 1, "invalid": 0, "error": 0}
+    assert [trial.duplicate for trial in corpus.trials(summary.run)] == [False, True, False, True, True]
 
 
 def test_a_repeated_run_is_answered_from_the_store_and_then_goes_on(corpus: Corpus):
@@ -153,6 +154,13 @@ def test_it_stops_when_no_scene_is_fair_and_says_which_check_rejects_them(corpus
     assert summary.stopped.startswith("no rollout in 56 proposals in a row: rejected by the geometry check (")
     assert summary.stopped.endswith("the last of them: green_cube is out of reach")
     assert (summary.proposals, corpus.runs()[0].status) == (56, "stopped")
+
+
+def test_it_goes_on_as_long_as_now_and_then_a_scene_is_fair(corpus: Corpus):
+    unfair = [scene(2.0**light, 0.08, 0.05 * y) for light in range(-4, 5) for y in range(-2, 3)]
+    pool = [*unfair[:40], scene(), *unfair[40:], *(scene(x=0.12, y=0.05 * y) for y in range(-4, 5))]
+    summary = run(corpus, space=Pool(pool, SPACE), strategy=InOrder(len(pool)), budget=100)
+    assert (summary.stopped, summary.proposals) == (None, len(pool))
 
 
 def test_it_stops_when_a_strategy_proposes_one_scene_for_ever(corpus: Corpus):

@@ -84,6 +84,15 @@ def test_an_evaluated_scene_is_known(corpus: Corpus, outcome: Outcome):
     assert len(known.rollouts) == len(outcome.rollouts)
 
 
+def test_what_is_known_comes_with_its_rollouts_also_after_a_duplicate(corpus: Corpus):
+    run = corpus.begin(manifest())
+    corpus.add(run, trial(0, passed()))
+    corpus.add(run, replace(trial(1, passed(), duplicate=True), scene=scene(x=0)))
+    known = corpus.known(scene(x=0), KEY)
+    assert known is not None
+    assert len(known.rollouts) == 1
+
+
 def test_an_error_is_not_known_and_may_be_tried_again(corpus: Corpus):
     run = corpus.begin(manifest())
     corpus.add(run, trial(0, Outcome.error("no answer within 10 s")))

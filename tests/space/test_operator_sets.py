@@ -79,7 +79,7 @@ def test_a_file_extends_another_and_keeps_the_keys_it_leaves_out(tmp_path: Path)
     mine = load_operators(
         write(
             tmp_path,
-            "extends: paper\noperators:\n  light:\n    spread: even\ntasks:\n  put-in:\n    min_distance: 0.1\n",
+            "extends: paper\noperators: {light: {spread: even}}\ntasks: {put-in: {min_distance: 0.1}}",
         )
     )
     assert mine.get(Light).spread == "even"
@@ -109,8 +109,8 @@ def test_a_file_extends_another_and_keeps_the_keys_it_leaves_out(tmp_path: Path)
         ),
         (
             "extends: tabletop\noperators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",
-            "operators.target-position.x.",
-            None,
+            "operators.target-position.x.stepp: unknown key",
+            "did you mean 'step'?",
         ),
         (
             "extends: tabletop\noperators: {light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}}",

@@ -10,8 +10,8 @@ from vlafuzz.validity.semantic import ambiguous
 CATALOGUE = load_catalogue()
 
 
-def at(name: str, rest: str | None = None, x: float = 0.0, **more: float) -> Placement:
-    return Placement(name, rest or CATALOGUE[name].rests[0].name, x, 0.0, **more)
+def at(name: str, rest: str | None = None, scale: float = 1.0) -> Placement:
+    return Placement(name, rest or CATALOGUE[name].rests[0].name, 0.0, 0.0, scale=scale)
 
 
 def scene(task: str, *targets: Placement, confounders: tuple[Placement, ...] = ()) -> Scene:

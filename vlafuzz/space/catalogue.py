@@ -195,14 +195,16 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
+        problems = error.errors(include_url=False)
+    misspelt = (each for each in problems if each["type"] == "extra_forbidden")
+    problem = next(misspelt, problems[0])  # it is why another key is missing
     keys = [str(key) for key in problem["loc"]]
     place = ".".join([where, *keys] if where else keys) or "the file"
     if problem["type"] == "extra_forbidden":
         raise CatalogueError(
             f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1]))
         )
-    message = problem["msg"].removeprefix("Value error, ")
+    message = problem["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
     told = problem["type"] in (
         "missing",
         "value_error",

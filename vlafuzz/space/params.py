@@ -53,6 +53,7 @@ class Grid:
 
     def snap(self, value: float) -> int:
         """The level nearest to a value."""
+        value = min(max(value, self.low), self.high)
         steps = round((self._scaled(value) - self._scaled(self.nominal)) / self.step) - self._first
         return min(max(steps, 0), self.size - 1)
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from vlafuzz.space.params import Grid
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
-Step = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Step = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]  # values are kept to nine decimals
 Point = tuple[Number, Number]
 
 

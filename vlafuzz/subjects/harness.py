@@ -35,8 +35,7 @@ class Harness:
         if not self._queue:
             observation = observe()
             with _blamed_on(self._spec.name):
-                chunks = self._subject.act([observation])
-            chunk = check_chunks(chunks, 1, self._spec.name)[0]
+                chunk = check_chunks(self._subject.act([observation]), 1, self._spec.name)[0]
             self._queue.extend(chunk[: self._spec.execute])
         return self._metric(self._queue.popleft())
 

@@ -63,7 +63,7 @@ class Applied:
 
 def _check_pose(what: str, asked: sapien.Pose, got: sapien.Pose) -> None:
     apart = float(np.abs(asked.p - got.p).max())
-    turned = 1 - abs(float(asked.q @ got.q))
+    turned = float(min(np.abs(asked.q - got.q).max(), np.abs(asked.q + got.q).max()))
     if not (apart <= METRES and turned <= TURN):
         _complain(f"pose of {what}", asked, got)
 

@@ -152,7 +152,9 @@ class TabletopEnv(BaseEnv):
         self.world = World(self.scene.sub_scenes[0], robot, self.rig, self._control_hz)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        scene = options.get("scene") or default_scene(self.task.name, self.catalogue)
+        scene = options.get("scene")
+        if scene is None:
+            scene = default_scene(self.task.name, self.catalogue)
         if not isinstance(scene, Scene):
             raise SceneError(f"options['scene']: expected a Scene, got {type(scene).__name__}", hint="Scene.from_json reads one")
         if scene.task != self.task.name:

@@ -17,6 +17,7 @@ class SceneLights:
         for direction, intensity in nominal.directional:
             light = sapien.render.RenderDirectionalLightComponent()
             light.color = [intensity] * 3
+            light.disable_shadow()
             entity = sapien.Entity()
             entity.name = "light"
             entity.add_component(light)

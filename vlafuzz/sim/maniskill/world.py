@@ -58,10 +58,9 @@ class World:
         if not self._fresh:
             self._move_over()
         self._fresh = False
-        self._bodies = [
-            add_object(self.scene, model, placement, f"{index}-{placement.object}")
-            for index, (model, placement) in enumerate(zip(models, placements, strict=True))
-        ]
+        self._bodies = []
+        for index, (model, placement) in enumerate(zip(models, placements, strict=True)):  # one may raise
+            self._bodies.append(add_object(self.scene, model, placement, f"{index}-{placement.object}"))
         self._rest()
         self._labels = self._label_bodies()
         self._touched = False

@@ -1,0 +1,342 @@
+#!/usr/bin/env python3
+"""Physics-only rollouts of the expert per second on one core: a stock ManiSkill loop, ours, and PhysX alone.
+
+Scene by scene they take turns, so that whatever else the machine does slows all of them alike:
+
+stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
+             ``reset(reconfigure=True)`` for every scene (a new ``gym.make`` would cost more). It is led along the
+             TCP positions and gripper commands of the expert's rollout in the same scene.
+ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
+bare PhysX   the same objects and robot, the drive targets of our rollout, and in the clock nothing but physics
+             steps. It must end where ours ended.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy and torch look
+
+import argparse
+import gc
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import count
+from statistics import median
+from typing import Any
+from unittest.mock import patch
+
+import gymnasium
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.utils.registration import register_env
+from mani_skill.utils.structs.types import SimConfig
+from numpy.typing import NDArray
+
+from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.rig import rig
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill import table
+from vlafuzz.sim.maniskill.env import TabletopEnv
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.objects import place
+from vlafuzz.sim.maniskill.robots import MetricArm
+from vlafuzz.sim.maniskill.world import SIM_HZ, World
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.harness import Harness
+from vlafuzz.tasks.base import Monitor
+from vlafuzz.tasks.state import State
+from vlafuzz.tasks.tabletop import TASKS
+
+STOCK_ID = "VlaFuzzBenchStock-v1"
+HZ = Expert().spec.action.hz
+STOCK, OURS, CHECKED, BARE = "stock", "ours", "ours, with validity", "bare PhysX"
+FASTER_THAN_STOCK, SLOWER_THAN_BARE = 5.0, 1.3  # the goals
+PARTS: dict[str, tuple[type, str]] = {
+    "PhysX": (World, "step"),
+    "inverse kinematics": (MetricArm, "command"),
+    "contacts": (World, "_contacts"),
+    "state": (World, "_read"),
+    "stages": (Monitor, "observe"),
+    "expert": (Harness, "action"),
+    "reset": (TabletopEnv, "begin"),
+    "validity": (ManiSkillEvaluator, "_check"),
+    "rest": (ManiSkillEvaluator, "evaluate"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A rollout of the expert for others to follow. Lists have an item for each control step."""
+
+    scene: Scene
+    waypoints: list[NDArray[np.float64]] = field(default_factory=list)  # (3,) TCP, metres
+    gripper: list[float] = field(default_factory=list)
+    drives: list[list[float]] = field(default_factory=list)  # targets of the joints
+    ends: list[NDArray[np.float32]] = field(default_factory=list)  # joint positions
+
+
+@register_env(STOCK_ID, override=True)
+class StockEnv(BaseEnv):  # type: ignore[misc]
+    """A table with objects as ManiSkill's documentation has one write it."""
+
+    SUPPORTED_ROBOTS = ("panda",)
+
+    def __init__(self, scene: Scene, catalogue: Catalogue, **kwargs: Any) -> None:
+        self._shown, self._catalogue = scene, catalogue
+        super().__init__(robot_uids="panda", **kwargs)
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(sim_freq=SIM_HZ, control_freq=HZ)
+
+    def _load_agent(self, options: dict[str, Any]) -> None:
+        super()._load_agent(options, sapien.Pose(rig("panda").base))
+
+    def _load_scene(self, options: dict[str, Any]) -> None:
+        builder = self.scene.create_actor_builder()
+        builder.add_box_collision(half_size=table.HALF)
+        builder.add_box_visual(half_size=table.HALF)
+        builder.initial_pose = sapien.Pose(table.CENTRE)
+        builder.build_static("table")
+        self._objects = []
+        for index, placement in enumerate(options.get("scene", self._shown).placements):
+            model = self._catalogue[placement.object]
+            builder = self.scene.create_actor_builder()
+            material = sapien.physx.PhysxMaterial(model.friction, model.friction, 0.0)
+            for file in model.collision:
+                builder.add_convex_collision_from_file(str(file), material=material, density=model.density)
+            builder.add_visual_from_file(str(model.visual))
+            builder.initial_pose = place(model, placement)
+            self._objects.append(builder.build(f"{index}-{placement.object}"))
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
+        self.agent.reset(np.array(rig("panda").rest))
+
+    def evaluate(self) -> dict[str, Any]:
+        return {"grasped": self.agent.is_grasping(self._objects[0])}
+
+
+class Bench:
+    """All loops for one task. Methods called ``prepare_…`` return what belongs into the clock."""
+
+    def __init__(self, task: str, scenes: int, seed: int) -> None:
+        catalogue = load_catalogue()
+        space = SearchSpace(load_operators(), catalogue, task)
+        self._ours, self._checked = (
+            ManiSkillEvaluator(
+                task, Expert(), catalogue, min_distance=space.operators.min_distance, checked=checked
+            )
+            for checked in (False, True)
+        )
+        drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
+        recorded = (self._record(scene) for scene in drawn)
+        self.courses = [course for course, _ in zip(filter(None, recorded), range(scenes), strict=False)]
+        self._stock = gymnasium.make(
+            STOCK_ID,
+            scene=self.courses[0].scene,
+            catalogue=catalogue,
+            obs_mode="none",
+            reward_mode="none",
+            control_mode="pd_ee_delta_pose",
+        ).unwrapped
+        self.renderer = f"{self._stock.backend.render_backend} ({self._stock.backend.render_device.name})"
+        self.grasped: set[str] = set()
+
+    @property
+    def loops(self) -> dict[str, Callable[[Course], Callable[[], object]]]:
+        return {
+            STOCK: self.prepare_stock,
+            OURS: self.prepare_ours,
+            CHECKED: self.prepare_checked,
+            BARE: self.prepare_bare,
+        }
+
+    def prepare_stock(self, course: Course) -> Callable[[], None]:
+        gc.unfreeze()  # what our evaluator put out of the collector's sight must not help stock's gc.collect()
+        env = self._stock
+
+        def run() -> None:
+            env.reset(options={"reconfigure": True, "scene": course.scene})
+            action = np.zeros(7, dtype=np.float32)
+            for waypoint, action[6] in zip(course.waypoints, course.gripper, strict=True):
+                action[:3] = np.clip((waypoint - env.agent.tcp.pose.p[0].numpy()) / 0.1, -1, 1)
+                info = env.step(action)[-1]
+                if info["grasped"]:
+                    self.grasped.add(course.scene.digest)
+
+        return run
+
+    def prepare_ours(self, course: Course) -> Callable[[], object]:
+        gc.freeze()
+        return lambda: self._ours.evaluate([course.scene])
+
+    def prepare_checked(self, course: Course) -> Callable[[], object]:
+        return lambda: self._checked.evaluate([course.scene])
+
+    def prepare_bare(self, course: Course) -> Callable[[], None]:
+        self._env.begin(course.scene)
+        robot, system = self._env.agent.robot._objs[0], self._env.world.scene.physx_system
+        joints = robot.active_joints
+
+        def run() -> None:
+            for targets in course.drives:
+                for joint, target in zip(joints, targets, strict=True):
+                    joint.set_drive_target(target)
+                for _ in range(SIM_HZ // HZ):
+                    system.step()
+            assert np.array_equal(robot.qpos, course.ends[-1]), "bare PhysX went another way than ours"
+
+        return run
+
+    def _record(self, scene: Scene) -> Course | None:
+        course, advance = Course(scene), TabletopEnv.advance
+
+        def recording(env: TabletopEnv, action: NDArray[np.float64], relative_to: str) -> State:
+            state = advance(env, action, relative_to)
+            robot = env.agent.robot._objs[0]
+            course.waypoints.append(state.tcp)
+            course.gripper.append(float(action[6]))
+            course.drives.append([float(joint.drive_target[0]) for joint in robot.active_joints])
+            course.ends.append(robot.qpos)
+            self._env = env
+            return state
+
+        with patch.object(TabletopEnv, "advance", recording):
+            outcome = self._checked.evaluate([scene])[0]
+        if outcome.verdict is Verdict.ERROR:
+            raise RuntimeError(outcome.detail)
+        return None if outcome.verdict is Verdict.INVALID else course
+
+
+def measure(bench: Bench, repetitions: int) -> list[dict[str, tuple[float, float]]]:
+    """Wall and CPU seconds of each loop for all scenes, once for each repetition."""
+    results = []
+    for repetition in range(-1, repetitions):
+        spent = {name: (0.0, 0.0) for name in bench.loops}
+        for course in bench.courses if repetition >= 0 else bench.courses[:1]:  # the first one warms up
+            for name, prepare in bench.loops.items():
+                run = prepare(course)
+                wall, cpu = time.perf_counter(), time.process_time()
+                run()
+                wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+                spent[name] = spent[name][0] + wall, spent[name][1] + cpu
+        results.append(spent)
+    return results[1:]
+
+
+def breakdown(bench: Bench) -> dict[str, float]:
+    """Seconds that the checked evaluator spends in each part of a pass, without those in other parts."""
+    spent, inner = Counter[str](), [0.0]
+
+    def timed(part: str, function: Callable[..., object]) -> Callable[..., object]:
+        def call(*args: Any, **kwargs: Any) -> object:
+            began = time.perf_counter()
+            inner.append(0.0)
+            try:
+                return function(*args, **kwargs)
+            finally:
+                whole = time.perf_counter() - began
+                spent[part] += whole - inner.pop()
+                inner[-1] += whole
+
+        return call
+
+    with ExitStack() as patches:
+        for part, (owner, name) in PARTS.items():
+            patches.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
+        for course in bench.courses:
+            bench.prepare_checked(course)()
+    return {part: spent[part] for part in PARTS}
+
+
+def summarise(bench: Bench, results: Sequence[dict[str, tuple[float, float]]]) -> dict[str, Any]:
+    """Medians over the repetitions. Ratios are of CPU time, within a repetition."""
+    rollouts, steps = len(bench.courses), sum(len(course.drives) for course in bench.courses)
+    loops = {
+        name: {
+            "rollouts_per_second": rollouts / median(spent[name][0] for spent in results),
+            "wall_ms_per_rollout": 1e3 * median(spent[name][0] for spent in results) / rollouts,
+            "cpu_ms_per_rollout": 1e3 * median(spent[name][1] for spent in results) / rollouts,
+            "cpu_ms_per_step": 1e3 * median(spent[name][1] for spent in results) / steps,
+            "faster_than_stock": median(spent[STOCK][1] / spent[name][1] for spent in results),
+            "slower_than_bare": median(spent[name][1] / spent[BARE][1] for spent in results),
+        }
+        for name in bench.loops
+    }
+    parts = breakdown(bench)
+    where = {
+        part: {"ms_per_step": 1e3 * spent / steps, "share": spent / sum(parts.values())}
+        for part, spent in parts.items()
+    }
+    ours = loops[OURS]
+    return {
+        "rollouts": rollouts,
+        "steps": steps,
+        "repetitions": len(results),
+        "stock_renderer": bench.renderer,
+        "stock_grasped": len(bench.grasped),
+        "loops": loops,
+        "where": where,
+        "reached": ours["faster_than_stock"] >= FASTER_THAN_STOCK
+        and ours["slower_than_bare"] <= SLOWER_THAN_BARE,
+    }
+
+
+def show(task: str, report: dict[str, Any]) -> None:
+    print(
+        f"{task}: {report['rollouts']} scenes, {report['steps']} control steps of {SIM_HZ // HZ} x {1000 // SIM_HZ} ms, ",
+        end="",
+    )
+    print(f"median of {report['repetitions']} repetitions, one thread")
+    print(
+        f"stock renders with {report['stock_renderer']}; it grasped in {report['stock_grasped']} of these scenes\n"
+    )
+    print(
+        f"{'':22}{'rollouts/s':>12}{'ms/rollout':>12}{'CPU ms':>10}{'CPU ms/step':>13}{'vs stock':>10}{'vs bare':>10}"
+    )
+    for name, row in report["loops"].items():
+        print(f"{name:22}{row['rollouts_per_second']:12.1f}{row['wall_ms_per_rollout']:12.1f}", end="")
+        print(f"{row['cpu_ms_per_rollout']:10.1f}{row['cpu_ms_per_step']:13.2f}", end="")
+        print(f"{row['faster_than_stock']:9.1f}x{row['slower_than_bare']:9.2f}x")
+    print(f"\n{'where ours spends it':22}{'ms/step':>12}{'share':>12}")
+    for part, row in report["where"].items():
+        print(f"{part:22}{row['ms_per_step']:12.3f}{row['share']:12.1%}")
+    verdict = "reached" if report["reached"] else "MISSED"
+    print(
+        f"\ngoals (>= {FASTER_THAN_STOCK:g}x stock, <= {SLOWER_THAN_BARE:g}x bare PhysX): {verdict}\n",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--task", choices=[*TASKS, "all"], default="pick-up")
+    parser.add_argument("--scenes", type=int, default=20, help="how many different ones")
+    parser.add_argument("--repetitions", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    reports = {}
+    for task in TASKS if options.task == "all" else [options.task]:
+        bench = Bench(task, options.scenes, options.seed)
+        reports[task] = summarise(bench, measure(bench, options.repetitions))
+        if not options.json:
+            show(task, reports[task])
+    if options.json:
+        print(json.dumps(reports, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""Scenes, environments and trajectories that the simulator's tests share."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.sim.maniskill.env import TabletopEnv, default_scene, gym_id
+from vlafuzz.tasks.state import State
+
+CATALOGUE = load_catalogue()
+STILL = np.array([0.0, 0, 0, 0, 0, 0, 1])
+
+
+def nominal(task: str = "pick-up") -> Scene:
+    return default_scene(task, CATALOGUE)
+
+
+def put(name: str, x: float, y: float, yaw: float = 0.0, rest: str | None = None, **more: Any) -> Placement:
+    return Placement(name, rest or CATALOGUE[name].rests[0].name, x, y, yaw, **more)
+
+
+def pick_up(target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = Camera()) -> Scene:
+    return Scene("pick-up", (target,), f"pick up {target.object}", confounders, Light(light), camera)
+
+
+# Six objects around and under the hand at rest: rolling ones, stacked heights, and a target that the fingers hit.
+CROWD = pick_up(
+    put("coke_can", 0.0, 0.0, 20.0),
+    put("orange", -0.05, 0.12),
+    put("redbull_can", -0.05, -0.12, 65.0, "lying"),
+    put("apple", 0.08, 0.10),
+    put("eggplant", 0.08, -0.08, 130.0),
+    put("sponge", -0.15, 0.0, 200.0, "on_edge"),
+)
+
+
+def random_scene(rng: np.random.Generator) -> Scene:
+    """One to five objects anywhere, at times into each other."""
+    names = rng.choice(CATALOGUE.names(), size=rng.integers(1, 6), replace=False)
+    placed = [
+        put(str(name), rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180))
+        for name in names
+    ]
+    return pick_up(*placed, light=float(rng.uniform(0.5, 2)))
+
+
+def pushes() -> list[np.ndarray]:
+    """Down among the objects, then to and fro, with fingers that open and close: most of it in contact."""
+    rng = np.random.default_rng(7)
+    moves = rng.uniform(-1, 1, (14, 7)) * [0.02, 0.02, 0.01, 0.1, 0.1, 0.3, 1.0]
+    moves[:3, 2] = -0.04
+    moves[3:, 1] += np.repeat([0.07, -0.07, 0.07], [3, 5, 3])
+    return list(moves)
+
+
+def make_env(task: str = "pick-up", **more: Any) -> TabletopEnv:
+    options = {"catalogue": CATALOGUE, "cameras": (), "obs_mode": "none", "render_backend": "none"}
+    return gymnasium.make(gym_id(task), **options | more).unwrapped
+
+
+def play(env: TabletopEnv, actions: Iterable[Any], still: int = 0, relative_to: str = "target") -> State:
+    """The state after some actions and steps without a command."""
+    for action in actions:
+        state = env.advance(np.asarray(action, dtype=np.float64), relative_to)
+    rest = np.array([0.0] * 6 + [action[6]])
+    for _ in range(still):
+        state = env.advance(rest)
+    return state
+
+
+def states_hash(env: TabletopEnv, scene: Scene = CROWD) -> str:
+    """Of the trajectory that ``pushes`` makes in a scene."""
+    env.begin(scene)
+    play(env, pushes())
+    return env.world.states_hash
+
+
+def turn(start: State, end: State) -> np.ndarray:
+    """``(3,)`` rotation vector of the hand from one state to another, in the base's axes."""
+    return Rotation.from_matrix(end.tcp_rotation @ start.tcp_rotation.T).as_rotvec()

@@ -1,0 +1,273 @@
+"""Scenes in, outcomes out: each verdict for its reason, and nothing that one scene does reaches the next one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, STILL, nominal, put
+from vlafuzz.errors import SubjectError, UsageError
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.world import World
+from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, Subject
+from vlafuzz.subjects.controls import Frozen, Random
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.tasks.tabletop import TASKS
+
+NOMINAL = nominal()
+ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")
+
+
+class Meddled:
+    """An expert with something done to its answers."""
+
+    def __init__(self, meddle: Callable[[Observation, np.ndarray], object], episodes: int | None = None) -> None:
+        self._expert, self._meddle, self._left = Expert(), meddle, episodes
+        self.spec = self._expert.spec
+        self.started: list[EpisodeStart] = []
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.started += episodes
+        self._expert.reset(episodes)
+
+    def act(self, observations: Sequence[Observation]) -> object:
+        (chunk,) = self._expert.act(observations)
+        if self._left is not None and len(self.started) > self._left:
+            return [chunk]
+        return self._meddle(observations[0], chunk.actions)
+
+    def close(self) -> None:
+        self._expert.close()
+
+
+def lets_go_when(moment: Callable[[Observation], bool]) -> Meddled:
+    """From that moment on it opens its gripper and stays."""
+    over: list[bool] = []
+
+    def meddle(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
+        over.extend([True] if moment(observation) else [])
+        return [ActionChunk(STILL[None] if over else actions)]
+
+    return Meddled(meddle)
+
+
+def is_lifted(observation: Observation) -> bool:
+    return bool(observation.privileged.state.positions[0, 2] > 0.0615 + 0.025)
+
+
+def evaluate(subject: Subject, *scenes: Scene, **options: object) -> list[Outcome]:
+    task = scenes[0].task
+    evaluator = ManiSkillEvaluator(task, subject, CATALOGUE, **{"min_distance": 0.15} | options)
+    outcomes = evaluator.evaluate(scenes)
+    evaluator.close()
+    return outcomes
+
+
+@pytest.fixture(scope="module")
+def known(expert_on) -> list[str]:
+    """The hashes of the expert's rollouts of NOMINAL and ANOTHER."""
+    outcomes = expert_on("pick-up").evaluate([NOMINAL, ANOTHER])
+    return [outcome.rollouts[0].states_hash for outcome in outcomes]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_expert_passes_the_nominal_scene_through_all_stages(expert_on, task):
+    (outcome,) = expert_on(task).evaluate([nominal(task)])
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.PASSED, None, 1.0)
+    assert outcome.rollouts[0].reached == TASKS[task].stage_names
+    assert outcome.rollouts[0].success_at_end
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_who_never_moves_fails_at_the_grasp(task):
+    (outcome,) = evaluate(Frozen(), nominal(task))
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.FAILED, "grasp", 0.0)
+    assert (outcome.rollouts[0].reached, outcome.rollouts[0].steps) == ((), 80)
+
+
+def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_on, known):
+    outcomes = expert_on("pick-up").evaluate([ANOTHER, NOMINAL, ANOTHER])
+    assert [outcome.rollouts[0].states_hash for outcome in outcomes] == [known[1], known[0], known[1]]
+
+
+@pytest.mark.parametrize(
+    ("scene", "check", "says"),
+    [
+        (replace(NOMINAL, targets=(put("banana_", 0.0, 0.0, rest="lying"),)), "semantic", "banana_"),
+        (nominal("put-on"), "semantic", "its task is 'put-on', not 'pick-up'"),
+        (replace(NOMINAL, targets=(put("coke_can", 0.3, 0.0),)), "geometry", "the workspace ends at"),
+        (replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),)), "geometry", "less than 0.15 m"),
+        (
+            replace(NOMINAL, targets=(put("coke_can", 0.0, 0.0, quaternion=(0.95, 0.0, 0.312, 0.0)),)),
+            "settling",
+            "while settling",
+        ),
+    ],
+    ids=["unknown object", "another task", "off the workspace", "too close", "leaning"],
+)
+def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_subject(scene, check, says):
+    subject = Meddled(lambda *_: pytest.fail("asked"))
+    (outcome,) = evaluate(subject, NOMINAL, scene)[1:]
+    assert (outcome.verdict, outcome.check, outcome.rollouts) == (Verdict.INVALID, check, ())
+    assert says in outcome.detail
+
+
+def test_a_scene_that_is_solved_from_the_start_is_invalid():
+    cubes = (Placement("green_cube", "flat", 0.0, 0.0), Placement("yellow_cube", "flat", 0.0, 0.06))
+    (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), min_distance=0.0)
+    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "solved")
+
+
+def test_unchecked_scenes_are_run_as_they_are():
+    close = replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),))
+    assert evaluate(Frozen(), close, checked=False)[0].verdict is Verdict.FAILED
+
+
+def raising(*_: object) -> None:
+    raise RuntimeError("out of memory")
+
+
+def refusing(*_: object) -> None:
+    raise SubjectError("no answer within 10 s", cause="timeout")
+
+
+BROKEN = {
+    "nan": (lambda _, a: [ActionChunk(a * np.nan)], "subject: bad_action: expert: an action is not finite"),
+    "infinite": (lambda _, a: [ActionChunk(a + np.inf)], "subject: bad_action: expert: an action is not finite"),
+    "six numbers": (lambda _, a: [ActionChunk(a[:, :6])], "subject: bad_action: expert: actions of shape (1, 6)"),
+    "no chunk axis": (lambda _, a: [ActionChunk(a[0])], "subject: bad_action: expert: actions of shape (7,)"),
+    "empty chunk": (lambda _, a: [ActionChunk(a[:0])], "subject: bad_action: expert: actions of shape (0, 7)"),
+    "two chunks": (lambda _, a: [ActionChunk(a)] * 2, "subject: bad_action: expert: 1 observations, 2 chunks"),
+    "none": (lambda *_: None, "subject: "),
+    "words": (lambda *_: [ActionChunk(np.array([["up"] * 7]))], "subject: "),
+    "raises": (raising, "subject: remote: expert raised RuntimeError: out of memory"),
+    "silent": (refusing, "subject: timeout: no answer within 10 s"),
+}
+
+
+@pytest.mark.parametrize(("meddle", "says"), BROKEN.values(), ids=BROKEN)
+def test_a_subject_that_breaks_is_an_error_and_the_next_scene_is_as_ever(known, meddle, says):
+    broken, sound = evaluate(Meddled(meddle, episodes=1), NOMINAL, ANOTHER)
+    assert (broken.verdict, broken.rollouts, broken.lost_stage) == (Verdict.ERROR, (), None)
+    assert broken.detail.startswith(says)
+    assert sound.verdict is Verdict.PASSED
+    assert sound.rollouts[0].states_hash == known[1]
+
+
+def test_a_subject_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(known):
+    def breaks_while_holding(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
+        return [ActionChunk(actions * (np.nan if is_lifted(observation) else 1.0))]
+
+    broken, sound = evaluate(Meddled(breaks_while_holding, episodes=1), NOMINAL, ANOTHER)
+    assert broken.verdict is Verdict.ERROR
+    assert sound.rollouts[0].states_hash == known[1]
+
+
+@pytest.mark.parametrize("crashing_step", [0, 9])
+def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(known, monkeypatch, crashing_step):
+    step, calls = World.step, []
+
+    def crashing(world: World, *arguments: object) -> object:
+        calls.append(world)
+        if len(calls) == crashing_step + 1:
+            raise RuntimeError("PhysX: out of contact memory")
+        return step(world, *arguments)
+
+    monkeypatch.setattr(World, "step", crashing)
+    broken, sound = evaluate(Expert(), NOMINAL, ANOTHER)
+    assert (broken.verdict, broken.detail) == (Verdict.ERROR, "simulator: RuntimeError: PhysX: out of contact memory")
+    assert sound.rollouts[0].states_hash == known[1]
+
+
+def test_an_option_that_was_not_applied_is_an_error(monkeypatch):
+    begin = World.begin
+    monkeypatch.setattr(
+        World, "begin", lambda world, models, placements: begin(world, models, [put("pepsi_can", 0.0, 0.1)])
+    )
+    (outcome,) = evaluate(Expert(), NOMINAL)
+    assert outcome.verdict is Verdict.ERROR
+    assert "pose of pepsi_can: asked for" in outcome.detail
+
+
+def test_an_interruption_passes():
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(Meddled(lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)), NOMINAL)
+
+
+@pytest.mark.parametrize(("stop_early", "after"), [(False, 10), (True, 0)])
+def test_a_rollout_goes_on_for_ten_steps_after_success(stop_early, after):
+    (rollout,) = evaluate(Expert(), NOMINAL, stop_early=stop_early)[0].rollouts
+    first = int(np.argmax(rollout.trace == 1.0))
+    assert rollout.steps == len(rollout.actions) == first + 1 + after
+    assert rollout.steps < 80
+
+
+def test_who_lets_go_after_success_has_succeeded_once_but_not_at_the_end():
+    (outcome,) = evaluate(lets_go_when(lambda observation: observation.privileged.done), NOMINAL)
+    assert outcome.verdict is Verdict.PASSED
+    assert (outcome.rollouts[0].success_once, outcome.rollouts[0].success_at_end) == (True, False)
+
+
+@pytest.mark.parametrize(
+    ("criteria", "verdict", "lost", "reached"),
+    [
+        ("strict", Verdict.FAILED, "success", ("grasp", "lift")),
+        ("published", Verdict.PASSED, None, ("grasp", "lift", "success")),
+    ],
+)
+def test_who_lets_go_too_early_passes_by_the_published_criteria_only(criteria, verdict, lost, reached):
+    (outcome,) = evaluate(lets_go_when(is_lifted), NOMINAL, criteria=criteria)
+    assert (outcome.verdict, outcome.lost_stage) == (verdict, lost)
+    assert outcome.rollouts[0].reached == reached
+    assert outcome.rollouts[0].published_success
+
+
+def test_other_criteria_are_refused():
+    with pytest.raises(UsageError, match="criteria: 'lenient'") as caught:
+        evaluate(Frozen(), NOMINAL, criteria="lenient")
+    assert caught.value.hint == "strict or published"
+
+
+def test_repeats_have_seeds_of_their_own_and_are_repeatable():
+    (outcome,) = evaluate(Random(), NOMINAL, repeats=3, seed=5)
+    hashes = [rollout.states_hash for rollout in outcome.rollouts]
+    assert len(set(hashes)) == 3
+    (shifted,) = evaluate(Random(), NOMINAL, repeats=2, seed=6)
+    assert [rollout.states_hash for rollout in shifted.rollouts] == hashes[1:]
+
+
+def test_one_failed_repeat_fails_the_scene_with_the_worst_progress():
+    frozen_once = Meddled(lambda *_: [ActionChunk(STILL[None])], episodes=1)
+    (outcome,) = evaluate(frozen_once, NOMINAL, repeats=2)
+    assert [rollout.success_once for rollout in outcome.rollouts] == [False, True]
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.FAILED, "grasp", 0.0)
+
+
+def test_every_rollout_has_an_episode_name_of_its_own_and_hears_the_instruction():
+    subject = Meddled(lambda _, a: [ActionChunk(a)])
+    evaluate(subject, NOMINAL, ANOTHER, repeats=2, seed=3)
+    assert len({start.episode for start in subject.started}) == 4
+    assert [start.seed for start in subject.started] == [3, 4, 3, 4]
+    assert [start.instruction for start in subject.started] == [NOMINAL.instruction] * 2 + ["pick up sponge"] * 2
+
+
+def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
+    (rollout,) = expert_on("pick-up").evaluate([NOMINAL])[0].rollouts
+    state = env.begin(NOMINAL)
+    for action in rollout.actions:
+        state = env.advance(action.astype(np.float64), "current")
+    assert state.held == 0
+    assert env.monitor.success_once
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_crashes_of_many_rollouts_never_reach_the_others(task):
+    rng = np.random.default_rng(0)
+    subject = Meddled(lambda _, a: [ActionChunk(a * (np.nan if rng.random() < 0.05 else 1.0))], episodes=20)
+    outcomes = evaluate(subject, *[nominal(task)] * 30)
+    assert {outcome.verdict for outcome in outcomes[20:]} == {Verdict.PASSED}
+    assert len({outcome.rollouts[0].states_hash for outcome in outcomes if outcome.rollouts}) == 1
