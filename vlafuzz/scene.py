@@ -118,10 +118,10 @@ _ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
 
 
 def _canonical(value: Any) -> Any:
-    if isinstance(value, float):
-        return value + 0.0  # -0.0 and 0.0 are one value
+    if isinstance(value, (int, float)):
+        return float(value) + 0.0  # 1 and 1.0 are one value, and so are -0.0 and 0.0
     if isinstance(value, dict):
-        return {key: _canonical(item) for key, item in value.items()}
+        return {key: item if key == "schema" else _canonical(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]
     return value

@@ -65,7 +65,7 @@ class TabletopEnv(BaseEnv):
         self.rig = rig("panda")
         self.catalogue = catalogue or load_catalogue()
         self._cameras = tuple(cameras)
-        self._control_hz = control_hz
+        self.control_hz = control_hz
         kwargs.setdefault("robot_uids", MetricPanda.uid)
         kwargs.setdefault("control_mode", CONTROL_MODE)
         kwargs.setdefault("reward_mode", "sparse")
@@ -120,7 +120,7 @@ class TabletopEnv(BaseEnv):
     @property
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
-            sim_freq=SIM_HZ, control_freq=self._control_hz, scene_config=SceneConfig(contact_offset=CONTACT_OFFSET)
+            sim_freq=SIM_HZ, control_freq=self.control_hz, scene_config=SceneConfig(contact_offset=CONTACT_OFFSET)
         )
 
     @property
@@ -149,7 +149,7 @@ class TabletopEnv(BaseEnv):
         agent = self.agent
         fingers = (agent.finger1_link._objs[0], agent.finger2_link._objs[0])
         robot = Robot(agent.robot._objs[0], agent.controller.arm, agent.tcp._objs[0], fingers)
-        self.world = World(self.scene.sub_scenes[0], robot, self.rig, self._control_hz)
+        self.world = World(self.scene.sub_scenes[0], robot, self.rig, self.control_hz)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         scene = options.get("scene")

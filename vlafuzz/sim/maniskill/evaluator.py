@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.errors import SubjectError, UsageError
+from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv, gym_id
 from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.settle import check_dynamic
+from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation, Privileged, Subject
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.tasks.state import State
@@ -36,7 +39,7 @@ class ManiSkillEvaluator:
         repeats: rollouts a scene.
         stop_early: end a rollout at success instead of ten steps later.
         criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
-        watch: one more camera, whose pictures are kept in ``frames``.
+        recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
     """
 
@@ -51,7 +54,7 @@ class ManiSkillEvaluator:
         repeats: int = 1,
         stop_early: bool = False,
         criteria: str = "strict",
-        watch: CameraRequest | None = None,
+        recording: Recording | None = None,
         checked: bool = True,
     ) -> None:
         if criteria not in ("strict", "published"):
@@ -59,9 +62,8 @@ class ManiSkillEvaluator:
         self._task, self._subject, self._catalogue = task_named(task), subject, catalogue
         self._min_distance, self._seed, self._repeats = min_distance, seed, repeats
         self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
-        self._watch = watch
+        self._recording = recording
         self._env: TabletopEnv | None = None
-        self.frames: list[NDArray[np.uint8]] = []
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
         """One outcome a scene, in order."""
@@ -78,6 +80,8 @@ class ManiSkillEvaluator:
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
             rollouts = tuple(self._rollout(scene, self._seed + number) for number in range(self._repeats))
+        except PrerequisiteError:
+            raise  # nothing that another scene would not meet too
         except SubjectError as error:
             return Outcome.error(f"subject: {error.cause}: {error}")
         except Exception as error:  # whatever a simulator throws is its crash, not the scene's failure
@@ -116,20 +120,20 @@ class ManiSkillEvaluator:
         spec, monitor = self._subject.spec, env.monitor
         actions: list[NDArray[np.float64]] = []
         last = EPISODE_SECONDS * spec.action.hz
-        self._film(env)
+        self._record(env, scene)
         while len(actions) < last:
-            now = state
-            action = harness.action(lambda: self._observe(env, start, scene, now, len(actions)))
-            actions.append(action)
-            state = env.advance(action, spec.action.relative_to)
-            self._film(env)
-            if monitor.success_once and last > len(actions) + AFTER_SUCCESS:
-                last = len(actions) + (0 if self._stop_early else AFTER_SUCCESS)
+            observe = partial(self._observe, env, start, scene, state, len(actions))
+            actions.append(harness.action(observe))
+            before = monitor.success_once
+            state = env.advance(actions[-1], spec.action.relative_to)
+            self._record(env, scene)
+            if monitor.success_once and not before:
+                last = min(last, len(actions) + (0 if self._stop_early else AFTER_SUCCESS))
         return actions
 
     def _observe(self, env: TabletopEnv, start: EpisodeStart, scene: Scene, state: State, step: int) -> Observation:
         spec = self._subject.spec
-        return Observation(
+        observation = Observation(
             episode=start.episode,
             step=step,
             instruction=scene.instruction,
@@ -138,25 +142,36 @@ class ManiSkillEvaluator:
             outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now) if spec.privileged else None,
         )
+        if self._recording is not None:
+            self._recording.observations.append(observation)
+        return observation
 
-    def _film(self, env: TabletopEnv) -> None:
-        if self._watch is not None:
-            self.frames.append(env.picture(self._watch.name))
+    def _record(self, env: TabletopEnv, scene: Scene) -> None:
+        if self._recording is not None:
+            self._recording.note(env, scene.instruction)
 
     def _environment(self) -> TabletopEnv:
         if self._env is None:
-            cameras = self._subject.spec.cameras + ((self._watch,) if self._watch else ())
+            watching = self._recording.camera if self._recording else None
+            self._env = self._make(self._subject.spec.cameras + ((watching,) if watching else ()))
+        return self._env
+
+    def _make(self, cameras: tuple[CameraRequest, ...]) -> TabletopEnv:
+        try:
             made = gymnasium.make(
                 gym_id(self._task.name),
                 catalogue=self._catalogue,
                 cameras=cameras,
                 control_hz=self._subject.spec.action.hz,
                 obs_mode="none",
-                render_backend="gpu" if cameras else "none",
+                render_backend=render_backend() if cameras else "none",
             )
-            assert isinstance(made.unwrapped, TabletopEnv)
-            self._env = made.unwrapped
-        return self._env
+        except RuntimeError as error:
+            if "rendering device" not in str(error):
+                raise
+            raise PrerequisiteError(f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install") from None
+        assert isinstance(made.unwrapped, TabletopEnv)
+        return made.unwrapped
 
     def _drop_env(self) -> None:
         if self._env is not None:

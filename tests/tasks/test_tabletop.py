@@ -1,0 +1,321 @@
+"""The four tasks, judged on states made by hand: no simulator."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.tasks.base import Monitor
+from vlafuzz.tasks.state import ARM, HAND, TABLE, State, speeds
+from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
+
+CATALOGUE = load_catalogue()
+CAN, CUBE, PLATE, BASKET, SPONGE = (CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge"))
+REST = {model.name: model.rests[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}
+HELD = {(0, HAND)}
+
+
+def state(
+    *positions: Sequence[float],
+    held: int | None = None,
+    touching: set[tuple[int, int | str]] | None = None,
+    speed: float = 0.0,
+    spin: float = 0.0,
+    turned: dict[int, Rotation] | None = None,
+    tcp: Sequence[float] | None = None,
+) -> State:
+    """Objects upright at some positions; everything on the table and at rest unless said otherwise."""
+    rotations = np.stack([np.eye(3)] * len(positions))
+    for index, rotation in (turned or {}).items():
+        rotations[index] = rotation.as_matrix()
+    return State(
+        positions=np.array(positions, dtype=np.float64),
+        rotations=rotations,
+        linear=np.full(len(positions), speed),
+        angular=np.full(len(positions), spin),
+        tcp=np.array(tcp if tcp is not None else [0.0, 0.0, 0.17]),
+        tcp_rotation=np.eye(3),
+        opening=0.04,
+        held=held,
+        contacts=frozenset({(i, TABLE) for i in range(len(positions))} if touching is None else touching),
+    )
+
+
+def watch(monitor: Monitor, *states: State) -> Monitor:
+    for each in states:
+        monitor.observe(each)
+    return monitor
+
+
+def test_there_are_four_tasks_by_name():
+    assert list(TASKS) == ["pick-up", "move-near", "put-on", "put-in"]
+    assert [task(name).stage_names[0] for name in TASKS] == ["grasp"] * 4
+    assert {task(name).stage_names[-1] for name in TASKS} == {"success"}
+
+
+def test_an_unknown_task_is_refused_with_the_nearest_known():
+    with pytest.raises(UsageError, match="unknown task 'put-inn'") as caught:
+        task("put-inn")
+    assert caught.value.hint == "did you mean 'put-in'?"
+
+
+class TestPickUp:
+    """A can at (0.1, 0), the hand above the middle of the table."""
+
+    ground = (0.1, 0.0, REST["coke_can"])
+
+    def monitor(self) -> Monitor:
+        return Monitor(PICK_UP, (CAN,), state(self.ground))
+
+    def up(self, height: float, held: int | None = 0, touching=HELD) -> State:
+        return state((0.1, 0.0, REST["coke_can"] + height), held=held, touching=touching)
+
+    def test_five_steps_held_up_are_success_and_four_are_not(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 4)
+        assert not monitor.success_once
+        assert watch(monitor, self.up(0.03)).success_once
+        assert monitor.reached == ["grasp", "lift", "success"]
+
+    def test_dropping_it_resets_the_count(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 4, self.up(0.03, held=None), *[self.up(0.03)] * 4)
+        assert not monitor.success_once
+        assert watch(monitor, self.up(0.03)).success_once
+
+    @pytest.mark.parametrize(
+        ("height", "held", "stages"),
+        [(0.0, 0, ["grasp"]), (0.019, 0, ["grasp"]), (0.021, None, []), (0.021, 1, []), (0.5, None, [])],
+    )
+    def test_lift_needs_two_centimetres_and_a_grasp_of_the_target(self, height, held, stages):
+        assert watch(self.monitor(), *[self.up(height, held)] * 8).reached == stages
+
+    def test_a_stage_needs_two_steps_in_a_row(self):
+        monitor = watch(self.monitor(), self.up(0, 0), self.up(0, None), self.up(0, 0))
+        assert monitor.reached == []
+        assert watch(monitor, self.up(0, 0)).reached == ["grasp"]
+
+    def test_success_at_the_end_is_lost_with_the_object_and_success_once_is_not(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 5)
+        assert monitor.success_now
+        watch(monitor, self.up(0.0, None))
+        assert (monitor.success_now, monitor.success_once) == (False, True)
+
+    def test_progress_grows_with_approach_grasp_lift_and_hold(self):
+        way = [state(self.ground, tcp=(0.1 * part, 0.0, 0.17 - 0.1 * part)) for part in (0.2, 0.5, 0.9)]
+        way += [self.up(height) for height in (0.0, 0.0, 0.01, 0.015, 0.02, 0.02, 0.02, 0.02, 0.02)]
+        trace = watch(self.monitor(), *way).trace
+        assert np.all(np.diff(trace) >= 0)
+        assert trace[2] < 1 / 3 <= trace[4] < 2 / 3 <= trace[8] < 1.0 == trace[-1]
+
+    def test_going_away_never_counts_as_progress_and_the_best_moment_stays(self):
+        near, far = state(self.ground, tcp=(0.1, 0.0, 0.08)), state(self.ground, tcp=(-0.5, 0.3, 0.6))
+        monitor = watch(self.monitor(), far)
+        assert monitor.progress == 0.0
+        best = watch(monitor, near).progress
+        assert watch(monitor, far).progress == best > 0.2
+
+    def test_published_success_needs_no_grasp_that_is_held(self):
+        tossed = watch(self.monitor(), self.up(0.015, held=None, touching=set()))
+        assert (tossed.published_success, tossed.success_once) == (True, False)
+
+    @pytest.mark.parametrize(("height", "touching"), [(0.009, HELD), (0.05, {(0, 1)}), (0.05, {(0, TABLE)})])
+    def test_published_success_needs_a_centimetre_and_nothing_else_below(self, height, touching):
+        assert not watch(self.monitor(), self.up(height, touching=touching)).published_success
+
+
+class TestMoveNear:
+    """Two cubes of 3 cm, 20 cm apart along y, and a third one aside."""
+
+    b, c = (0.0, 0.2, 0.015), (0.1, -0.2, 0.015)
+
+    def monitor(self) -> Monitor:
+        return Monitor(MOVE_NEAR, (CUBE, CUBE, CUBE), state((0.0, 0.0, 0.015), self.b, self.c))
+
+    def at(self, y: float, z: float = 0.015, **more) -> State:
+        return state((0.0, y, z), self.b, self.c, **more)
+
+    @pytest.mark.parametrize(("gap", "near"), [(0.049, True), (0.051, False), (0.001, True)])
+    def test_success_is_a_gap_of_five_centimetres_between_footprints(self, gap, near):
+        assert watch(self.monitor(), *[self.at(0.2 - 0.03 - gap)] * 2).success_once is near
+
+    def test_a_turned_footprint_reaches_farther(self):
+        moments = [self.at(0.2 - 0.03 - 0.055, turned={0: Rotation.from_euler("z", 45, degrees=True)})] * 2
+        assert watch(self.monitor(), *moments).success_once
+
+    @pytest.mark.parametrize("more", [{"z": 0.03}, {"speed": 0.02}, {"spin": 0.2}], ids=["in the air", "moving", "rolling"])
+    def test_it_must_lie_at_rest_on_the_table(self, more):
+        assert not watch(self.monitor(), *[self.at(0.14, **more)] * 5).success_once
+
+    def test_b_knocked_over_does_not_count(self):
+        lying = {1: Rotation.from_euler("x", 90, degrees=True)}
+        assert not watch(self.monitor(), *[self.at(0.14, turned=lying)] * 5).success_once
+
+    def test_b_turned_on_the_spot_does_count(self):
+        spun = {1: Rotation.from_euler("z", 90, degrees=True)}
+        assert watch(self.monitor(), *[self.at(0.14, turned=spun)] * 2).success_once
+
+    def test_a_may_lie_where_it_comes_to_rest(self):
+        lying = {0: Rotation.from_euler("x", 90, degrees=True)}
+        assert watch(self.monitor(), *[self.at(0.14, turned=lying)] * 2).success_once
+
+    def test_success_implies_the_stages_before_it(self):
+        assert watch(self.monitor(), *[self.at(0.14)] * 2).reached == ["grasp", "move", "success"]
+
+    @pytest.mark.parametrize(("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)])
+    def test_the_move_is_three_centimetres_and_more_than_anything_else_moved(self, y, other, moved):
+        c = (0.1, -0.2 - other, 0.015)
+        states = [state((0.0, 0.0, 0.015), self.b, self.c, held=0)] * 2
+        states += [state((0.0, y, 0.015), self.b, c, held=0)] * 2
+        assert ("move" in watch(self.monitor(), *states).reached) is moved
+
+    def test_progress_grows_as_the_gap_closes(self):
+        way = [self.at(y, held=0) for y in (0.0, 0.0, 0.01, 0.02, 0.04, 0.04, 0.06, 0.09, 0.11)]
+        trace = watch(self.monitor(), *way, *[self.at(0.14)] * 2).trace
+        assert np.all(np.diff(trace) >= 0)
+        assert 2 / 3 < trace[-3] < trace[-1] == 1.0
+
+    def test_published_success_counts_what_hangs_in_the_air(self):
+        monitor = watch(self.monitor(), *[self.at(0.14, z=0.1, held=0)] * 5)
+        assert (monitor.published_success, monitor.success_once) == (True, False)
+
+    def test_published_success_wants_b_to_be_the_closest(self):
+        beside_c = state((0.1, -0.15, 0.015), (0.1, -0.08, 0.015), self.c)
+        assert not watch(self.monitor(), beside_c).published_success
+
+
+class TestPutOn:
+    """A cube and a plate 20 cm away."""
+
+    plate, on = (0.0, 0.2, REST["plate"]), {(0, 1), (1, 0), (1, TABLE)}
+    top = REST["plate"] * 2 + 0.015
+
+    def monitor(self) -> Monitor:
+        return Monitor(PUT_ON, (CUBE, PLATE), state((0.0, 0.0, 0.015), self.plate))
+
+    def at(self, y: float, z: float, **more) -> State:
+        return state((0.0, y, z), self.plate, **more)
+
+    def test_resting_on_b_is_success(self):
+        monitor = watch(self.monitor(), *[self.at(0.2, self.top, touching=self.on)] * 2)
+        assert (monitor.success_once, monitor.reached) == (True, ["grasp", "move", "success"])
+
+    @pytest.mark.parametrize(
+        "more",
+        [
+            {"touching": {(0, 1), (0, TABLE)}},
+            {"touching": {(0, 1), (0, HAND)}},
+            {"touching": {(0, 1), (0, ARM)}},
+            {"touching": set()},
+            {"touching": {(0, 1)}, "speed": 0.02},
+            {"touching": {(0, 1)}, "spin": 0.2},
+        ],
+        ids=["on the table too", "in the hand", "at the arm", "above it", "sliding", "rolling"],
+    )
+    def test_what_touches_something_else_or_moves_does_not_count(self, more):
+        assert not watch(self.monitor(), *[self.at(0.2, self.top, **more)] * 5).success_once
+
+    @pytest.mark.parametrize(("y", "z", "over"), [(0.2, 0.1, True), (0.13, 0.1, True), (0.11, 0.1, False), (0.2, 0.0, False)])
+    def test_the_move_ends_above_bs_footprint(self, y, z, over):
+        states = [self.at(0.0, 0.1, held=0, touching=HELD)] * 2 + [self.at(y, z, held=0, touching=HELD)] * 2
+        assert ("move" in watch(self.monitor(), *states).reached) is over
+
+    def test_progress_grows_on_the_way_and_while_it_is_lowered(self):
+        way = [self.at(0.0, 0.05, held=0, touching=HELD)] * 2
+        way += [self.at(y, 0.15, held=0, touching=HELD) for y in (0.05, 0.1, 0.15, 0.15)]
+        way += [self.at(0.2, z, held=0, touching=HELD) for z in (0.15, 0.1, 0.05)]
+        trace = watch(self.monitor(), *way, *[self.at(0.2, self.top, touching=self.on)] * 2).trace
+        assert np.all(np.diff(trace) >= 0)
+        assert 2 / 3 < trace[-3] < trace[-1] == 1.0
+
+    def test_published_success_counts_what_is_still_in_the_hand(self):
+        monitor = watch(self.monitor(), *[self.at(0.2, self.top, held=0, touching=HELD)] * 5)
+        assert (monitor.published_success, monitor.success_once) == (True, False)
+
+    @pytest.mark.parametrize(("y", "z"), [(0.08, 0.03), (0.2, 0.06)])
+    def test_published_success_needs_it_over_b_and_low(self, y, z):
+        assert not watch(self.monitor(), self.at(y, z)).published_success
+
+
+class TestPutIn:
+    """A cube or a sponge, and a basket of 17 × 13.6 cm inside, 25 cm away."""
+
+    basket, within = (0.0, 0.25, REST["basket"]), {(0, 1), (1, 0), (1, TABLE)}
+    floor = REST["basket"] + BASKET.container.floor
+
+    def monitor(self, a=CUBE) -> Monitor:
+        return Monitor(PUT_IN, (a, BASKET), state((0.0, 0.0, REST[a.name]), self.basket))
+
+    def at(self, x: float = 0.0, y: float = 0.25, height: float = 0.015, **more) -> State:
+        return state((x, y, self.floor + height), self.basket, **{"touching": self.within} | more)
+
+    def test_lying_inside_is_success(self):
+        monitor = watch(self.monitor(), *[self.at()] * 2)
+        assert (monitor.success_once, monitor.reached) == (True, ["grasp", "move", "success"])
+
+    @pytest.mark.parametrize(("x", "inside"), [(0.069, True), (-0.069, True), (0.08, False), (-0.08, False)])
+    def test_the_whole_hull_must_be_inside_and_not_only_the_centre(self, x, inside):
+        assert watch(self.monitor(), *[self.at(x)] * 2).success_once is inside
+
+    def test_inside_turns_with_the_basket(self):
+        across = {1: Rotation.from_euler("z", 90, degrees=True)}
+        assert watch(self.monitor(), *[self.at(0.06)] * 2).success_once
+        assert not watch(self.monitor(), *[self.at(0.06, turned=across)] * 5).success_once
+
+    def test_what_leans_over_the_rim_is_not_inside(self):
+        leaning = {0: Rotation.from_euler("y", 50, degrees=True)}
+        monitor = watch(self.monitor(SPONGE), *[self.at(0.07, height=0.04, turned=leaning)] * 5)
+        assert not monitor.success_once
+
+    @pytest.mark.parametrize(
+        "more",
+        [{"touching": {(0, 1), (0, HAND)}}, {"touching": {(0, 1), (0, TABLE)}}, {"touching": set()}, {"speed": 0.02}],
+        ids=["in the hand", "on the table", "touching nothing", "moving"],
+    )
+    def test_it_must_be_released_and_at_rest_in_it(self, more):
+        assert not watch(self.monitor(), *[self.at(**more)] * 5).success_once
+
+    def test_published_success_counts_what_hovers_above_the_basket(self):
+        monitor = watch(self.monitor(), *[self.at(height=0.08, held=0, touching=HELD)] * 5)
+        assert (monitor.published_success, monitor.success_once) == (True, False)
+
+
+@pytest.mark.parametrize(
+    ("chosen", "models"),
+    [(PICK_UP, (CAN,)), (MOVE_NEAR, (CUBE, SPONGE)), (PUT_ON, (CUBE, PLATE)), (PUT_IN, (CUBE, BASKET))],
+    ids=TASKS,
+)
+def test_progress_is_in_zero_to_one_and_never_one_without_success_whatever_happens(chosen, models):
+    rng = np.random.default_rng(0)
+    spots = [(0.2 * index, 0.0, REST[model.name]) for index, model in enumerate(models)]
+    everything = [0, 1, TABLE, HAND, ARM]
+    for _ in range(20):
+        monitor = Monitor(chosen, models, state(*spots))
+        for _ in range(12):
+            moved = np.array(spots) + rng.normal(0, 0.1, (len(spots), 3)) * [1, 1, 0.3]
+            touching = {(0, everything[index]) for index in rng.choice([1, 2, 3], rng.integers(0, 3))}
+            watch(monitor, state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)))
+        assert monitor.trace.min() >= 0
+        assert (monitor.trace.max() == 1.0) == monitor.success_once
+        assert monitor.progress == monitor.trace.max() <= 1.0
+        assert monitor.reached == list(chosen.stage_names[: len(monitor.reached)])
+
+
+def test_no_task_is_solved_where_its_objects_stand_apart():
+    assert not PICK_UP.solved((CAN,), state((0.1, 0.0, REST["coke_can"])))
+    assert not MOVE_NEAR.solved((CUBE, CUBE), state((0.0, 0.0, 0.015), (0.0, 0.2, 0.015)))
+    assert MOVE_NEAR.solved((CUBE, CUBE), state((0.0, 0.0, 0.015), (0.0, 0.06, 0.015)))
+
+
+def test_speeds_are_taken_over_the_step():
+    before = state((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    after = state((0.02, 0.0, 0.0), (1.0, 0.0, 0.0), turned={1: Rotation.from_euler("x", 0.3)})
+    linear, angular = speeds(after.positions, after.rotations, before, seconds=0.2)
+    assert linear == pytest.approx([0.1, 0.0])
+    assert angular == pytest.approx([0.0, 1.5])
+
+
+def test_at_rest_is_slower_than_a_centimetre_and_a_tenth_of_a_radian_a_second():
+    at_rest = [state((0, 0, 0), speed=speed, spin=spin).at_rest(0) for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]]
+    assert at_rest == [True, False, False]

@@ -1,0 +1,172 @@
+"""``vlafuzz replay``."""
+
+from __future__ import annotations
+
+import json as json_format
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from vlafuzz.cli.output import print_json, print_rows, stderr
+from vlafuzz.errors import PrerequisiteError, UsageError
+
+if TYPE_CHECKING:
+    from vlafuzz.outcome import Rollout
+    from vlafuzz.scene import Scene
+    from vlafuzz.sim.maniskill.video import Recording
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A scene, and how it was run before, if it was: ``states_hash`` of its first rollout."""
+
+    scene: Scene
+    subject: str = "pinhole"
+    seed: int = 0
+    criteria: str = "strict"
+    states_hash: str | None = None
+
+
+def command(
+    source: Annotated[Path, typer.Argument(help="A store, or a file of JSON scenes.")],
+    digest: Annotated[
+        str | None, typer.Argument(help="The first digits of a scene's digest.", show_default="first failure")
+    ] = None,
+    first_failure: Annotated[bool, typer.Option("--first-failure", help="The store's first finding.")] = False,
+    subject: Annotated[str | None, typer.Option(help="Another subject than the store's.")] = None,
+    video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
+    seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the subject saw at first.")] = None,
+    trace: Annotated[Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Run one scene or finding again, and show it."""
+    if digest and first_failure:
+        raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
+    wanted = _find(source, digest)
+    filmed = video is not None or picture is not None
+    if filmed:
+        _check_renderer()
+    from vlafuzz.sim.maniskill.video import Recording, write_picture
+
+    recording = Recording(480 if filmed else 0)
+    report, rollout, hz = _roll_out(wanted, subject or wanted.subject, recording)
+    if video:
+        recording.write_video(video, hz)
+    if picture:
+        write_picture(picture, recording.contact_strip())
+    if seen:
+        write_picture(seen, recording.seen())
+    if trace and rollout:
+        _write_trace(trace, wanted.scene, rollout)
+    if json:
+        print_json(report)
+    else:
+        print_rows([{"what": key, "value": value} for key, value in report.items()], title="replay")
+    for path in (video, picture, seen, trace):
+        if path:
+            stderr().print(f"written: {path}")
+
+
+def _find(source: Path, digest: str | None) -> _Wanted:
+    if not source.is_file():
+        raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
+    with source.open("rb") as file:
+        is_store = file.read(15) == b"SQLite format 3"
+    return _find_in_store(source, digest) if is_store else _find_in_file(source, digest)
+
+
+def _find_in_file(source: Path, digest: str | None) -> _Wanted:
+    from vlafuzz.scene import load_scenes
+
+    scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
+    if not scenes:
+        raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
+    return _Wanted(scenes[0])
+
+
+def _find_in_store(source: Path, digest: str | None) -> _Wanted:
+    from vlafuzz.corpus.store import Corpus
+
+    with Corpus.open(source) as corpus:
+        if digest is None:
+            findings = corpus.findings()
+            if not findings:
+                raise UsageError(f"{source}: no scene failed", hint="give the digest of one that passed")
+            scene = findings[0].scene
+        else:
+            scene = corpus.scene(digest)
+        for run in reversed(corpus.runs()):
+            for trial in corpus.trials(run.id):
+                if trial.scene.digest == scene.digest and trial.outcome.rollouts:
+                    first = trial.outcome.rollouts[0]
+                    manifest = run.manifest
+                    return _Wanted(scene, manifest.subject, manifest.seed, manifest.criteria, first.states_hash)
+    return _Wanted(scene)
+
+
+def _check_renderer() -> None:
+    from vlafuzz.renderer import probe
+
+    renderer = probe()
+    if not renderer.works:
+        raise PrerequisiteError(f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install")
+
+
+def _roll_out(wanted: _Wanted, subject: str, recording: Recording) -> tuple[dict[str, Any], Rollout | None, int]:
+    from vlafuzz.objects import load_catalogue
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.subjects.registry import make_subject
+
+    made, scene = make_subject(subject), wanted.scene
+    evaluator = ManiSkillEvaluator(
+        scene.task,
+        made,
+        load_catalogue(),
+        min_distance=0.0,
+        seed=wanted.seed,
+        criteria=wanted.criteria,
+        recording=recording,
+        checked=False,
+    )
+    with closing(evaluator):
+        outcome = evaluator.evaluate([scene])[0]
+    rollout = outcome.rollouts[0] if outcome.rollouts else None
+    report = {
+        "scene": scene.digest,
+        "task": scene.task,
+        "instruction": scene.instruction,
+        "subject": subject,
+        "verdict": outcome.verdict.name.lower(),
+        "lost stage": outcome.lost_stage,
+        "reached": list(rollout.reached) if rollout else [],
+        "progress": round(outcome.progress, 4),
+        "steps": rollout.steps if rollout else 0,
+        "success at end": rollout.success_at_end if rollout else None,
+        "same trajectory as stored": _same(wanted, subject, rollout),
+        "detail": outcome.detail,
+    }
+    return report, rollout, made.spec.action.hz
+
+
+def _same(wanted: _Wanted, subject: str, rollout: Rollout | None) -> bool | None:
+    if wanted.states_hash is None or rollout is None or subject != wanted.subject:
+        return None
+    return rollout.states_hash == wanted.states_hash
+
+
+def _write_trace(path: Path, scene: Scene, rollout: Rollout) -> None:
+    document = {
+        "scene": json_format.loads(scene.to_json()),
+        "progress": [round(float(value), 5) for value in rollout.trace],
+        "actions": [[round(float(value), 6) for value in action] for action in rollout.actions],
+        "reached": list(rollout.reached),
+        "states_hash": rollout.states_hash,
+    }
+    try:
+        path.write_text(json_format.dumps(document) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}", hint="name a file in a folder of yours") from None
