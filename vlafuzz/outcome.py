@@ -26,7 +26,8 @@ class Rollout:
         reached: stages in the order in which they were reached.
         progress: best over the rollout, in [0, 1].
         trace: ``(steps,)`` progress after each control step.
-        actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians), gripper in [-1, 1] (1 open).
+        actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians),
+            gripper in [-1, 1] (1 open).
         published_success: success by the published environments' weaker criteria.
         states_hash: of all body and joint states at every step: equal trajectories have equal hashes.
     """
@@ -55,7 +56,8 @@ class Outcome:
         progress: of the worst rollout, in [0, 1]; 0 where there is none.
         lost_stage: the first stage that the worst rollout did not reach; None unless FAILED.
         detail: why it is INVALID or ERROR, in a sentence; else empty.
-        check: the validity check that rejected it (``semantic``, ``geometry``, ``settling``, ``solved``); else empty.
+        check: the validity check that rejected it (``semantic``, ``geometry``, ``settling``, ``solved``);
+            else empty.
     """
 
     verdict: Verdict

@@ -1,4 +1,4 @@
-"""The rig as data: where robot, table, nominal camera and lights are, and the camera's geometry. No simulator in here."""
+"""The rig as data: robot, table, nominal camera and lights, and the camera's geometry. No simulator."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class Rig:
 
     Attributes:
         base: of the robot, metres.
-        reach: farthest horizontal distance from the base at which the hand still points straight down, metres.
+        reach: farthest horizontal distance from the base at which the hand still points straight down,
+            metres.
         opening: widest opening of the gripper, metres.
         rest: joint positions at the start of an episode, radians and metres.
     """
@@ -63,15 +64,19 @@ class Rig:
     lights: Lights
 
     def neutral_yaw(self, x: float, y: float) -> float:
-        """Direction of the closing axis, in radians, with the hand's last joint in the middle of its range, pointing down at (x, y).
+        """Direction of the closing axis, in radians, where the last joint is in the middle of its range.
+
+        That is with the hand pointing down at (x, y), in metres.
 
         From there it turns 2.9 rad (166 degrees) either way.
         """
         return math.atan2(y - self.base[1], x - self.base[0]) - math.pi / 4
 
 
-# The workspace is a margin wider than the operators' default ranges; reach and opening are the Panda's (data sheet: 0.855 m
-# to the wrist, 0.08 m opening), less what pointing down costs (measured with the inverse kinematics at table height).
+# The workspace is a margin wider than the operators' default ranges; reach and opening are the Panda's
+# (data sheet: 0.855 m
+# to the wrist, 0.08 m opening), less what pointing down costs (measured with the inverse kinematics at
+# table height).
 PANDA = Rig(
     robot="panda",
     base=(-0.615, 0.0, 0.0),
@@ -98,7 +103,7 @@ def rig(robot: str) -> Rig:
 
 @dataclass(frozen=True, eq=False)
 class CameraPose:
-    """Where a camera stands: ``position`` (3,) in metres; ``axes`` (3, 3), rows forward, left, up in the world."""
+    """Where a camera stands: ``position`` (3,) in metres; ``axes`` (3, 3), its rows forward, left and up."""
 
     position: Array
     axes: Array
@@ -112,7 +117,8 @@ class CameraPose:
             points: ``(n, 3)`` metres.
 
         Returns:
-            ``(n, 2)`` u to the right and v down, both in [0, 1] inside the picture; ``(n,)`` depth along the axis, metres.
+            ``(n, 2)`` u to the right and v down, both in [0, 1] inside the picture; ``(n,)`` depth along
+            the axis, metres.
         """
         forward, left, up = ((points - self.position) @ self.axes.T).T
         scale = 2 * math.tan(math.radians(self.fov) / 2) * np.maximum(forward, 1e-6)
@@ -134,8 +140,11 @@ class CameraPose:
         return float(w), float(x), float(y), float(z)
 
 
+_NOMINAL = Camera()
+
+
 @lru_cache(maxsize=256)
-def camera_pose(view: View, camera: Camera = Camera()) -> CameraPose:
+def camera_pose(view: View, camera: Camera = _NOMINAL) -> CameraPose:
     """The nominal view, moved and turned as a scene's camera says.
 
     Roll, pitch and yaw turn it about its own forward, left and up axes, in the order yaw, pitch, roll.

@@ -21,7 +21,7 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 @dataclass(frozen=True)
 class Placement:
-    """One object: its rest pose at (x, y) in metres on the table, turned by ``yaw`` degrees about the vertical.
+    """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
     ``quaternion`` (w, x, y, z) replaces rest pose and yaw, ``scale`` the object's size: for imported scenes.
     """
@@ -48,7 +48,8 @@ class Light:
 class Camera:
     """The third-person camera's deviation from its nominal pose.
 
-    It stands ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the world's x axis) and
+    It stands ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the
+    world's x axis) and
     ``elevation``, and is turned by ``roll``, ``pitch`` and ``yaw`` about its own axes. All angles in degrees.
     """
 
@@ -106,7 +107,9 @@ class Scene:
         try:
             scene = _ADAPTER.validate_json(text)
         except ValidationError as error:
-            raise SceneError(_first_problem(error), hint="`vlafuzz run` and `vlafuzz import` write valid scenes") from None
+            raise SceneError(
+                _first_problem(error), hint="`vlafuzz run` and `vlafuzz import` write valid scenes"
+            ) from None
         if scene.schema > SCHEMA:
             raise SceneError(
                 f"schema: this scene has version {scene.schema}, newer than {SCHEMA}", hint="upgrade vlafuzz"
@@ -136,7 +139,7 @@ def _first_problem(error: ValidationError) -> str:
 
 
 def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
-    """Each scene of a JSON-lines file with its line number (from 1); a broken line yields its error and goes on.
+    """Each scene of a JSON-lines file with its line number, from 1; a broken line yields its error.
 
     Raises:
         SceneError: the file cannot be read at all.
@@ -145,7 +148,9 @@ def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line") from None
+        raise SceneError(
+            f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line"
+        ) from None
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
@@ -155,14 +160,14 @@ def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
             yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
 
 
-def load_scenes(path: Path) -> list[Scene]:
+def load_scenes(path: Path | str) -> list[Scene]:
     """All scenes of a JSON-lines file.
 
     Raises:
         SceneError: a line is broken, or there is no scene in it.
     """
     scenes: list[Scene] = []
-    for _, scene in read_scenes(path):
+    for _, scene in read_scenes(Path(path)):
         if isinstance(scene, SceneError):
             raise scene
         scenes.append(scene)

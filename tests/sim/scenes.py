@@ -13,6 +13,7 @@ from vlafuzz.sim.maniskill.env import TabletopEnv, default_scene, gym_id
 from vlafuzz.tasks.state import State
 
 CATALOGUE = load_catalogue()
+NOT_MOVED = Camera()
 STILL = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
@@ -24,11 +25,14 @@ def put(name: str, x: float, y: float, yaw: float = 0.0, rest: str | None = None
     return Placement(name, rest or CATALOGUE[name].rests[0].name, x, y, yaw, **more)
 
 
-def pick_up(target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = Camera()) -> Scene:
-    return Scene("pick-up", (target,), f"pick up {target.object}", confounders, Light(light), camera)
+def pick_up(
+    target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = NOT_MOVED
+) -> Scene:
+    instruction = f"pick up {CATALOGUE[target.object].spoken}"
+    return Scene("pick-up", (target,), instruction, confounders, Light(light), camera)
 
 
-# Six objects around and under the hand at rest: rolling ones, stacked heights, and a target that the fingers hit.
+# Six objects around and under the hand at rest: tall, low and rolling ones, and one that the fingers hit.
 CROWD = pick_up(
     put("coke_can", 0.0, 0.0, 20.0),
     put("orange", -0.05, 0.12),

@@ -1,4 +1,4 @@
-"""The metric end-effector controller: what is commanded is what the hand does, in metres, radians and the base's axes."""
+"""The metric controller: the hand does what is commanded, in metres, radians and the base's axes."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def check(start, end, *, move=(0, 0, 0), turned=(0, 0, 0)) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1], ids="+-")
 @pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
-def test_a_translation_moves_the_hand_along_the_bases_axis_and_does_nothing_else(env, start, axis, index, sign):
+def test_a_translation_moves_the_hand_along_the_bases_axis_and_nothing_else(env, start, axis, index, sign):
     end = play(env, [command(**{axis: 0.05 * sign})], still=4)
     check(start, end, move=np.eye(3)[index] * 0.05 * sign)
     assert end.opening == pytest.approx(0.08, abs=MILLIMETRES)

@@ -8,7 +8,16 @@ import sys
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, CROWD, STILL, make_env, nominal, play, pushes, random_scene, states_hash
+from tests.sim.scenes import (
+    CROWD,
+    STILL,
+    make_env,
+    nominal,
+    play,
+    pushes,
+    random_scene,
+    states_hash,
+)
 from vlafuzz.subjects.base import CameraRequest
 
 # No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.
@@ -92,7 +101,10 @@ def test_another_process_repeats_it(process_without_vulkan, fresh):
 
 
 def test_physics_and_expert_need_no_vulkan(process_without_vulkan, expert_on):
-    assert process_without_vulkan[1:] == ["PASSED", expert_on("pick-up").evaluate([nominal()])[0].rollouts[0].states_hash]
+    assert process_without_vulkan[1:] == [
+        "PASSED",
+        expert_on("pick-up").evaluate([nominal()])[0].rollouts[0].states_hash,
+    ]
 
 
 @pytest.mark.render

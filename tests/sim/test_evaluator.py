@@ -1,4 +1,4 @@
-"""Scenes in, outcomes out: each verdict for its reason, and nothing that one scene does reaches the next one."""
+"""Scenes in, outcomes out: each verdict for its reason, and no scene has an effect on the next one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -67,7 +67,9 @@ def is_lifted(observation: Observation) -> bool:
 
 
 def evaluate(subject: Subject, *scenes: Scene, **options: object) -> list[Outcome]:
-    evaluator = ManiSkillEvaluator(**{"task": scenes[0].task, "min_distance": 0.15} | options, subject=subject, catalogue=CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        **{"task": scenes[0].task, "min_distance": 0.15} | options, subject=subject, catalogue=CATALOGUE
+    )
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()
     return outcomes
@@ -75,7 +77,7 @@ def evaluate(subject: Subject, *scenes: Scene, **options: object) -> list[Outcom
 
 @pytest.fixture(scope="module")
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
-    """NOMINAL with a broken subject, ANOTHER with a sound one: always the same evaluator, as a campaign has it."""
+    """NOMINAL with a broken subject, then ANOTHER with a sound one, in the same evaluator."""
     subject = Meddled(raising)
     evaluator = ManiSkillEvaluator("pick-up", subject, CATALOGUE, min_distance=0.15)
 
@@ -156,16 +158,28 @@ def refusing(*_: object) -> None:
 
 
 BROKEN = {
-    "nan": (lambda _, a: [ActionChunk(a * np.nan)], "subject: bad_action: expert: an action is not finite"),
-    "infinite": (lambda _, a: [ActionChunk(a + np.inf)], "subject: bad_action: expert: an action is not finite"),
-    "six numbers": (lambda _, a: [ActionChunk(a[:, :6])], "subject: bad_action: expert: actions of shape (1, 6)"),
-    "no chunk axis": (lambda _, a: [ActionChunk(a[0])], "subject: bad_action: expert: actions of shape (7,)"),
-    "empty chunk": (lambda _, a: [ActionChunk(a[:0])], "subject: bad_action: expert: actions of shape (0, 7)"),
-    "two chunks": (lambda _, a: [ActionChunk(a)] * 2, "subject: bad_action: expert: 1 observations, 2 chunks"),
-    "none": (lambda *_: None, "subject: "),
-    "words": (lambda *_: [ActionChunk(np.array([["up"] * 7]))], "subject: "),
-    "raises": (raising, "subject: remote: expert raised RuntimeError: out of memory"),
-    "silent": (refusing, "subject: timeout: no answer within 10 s"),
+    "nan": (lambda _, a: [ActionChunk(a * np.nan)], "bad_action: expert: an action is not finite"),
+    "infinite": (
+        lambda _, a: [ActionChunk(a + np.inf)],
+        "bad_action: expert: an action is not finite",
+    ),
+    "six numbers": (
+        lambda _, a: [ActionChunk(a[:, :6])],
+        "bad_action: expert: actions of shape (1, 6)",
+    ),
+    "no chunk axis": (lambda _, a: [ActionChunk(a[0])], "bad_action: expert: actions of shape (7,)"),
+    "empty chunk": (
+        lambda _, a: [ActionChunk(a[:0])],
+        "bad_action: expert: actions of shape (0, 7)",
+    ),
+    "two chunks": (
+        lambda _, a: [ActionChunk(a)] * 2,
+        "bad_action: expert: 1 observations, 2 chunks",
+    ),
+    "none": (lambda *_: None, ""),
+    "words": (lambda *_: [ActionChunk(np.array([["up"] * 7]))], ""),
+    "raises": (raising, "remote: expert raised RuntimeError: out of memory"),
+    "silent": (refusing, "timeout: no answer within 10 s"),
 }
 
 
@@ -173,7 +187,7 @@ BROKEN = {
 def test_a_subject_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_first, known, meddle, says):
     broken, sound = broken_first(meddle)
     assert (broken.verdict, broken.rollouts, broken.lost_stage) == (Verdict.ERROR, (), None)
-    assert broken.detail.startswith(says)
+    assert broken.detail.startswith(f"subject: {says}")
     assert sound.verdict is Verdict.PASSED
     assert sound.rollouts[0].states_hash == known[1]
 
@@ -187,19 +201,22 @@ def test_a_subject_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(
     assert sound.rollouts[0].states_hash == known[1]
 
 
-@pytest.mark.parametrize("crashing_step", [0, 9])
-def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(known, monkeypatch, crashing_step):
+@pytest.mark.parametrize("crashing", [0, 9])
+def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(known, monkeypatch, crashing):
     step, calls = World.step, []
 
-    def crashing(world: World, *arguments: object) -> object:
+    def crashes_once(world: World, *arguments: object) -> object:
         calls.append(world)
-        if len(calls) == crashing_step + 1:
+        if len(calls) == crashing + 1:
             raise RuntimeError("PhysX: out of contact memory")
         return step(world, *arguments)
 
-    monkeypatch.setattr(World, "step", crashing)
+    monkeypatch.setattr(World, "step", crashes_once)
     broken, sound = evaluate(Expert(), NOMINAL, ANOTHER)
-    assert (broken.verdict, broken.detail) == (Verdict.ERROR, "simulator: RuntimeError: PhysX: out of contact memory")
+    assert (broken.verdict, broken.detail) == (
+        Verdict.ERROR,
+        "simulator: RuntimeError: PhysX: out of contact memory",
+    )
     assert sound.rollouts[0].states_hash == known[1]
 
 
@@ -246,6 +263,13 @@ def test_who_lets_go_too_early_passes_by_the_published_criteria_only(criteria, v
     assert outcome.rollouts[0].published_success
 
 
+def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stage(monkeypatch):
+    monkeypatch.setitem(TASKS, "pick-up", replace(TASKS["pick-up"], published=lambda _: False))
+    (outcome,) = evaluate(Expert(), NOMINAL, criteria="published")
+    assert (outcome.verdict, outcome.lost_stage) == (Verdict.FAILED, "success")
+    assert outcome.progress < 1
+
+
 def test_other_criteria_are_refused():
     with pytest.raises(UsageError, match="criteria: 'lenient'") as caught:
         evaluate(Frozen(), NOMINAL, criteria="lenient")
@@ -272,7 +296,9 @@ def test_every_rollout_has_an_episode_name_of_its_own_and_hears_the_instruction(
     evaluate(subject, NOMINAL, ANOTHER, repeats=2, seed=3)
     assert len({start.episode for start in subject.started}) == 4
     assert [start.seed for start in subject.started] == [3, 4, 3, 4]
-    assert [start.instruction for start in subject.started] == [NOMINAL.instruction] * 2 + ["pick up sponge"] * 2
+    assert [start.instruction for start in subject.started] == [NOMINAL.instruction] * 2 + [
+        "pick up sponge"
+    ] * 2
 
 
 def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):

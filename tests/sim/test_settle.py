@@ -1,4 +1,4 @@
-"""Settling: what does not stay as it was put is no fair scene, and neither is one that is solved from the start."""
+"""Settling: what does not stay as it was put is no fair scene, nor is one that is solved from the start."""
 
 import numpy as np
 import pytest

@@ -13,7 +13,9 @@ from vlafuzz.tasks.state import ARM, HAND, TABLE, State, speeds
 from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
 
 CATALOGUE = load_catalogue()
-CAN, CUBE, PLATE, BASKET, SPONGE = (CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge"))
+CAN, CUBE, PLATE, BASKET, SPONGE = (
+    CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge")
+)
 REST = {model.name: model.rests[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}
 HELD = {(0, HAND)}
 
@@ -71,7 +73,8 @@ class TestPickUp:
         return Monitor(PICK_UP, (CAN,), state(self.ground))
 
     def up(self, height: float, held: int | None = 0, touching=HELD) -> State:
-        return state((0.1, 0.0, REST["coke_can"] + height), held=held, touching=touching)
+        place = (0.1, 0.0, REST["coke_can"] + height)
+        return state(place, held=held, touching=touching, tcp=place)
 
     def test_five_steps_held_up_are_success_and_four_are_not(self):
         monitor = watch(self.monitor(), *[self.up(0.03)] * 4)
@@ -144,7 +147,9 @@ class TestMoveNear:
         moments = [self.at(0.2 - 0.03 - 0.055, turned={0: Rotation.from_euler("z", 45, degrees=True)})] * 2
         assert watch(self.monitor(), *moments).success_once
 
-    @pytest.mark.parametrize("more", [{"z": 0.03}, {"speed": 0.02}, {"spin": 0.2}], ids=["in the air", "moving", "rolling"])
+    @pytest.mark.parametrize(
+        "more", [{"z": 0.03}, {"speed": 0.02}, {"spin": 0.2}], ids=["in the air", "moving", "rolling"]
+    )
     def test_it_must_lie_at_rest_on_the_table(self, more):
         assert not watch(self.monitor(), *[self.at(0.14, **more)] * 5).success_once
 
@@ -163,7 +168,9 @@ class TestMoveNear:
     def test_success_implies_the_stages_before_it(self):
         assert watch(self.monitor(), *[self.at(0.14)] * 2).reached == ["grasp", "move", "success"]
 
-    @pytest.mark.parametrize(("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)])
+    @pytest.mark.parametrize(
+        ("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)]
+    )
     def test_the_move_is_three_centimetres_and_more_than_anything_else_moved(self, y, other, moved):
         c = (0.1, -0.2 - other, 0.015)
         states = [state((0.0, 0.0, 0.015), self.b, self.c, held=0)] * 2
@@ -216,7 +223,9 @@ class TestPutOn:
     def test_what_touches_something_else_or_moves_does_not_count(self, more):
         assert not watch(self.monitor(), *[self.at(0.2, self.top, **more)] * 5).success_once
 
-    @pytest.mark.parametrize(("y", "z", "over"), [(0.2, 0.1, True), (0.13, 0.1, True), (0.11, 0.1, False), (0.2, 0.0, False)])
+    @pytest.mark.parametrize(
+        ("y", "z", "over"), [(0.2, 0.1, True), (0.13, 0.1, True), (0.11, 0.1, False), (0.2, 0.0, False)]
+    )
     def test_the_move_ends_above_bs_footprint(self, y, z, over):
         states = [self.at(0.0, 0.1, held=0, touching=HELD)] * 2 + [self.at(y, z, held=0, touching=HELD)] * 2
         assert ("move" in watch(self.monitor(), *states).reached) is over
@@ -270,7 +279,12 @@ class TestPutIn:
 
     @pytest.mark.parametrize(
         "more",
-        [{"touching": {(0, 1), (0, HAND)}}, {"touching": {(0, 1), (0, TABLE)}}, {"touching": set()}, {"speed": 0.02}],
+        [
+            {"touching": {(0, 1), (0, HAND)}},
+            {"touching": {(0, 1), (0, TABLE)}},
+            {"touching": set()},
+            {"speed": 0.02},
+        ],
         ids=["in the hand", "on the table", "touching nothing", "moving"],
     )
     def test_it_must_be_released_and_at_rest_in_it(self, more):
@@ -295,7 +309,10 @@ def test_progress_is_in_zero_to_one_and_never_one_without_success_whatever_happe
         for _ in range(12):
             moved = np.array(spots) + rng.normal(0, 0.1, (len(spots), 3)) * [1, 1, 0.3]
             touching = {(0, everything[index]) for index in rng.choice([1, 2, 3], rng.integers(0, 3))}
-            watch(monitor, state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)))
+            watch(
+                monitor,
+                state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)),
+            )
         assert monitor.trace.min() >= 0
         assert (monitor.trace.max() == 1.0) == monitor.success_once
         assert monitor.progress == monitor.trace.max() <= 1.0
@@ -317,5 +334,8 @@ def test_speeds_are_taken_over_the_step():
 
 
 def test_at_rest_is_slower_than_a_centimetre_and_a_tenth_of_a_radian_a_second():
-    at_rest = [state((0, 0, 0), speed=speed, spin=spin).at_rest(0) for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]]
+    at_rest = [
+        state((0, 0, 0), speed=speed, spin=spin).at_rest(0)
+        for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]
+    ]
     assert at_rest == [True, False, False]

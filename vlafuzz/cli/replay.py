@@ -35,12 +35,16 @@ def command(
     digest: Annotated[
         str | None, typer.Argument(help="The first digits of a scene's digest.", show_default="first failure")
     ] = None,
-    first_failure: Annotated[bool, typer.Option("--first-failure", help="The store's first finding.")] = False,
+    first_failure: Annotated[
+        bool, typer.Option("--first-failure", help="The store's first finding.")
+    ] = False,
     subject: Annotated[str | None, typer.Option(help="Another subject than the store's.")] = None,
     video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
     seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the subject saw at first.")] = None,
-    trace: Annotated[Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")] = None,
+    trace: Annotated[
+        Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run one scene or finding again, and show it."""
@@ -104,7 +108,9 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
                 if trial.scene.digest == scene.digest and trial.outcome.rollouts:
                     first = trial.outcome.rollouts[0]
                     manifest = run.manifest
-                    return _Wanted(scene, manifest.subject, manifest.seed, manifest.criteria, first.states_hash)
+                    return _Wanted(
+                        scene, manifest.subject, manifest.seed, manifest.criteria, first.states_hash
+                    )
     return _Wanted(scene)
 
 
@@ -113,10 +119,14 @@ def _check_renderer() -> None:
 
     renderer = probe()
     if not renderer.works:
-        raise PrerequisiteError(f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install")
+        raise PrerequisiteError(
+            f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install"
+        )
 
 
-def _roll_out(wanted: _Wanted, subject: str, recording: Recording) -> tuple[dict[str, Any], Rollout | None, int]:
+def _roll_out(
+    wanted: _Wanted, subject: str, recording: Recording
+) -> tuple[dict[str, Any], Rollout | None, int]:
     from vlafuzz.objects import load_catalogue
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
     from vlafuzz.subjects.registry import make_subject
@@ -169,4 +179,6 @@ def _write_trace(path: Path, scene: Scene, rollout: Rollout) -> None:
     try:
         path.write_text(json_format.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror}", hint="name a file in a folder of yours") from None
+        raise UsageError(
+            f"{path}: cannot be written: {error.strerror}", hint="name a file in a folder of yours"
+        ) from None

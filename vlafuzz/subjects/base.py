@@ -1,4 +1,4 @@
-"""Subject: the policy under test, what it asks for and what it gets. Its rollouts are driven by the harness."""
+"""Subject: the policy under test, what it asks for and what it gets. The harness drives its rollouts."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ class CameraRequest:
 class ActionSpec:
     """What the numbers of an action mean. The default is the robot's own metric controller.
 
-    Seven numbers: translation (``position_scale`` metres a unit, along the robot's base axes), rotation (``rotation_scale``
-    radians a unit, about these axes), gripper. ``relative_to``: a delta counts from the last target or from where the hand is.
+    Seven numbers: translation (``position_scale`` metres a unit, along the robot's base axes), rotation
+        (``rotation_scale``
+    radians a unit, about these axes), gripper. ``relative_to``: a delta counts from the last target or
+    from where the hand is.
 
     Attributes:
-        gripper: ``open_positive`` and ``close_positive``: in [-1, 1], cut at 0; ``open_01`` and ``close_01``: in [0, 1], cut at 0.5.
+        gripper: ``open_positive`` and ``close_positive``: in [-1, 1], cut at 0; ``open_01`` and
+            ``close_01``: in [0, 1], cut at 0.5.
         sticky: control steps for which a change of the gripper's command is kept.
         hz: control rate; a divisor of 100.
     """
@@ -53,8 +56,10 @@ class SubjectSpec:
     Attributes:
         cameras: pictures to render.
         silhouettes: wants outlines of what the third-person camera sees (physics only, no renderer).
-        state: wants proprioception: ``(7,)`` TCP position in metres, its rotation vector in radians, opening / 0.08 m.
-        privileged: wants the simulator's state and the scene itself: for experts, never for a policy under test.
+        state: wants proprioception: ``(7,)`` TCP position in metres, its rotation vector in radians,
+            opening / 0.08 m.
+        privileged: wants the simulator's state and the scene itself: for experts, never for a policy under
+            test.
         execute: actions of a chunk to execute before asking again; None for all of them.
         deterministic: same observations and seed, same actions.
         max_batch: most observations in one call of ``act``.

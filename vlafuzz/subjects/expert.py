@@ -13,7 +13,7 @@ from vlafuzz.tasks.tabletop import task
 
 
 class Expert:
-    """Plans its grasp from the object's geometry and pose, checks it, tries again; keeps clear of everything else."""
+    """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else."""
 
     def __init__(self) -> None:
         self.spec = SubjectSpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
@@ -40,14 +40,17 @@ class Expert:
             raise SubjectError("the expert needs the simulator's state, and got none", cause="protocol")
         hands = self._hands.get(observation.episode)
         if hands is None:
-            hands = self._hands[observation.episode] = Hands(self._tasks[observation.episode], rig(known.scene.robot))
+            hands = self._hands[observation.episode] = Hands(
+                self._tasks[observation.episode], rig(known.scene.robot)
+            )
         return ActionChunk(hands.act(_belief(known))[None])
 
 
 def _belief(known: Privileged) -> Belief:
     state = known.state
     things = [
-        Thing(model, state.positions[index], state.rotations[index]) for index, model in enumerate(known.models)
+        Thing(model, state.positions[index], state.rotations[index])
+        for index, model in enumerate(known.models)
     ]
     targets = task(known.scene.task).targets
     return Belief(

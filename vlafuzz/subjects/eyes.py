@@ -50,7 +50,8 @@ class Eyes:
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
         """Where the object is if these are its pixels, and how large they are against what they should be.
 
-        Rest pose and yaw are those whose outline has the most similar spread; the place is where the middle of the pixels
+        Rest pose and yaw are those whose outline has the most similar spread; the place is where the
+        middle of the pixels
         meets the plane at half the object's height.
         """
         seen = _spread(pixels)
@@ -76,7 +77,7 @@ class Eyes:
         return Thing(thing.model, thing.position + shift, thing.rotation)
 
     def _interior(self, thing: Thing) -> Array:
-        """Points that fill the outline evenly: a fan of the hull's corners around their middle, weighted by area."""
+        """``(k, 2)`` points that fill the outline evenly."""
         uv, _ = self._view.project(thing.corners)
         return _fill(_hull(uv))
 
@@ -87,11 +88,13 @@ def _camera_values(colour: Array) -> Array:
 
 def _standing(model: ObjectModel, rest: RestPose, place: Array, yaw: float) -> Thing:
     w, x, y, z = rest.quaternion
-    base = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
+    base = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     return Thing(model, np.array([*place, rest.height]), turn @ base)
 
@@ -104,7 +107,9 @@ def _hull(points: Array) -> Array:
     return np.asarray(cv2.convexHull(points.astype(np.float32))[:, 0], dtype=np.float64)
 
 
-_GRID = np.stack(np.meshgrid(np.linspace(0.04, 0.96, 24), np.linspace(0.04, 0.96, 24)), axis=-1).reshape(-1, 2)
+_GRID = np.stack(np.meshgrid(np.linspace(0.04, 0.96, 24), np.linspace(0.04, 0.96, 24)), axis=-1).reshape(
+    -1, 2
+)
 
 
 def _fill(hull: Array) -> Array:

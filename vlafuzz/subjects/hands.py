@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -114,8 +115,9 @@ class Hands:
         assert self._goal is not None
         over = np.array([*self._target_xy(belief), max(self._carry_height(belief), 0.0)])
         self._waited += 1
-        level = float(np.linalg.norm((over - belief.tcp)[:2]))
-        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(belief, self._goal_yaw):
+        level = _level(over, belief.tcp)
+        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(belief,
+        self._goal_yaw):
             self._enter(self._lower)
             return self._lower(belief)
         return self._toward(belief, over, self._goal_yaw, CLOSE)
@@ -166,13 +168,14 @@ class Hands:
         return self._toward(belief, up, self._hand_yaw(belief), OPEN)
 
     def _choose(self, belief: Belief) -> Reach:
-        moved = float(np.linalg.norm(belief.a.position - self._planned_for)) > 0.004
+        moved = math.dist(belief.a.position, self._planned_for) > 0.004
         if self._plan is None or moved:
             around = belief.others + ((belief.b,) if belief.b else ())
             found = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
             if self._plan is not None and found:  # it moved a little: keep to the same kind of grasp
                 yaw = self._plan.yaw
-                found.sort(key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost)
+                found.sort(key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 *
+                reach.cost)
                 self._plan = found[0]
             else:
                 self._plan = found[self.attempt % len(found)] if found else self._blind(belief)
@@ -187,14 +190,14 @@ class Hands:
     def _is_over(self, belief: Belief, over: Array, yaw: float) -> bool:
         self._waited += 1
         patient = LEVEL if self._waited < 3 * PATIENCE else 3 * LEVEL
-        return float(np.linalg.norm((over - belief.tcp)[:2])) < patient and self._turned(belief, yaw)
+        return _level(over, belief.tcp) < patient and self._turned(belief, yaw)
 
     def _turned(self, belief: Belief, yaw: float) -> bool:
         return abs(yaw - self._hand_yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE
 
     def _keep_clear(self, belief: Belief, over: Array) -> None:
         """Raise the way to ``over`` above what lies below it, while it is far."""
-        if np.linalg.norm((over - belief.tcp)[:2]) < 0.02:
+        if _level(over, belief.tcp) < 0.02:
             return
         around = (*belief.others, *((belief.b,) if belief.b else ()))
         needed = planning.travel_height(belief.tcp[:2], over[:2], around, 0.07) + FINGERTIP
@@ -240,20 +243,24 @@ class Hands:
 
     def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
         way = target - belief.tcp
-        length = float(np.linalg.norm(way))
+        length = math.hypot(*way)
         if length > STEP:
             way = way * (STEP / length)
         return np.array([*way, *self._turn(belief, yaw), gripper])
 
     def _turn(self, belief: Belief, yaw: float) -> Array:
         """Rotation vector that points the hand straight down with its closing axis along ``yaw``."""
-        rotation = belief.tcp_rotation
-        upright = np.cross(rotation[:, 2], [0.0, 0.0, -1.0])  # small: the hand hardly leaves the vertical
-        turn = float(np.clip(yaw - self._hand_yaw(belief), -TURN, TURN))
-        return np.asarray(upright + np.array([0.0, 0.0, turn]))
+        x, y, _ = belief.tcp_rotation[:, 2]  # small: the hand hardly leaves the vertical
+        turn = min(max(yaw - self._hand_yaw(belief), -TURN), TURN)
+        return np.array([-y, x, turn])  # the cross product of where it points and straight down, and the turn
 
     def _hand_yaw(self, belief: Belief) -> float:
         """Direction of the closing axis, within a turn of the neutral one: the last joint cannot go round."""
-        yaw = float(np.arctan2(belief.tcp_rotation[1, 1], belief.tcp_rotation[0, 1]))
+        yaw = math.atan2(belief.tcp_rotation[1, 1], belief.tcp_rotation[0, 1])
         neutral = self._rig.neutral_yaw(*belief.tcp[:2])
         return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
+
+
+def _level(a: Array, b: Array) -> float:
+    """Distance seen from above."""
+    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -1,4 +1,4 @@
-"""Between subject and robot: the queue of a chunk's actions, their units, a sticky gripper, and the guards."""
+"""Between subject and robot: a queue of actions, their units, a sticky gripper, and the guards."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ class Harness:
             subject.reset([start])
 
     def action(self, observe: Callable[[], Observation]) -> Array:
-        """The next action: ``(7,)`` metres, radians, gripper of -1 or 1. ``observe`` is called only when the subject is asked.
+        """The next action: ``(7,)`` metres, radians, gripper of -1 or 1.
+
+        ``observe`` is called only when the subject is asked.
 
         Raises:
             SubjectError: the subject's answer is not a chunk of finite actions.
@@ -44,7 +46,9 @@ class Harness:
         rotation = action[3:6] * spec.rotation_scale
         if spec.rotation == "euler_xyz":
             rotation = Rotation.from_euler("XYZ", rotation).as_rotvec()
-        return np.concatenate([action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]])
+        return np.concatenate(
+            [action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]]
+        )
 
 
 @contextmanager
@@ -59,7 +63,7 @@ def _blamed_on(name: str) -> Iterator[None]:
 
 
 class Gripper:
-    """Turns a subject's gripper number into open (1) or closed (-1), and keeps a change for ``sticky`` steps."""
+    """Turns a subject's gripper number into open (1) or closed (-1); keeps a change for ``sticky`` steps."""
 
     def __init__(self, spec: ActionSpec) -> None:
         self._convention, self._sticky = spec.gripper, spec.sticky
@@ -83,7 +87,9 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> lis
         SubjectError: wrong number of chunks, wrong shape, or not finite.
     """
     if len(chunks) != expected:
-        raise SubjectError(f"{name}: {expected} observations, {len(chunks)} chunks of actions", cause="bad_action")
+        raise SubjectError(
+            f"{name}: {expected} observations, {len(chunks)} chunks of actions", cause="bad_action"
+        )
     return [_check(chunk, name) for chunk in chunks]
 
 
@@ -91,8 +97,13 @@ def _check(chunk: ActionChunk, name: str) -> Array:
     actions = np.asarray(getattr(chunk, "actions", chunk), dtype=np.float64)
     if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
         raise SubjectError(
-            f"{name}: actions of shape {actions.shape}", hint="expected (steps, 7), at least one step", cause="bad_action"
+            f"{name}: actions of shape {actions.shape}",
+            hint="expected (steps, 7), at least one step",
+            cause="bad_action",
         )
     if not np.all(np.isfinite(actions)):
-        raise SubjectError(f"{name}: an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}", cause="bad_action")
+        raise SubjectError(
+            f"{name}: an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}",
+            cause="bad_action",
+        )
     return actions

@@ -18,7 +18,8 @@ from vlafuzz.subjects.hands import Belief, Hands
 from vlafuzz.subjects.planning import Thing
 
 Array = NDArray[np.float64]
-# Share of the offset between where the hand is and where it seems to be that is corrected. Set once, so that random pick-up
+# Share of the offset between where the hand is and where it seems to be that is corrected. Set once, so
+# that random pick-up
 # scenes at the default ranges fail 20 to 40 % of the time.
 CORRECTED = 0.6
 RAISED = 0.42  # metres; out of the camera's way to every place on the table
@@ -26,19 +27,26 @@ GRIPPED = 0.004  # metres between closed fingers from which on something is betw
 
 
 class Pinhole:
-    """Looks once through a camera that it believes to be at its nominal place, then acts: a model of a calibrated hand-eye system.
+    """A calibrated hand-eye system: looks through a camera that it believes to be in its place, then acts.
 
-    It is told no positions. From outlines it takes place, main axis and standing or lying; it knows the catalogue's shapes
-    and colours, takes the thing whose colour and size are nearest to the named object's, and places it by back-projection
-    through the nominal camera. It sees its own hand through the same camera and corrects a fixed share of the offset.
+    It is told no positions. From outlines it takes place, main axis and standing or lying; it knows the
+    catalogue's shapes
+    and colours, takes the thing whose colour and size are nearest to the named object's, and places it by
+    back-projection
+    through the nominal camera. It sees its own hand through the same camera and corrects a fixed share of
+    the offset.
 
-    So it fails for physical reasons: a moved or turned camera shifts what it reaches for; darkness and glare hide or confuse
-    colours; others occlude, look alike or stand in its way, since it avoids nothing; a wording that names the objects in
+    So it fails for physical reasons: a moved or turned camera shifts what it reaches for; darkness and
+        glare hide or confuse
+    colours; others occlude, look alike or stand in its way, since it avoids nothing; a wording that names
+    the objects in
     another order makes it take the wrong one. It is deterministic.
     """
 
     def __init__(self) -> None:
-        self.spec = SubjectSpec("pinhole", action=ActionSpec(relative_to="current"), silhouettes=True, state=True)
+        self.spec = SubjectSpec(
+            "pinhole", action=ActionSpec(relative_to="current"), silhouettes=True, state=True
+        )
         self._catalogue = load_catalogue()
         self._eyes = Eyes(camera_pose(PANDA.view))
         self._episodes: dict[str, _Episode] = {}
@@ -51,7 +59,10 @@ class Pinhole:
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         """One action each."""
-        return [ActionChunk(self._episodes[observation.episode].act(observation)[None]) for observation in observations]
+        return [
+            ActionChunk(self._episodes[observation.episode].act(observation)[None])
+            for observation in observations
+        ]
 
     def close(self) -> None:
         """No more rollouts."""
@@ -104,7 +115,9 @@ class _Episode:
 def _named(instruction: str, models: Sequence[ObjectModel]) -> list[ObjectModel]:
     """The objects that an instruction names, in its order; of two names that overlap the longer one."""
     text = instruction.lower()
-    places = [(text.find(model.spoken), -len(model.spoken), model) for model in models if model.spoken in text]
+    places = [
+        (text.find(model.spoken), -len(model.spoken), model) for model in models if model.spoken in text
+    ]
     named: list[ObjectModel] = []
     end = 0
     for start, length, model in sorted(places, key=lambda place: place[:2]):

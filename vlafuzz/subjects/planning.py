@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ from vlafuzz.rig import Rig
 Array = NDArray[np.float64]
 UPRIGHT = np.cos(np.radians(8.0))  # a rest pose's own grasps serve up to this tilt
 MARGIN = 0.006  # metres around fingers and hand
-# Boxes of the open gripper in its own frame (across, along the closing axis, up from the TCP), metres: half width across,
+# Boxes of the open gripper in its own frame (across, along the closing axis, up from the TCP), metres:
+# half width across,
 # span along the axis (both sides), span of heights. Measured on the Panda's collision meshes.
 FINGERS = (0.013, (0.038, 0.062), (-0.012, 0.05))
 PALM = (0.035, (0.0, 0.105), (0.038, 0.16))
@@ -33,12 +35,12 @@ class Thing:
     position: Array
     rotation: Array
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """``(m, 3)`` hull vertices in the world."""
         return np.asarray(self.model.vertices @ self.rotation.T + self.position)
 
-    @property
+    @cached_property
     def top(self) -> float:
         """Highest point, metres."""
         return float(self.corners[:, 2].max())
@@ -84,12 +86,14 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
             yaw = float(np.arctan2(level[1, 0], level[0, 0]))
             turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
             return [
-                (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality) for g in rest.grasps
+                (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality)
+                for g in rest.grasps
             ]
     shift = np.array([0.0, 0.0, thing.position[2] - bottom])
     parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
     return [
-        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality) for g in find_grasps(parts, shift)
+        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality) for g in
+        find_grasps(parts, shift)
     ]
 
 

@@ -23,7 +23,10 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
 
 def known_subjects() -> dict[str, str]:
     """What there is: name → what it is, in a sentence."""
-    return {name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ") for name, factory in SUBJECTS.items()}
+    return {
+        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
+        for name, factory in SUBJECTS.items()
+    }
 
 
 def check_subject_name(name: str) -> None:
@@ -50,5 +53,8 @@ def make_subject(name: str) -> Subject:
         return SUBJECTS[name]()
     made = load_factory(name)()
     if not isinstance(getattr(made, "spec", None), SubjectSpec):
-        raise UsageError(f"{name!r} made a {type(made).__name__}, which has no spec", hint="see vlafuzz.subjects.base.Subject")
+        raise UsageError(
+            f"{name!r} made a {type(made).__name__}, which has no spec",
+            hint="see vlafuzz.subjects.base.Subject",
+        )
     return cast(Subject, made)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.state import Array, State, corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +19,13 @@ class Situation:
     models: tuple[ObjectModel, ...]
     start: State
     now: State
+    _corners: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
+
+    def corners(self, index: int) -> Array:
+        """``(m, 3)`` hull vertices of an object now, metres. Several stages ask for the same ones."""
+        if index not in self._corners:
+            self._corners[index] = corners(self.models[index], self.now, index)
+        return self._corners[index]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How a task is said: wordings from ``operators/instructions.yaml``, filled with the targets' spoken names."""
+"""How a task is said: wordings of ``operators/instructions.yaml`` with the targets' spoken names."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
         for wording in found.get(name) or [""]:
             for slot in _SLOTS[: task.targets]:
                 if slot not in wording:
-                    raise CatalogueError(f"{path}: {name}: {wording!r} does not say {slot}", hint="every wording names all targets")
+                    raise CatalogueError(
+                        f"{path}: {name}: {wording!r} does not say {slot}",
+                        hint="every wording names all targets",
+                    )
     return {name: tuple(found[name]) for name in TASKS}
 
 

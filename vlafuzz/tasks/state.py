@@ -50,9 +50,9 @@ class State:
 
 def speeds(positions: Array, rotations: Array, before: State, seconds: float) -> tuple[Array, Array]:
     """How fast objects moved and turned, ``(n,)`` m/s and ``(n,)`` rad/s, since an earlier state."""
-    linear = np.linalg.norm(positions - before.positions, axis=1) / seconds
+    moved = positions - before.positions
     cosine = (np.einsum("nij,nij->n", rotations, before.rotations) - 1) / 2
-    return linear, np.arccos(np.clip(cosine, -1, 1)) / seconds
+    return np.sqrt((moved * moved).sum(axis=1)) / seconds, np.arccos(cosine.clip(-1, 1)) / seconds
 
 
 def corners(model: ObjectModel, state: State, index: int) -> Array:

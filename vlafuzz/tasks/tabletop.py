@@ -5,12 +5,14 @@ The published environments judge more weakly; those criteria are here too, as ``
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.tasks.base import Situation, Stage, Task
-from vlafuzz.tasks.state import ARM, HAND, TABLE, corners
+from vlafuzz.tasks.state import ARM, HAND, TABLE
 
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # metres above rest
@@ -26,12 +28,12 @@ Array = NDArray[np.float64]
 
 
 def _toward(remaining: float, whole: float) -> float:
-    return float(np.clip(1.0 - remaining / max(whole, 1e-6), 0.0, 1.0))
+    return min(max(1.0 - remaining / max(whole, 1e-6), 0.0), 1.0)
 
 
 def _approach(s: Situation) -> float:
-    whole = np.linalg.norm(s.start.positions[A] - s.start.tcp)
-    return _toward(float(np.linalg.norm(s.now.positions[A] - s.now.tcp)), float(whole))
+    whole = math.dist(s.start.positions[A], s.start.tcp)
+    return _toward(math.dist(s.now.positions[A], s.now.tcp), whole)
 
 
 def _grasped(s: Situation) -> bool:
@@ -65,22 +67,20 @@ def _displacements(s: Situation) -> Array:
 
 def _moved(s: Situation) -> bool:
     moved = _displacements(s)
-    return bool(moved[A] > MOVED and np.all(moved[A] > np.delete(moved, A)))
+    return bool(moved[A] > MOVED and np.all(moved[A] > moved[A + 1 :]))
 
 
-def _gap(s: Situation, moment: str = "now") -> float:
+def _gap(s: Situation) -> float:
     """Metres between the two targets' footprints; negative when they overlap.
 
     The distance of two convex sets is their widest separation over all directions; 64 of them are exact to 0.12 %.
     """
-    state = s.now if moment == "now" else s.start
-    a = corners(s.models[A], state, A)[:, :2] @ _DIRECTIONS
-    b = corners(s.models[B], state, B)[:, :2] @ _DIRECTIONS
+    a, b = (s.corners(index)[:, :2] @ _DIRECTIONS for index in (A, B))
     return float((b.min(axis=0) - a.max(axis=0)).max())
 
 
 def _on_table(s: Situation, index: int) -> bool:
-    return s.now.at_rest(index) and abs(corners(s.models[index], s.now, index)[:, 2].min()) < ON_TABLE
+    return s.now.at_rest(index) and abs(s.corners(index)[:, 2].min()) < ON_TABLE
 
 
 def _knocked_over(s: Situation, index: int) -> bool:
@@ -93,25 +93,28 @@ def _is_near(s: Situation) -> bool:
 
 
 def _nearing(s: Situation) -> float:
-    return _toward(max(_gap(s) - NEAR, 0.0), max(_gap(s, "start") - NEAR, 1e-3))
+    start = Situation(s.models, s.start, s.start)
+    return _toward(max(_gap(s) - NEAR, 0.0), max(_gap(start) - NEAR, 1e-3))
 
 
 def _published_move_near(s: Situation) -> bool:
+    if not _moved(s):
+        return False
     drop = s.now.positions[:, 2] - s.start.positions[:, 2]
     kept = np.all(drop[2:] > -0.02) and np.all(drop[:2] > -0.15)
     distance = np.linalg.norm(s.now.positions[:, :2] - s.now.positions[A, :2], axis=1)
     reach = _half_diagonal(s, A) + _half_diagonal(s, B) + NEAR
     closest = np.all(distance[B] < distance[2:] + 0.01)
-    return bool(kept and _moved(s) and distance[B] < reach and closest)
+    return bool(kept and distance[B] < reach and closest)
 
 
 def _half_extents(s: Situation, index: int) -> Array:
-    points = corners(s.models[index], s.now, index)
+    points = s.corners(index)
     return np.asarray((points.max(axis=0) - points.min(axis=0)) / 2)
 
 
 def _half_diagonal(s: Situation, index: int) -> float:
-    return float(np.linalg.norm(_half_extents(s, index)[:2]))
+    return math.hypot(*_half_extents(s, index)[:2])
 
 
 # put a on b, put a into b
@@ -119,7 +122,7 @@ def _half_diagonal(s: Situation, index: int) -> float:
 
 def _level_distance(s: Situation, state_at_start: bool = False) -> float:
     state = s.start if state_at_start else s.now
-    return float(np.linalg.norm((state.positions[A] - state.positions[B])[:2]))
+    return math.dist(state.positions[A, :2], state.positions[B, :2])
 
 
 def _bringing(s: Situation) -> float:
@@ -127,7 +130,7 @@ def _bringing(s: Situation) -> float:
 
 
 def _is_over(s: Situation) -> bool:
-    b = corners(s.models[B], s.now, B)
+    b = s.corners(B)
     a = s.now.positions[A]
     inside = ((b[:, :2] - a[:2]) @ _DIRECTIONS).max(axis=0).min() > 0  # outside, some direction has all of b behind it
     return bool(inside and a[2] > s.now.positions[B, 2])
@@ -136,7 +139,7 @@ def _is_over(s: Situation) -> bool:
 def _lowering(s: Situation) -> float:
     if not _is_over(s):
         return 0.0
-    air = corners(s.models[A], s.now, A)[:, 2].min() - s.now.positions[B, 2]
+    air = s.corners(A)[:, 2].min() - s.now.positions[B, 2]
     return _toward(max(float(air), 0.0), 0.2)
 
 
@@ -149,16 +152,16 @@ def _is_inside(s: Situation) -> bool:
     container = s.models[B].container
     if container is None or not _released_on(s):
         return False
-    local = (corners(s.models[A], s.now, A) - s.now.positions[B]) @ s.now.rotations[B]
+    local = (s.corners(A) - s.now.positions[B]) @ s.now.rotations[B]
     half = np.array([container.width, container.depth]) / 2 + INSIDE
     return bool(np.all(np.abs(local[:, :2]) <= half))
 
 
 def _published_put(s: Situation, slack: float) -> bool:
-    half_a, half_b = _half_extents(s, A), _half_extents(s, B)
+    half_b = _half_extents(s, B)
     offset = s.now.positions[A] - s.now.positions[B]
-    over = np.linalg.norm(offset[:2]) <= np.linalg.norm(half_b[:2]) + 0.003
-    return bool(over and 0 < offset[2] <= half_a[2] + half_b[2] + slack)
+    over = math.hypot(*offset[:2]) <= math.hypot(*half_b[:2]) + 0.003
+    return bool(over and 0 < offset[2] <= _half_extents(s, A)[2] + half_b[2] + slack)
 
 
 PICK_UP = Task(

@@ -9,7 +9,7 @@ CHECKS = ("semantic", "geometry", "settling", "solved")
 
 @dataclass(frozen=True)
 class Rejection:
-    """A scene is not fair: the ``check`` that it fails, one of ``CHECKS``, and why, in a sentence with the values."""
+    """A scene is not fair: the check that it fails, one of ``CHECKS``, and why, with the values."""
 
     check: str
     reason: str

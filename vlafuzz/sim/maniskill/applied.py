@@ -1,6 +1,7 @@
 """What the simulator has of a scene, to be checked against what was asked for.
 
-VLATest's environments ignored the light in three of four tasks, and nobody noticed: here a difference is an error.
+VLATest's environments ignored the light in three of four tasks, and nobody noticed: here a difference is
+an error.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ TURN = 1e-4  # of a quaternion's components
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """Read back from the simulator: objects with their poses, the lights' factor, the camera's pose, the instruction."""
+    """Read back from the simulator: objects, their poses, the lights' factor, camera pose, instruction."""
 
     instruction: str
     objects: tuple[str, ...]
@@ -69,4 +70,6 @@ def _check_pose(what: str, asked: sapien.Pose, got: sapien.Pose) -> None:
 
 
 def _complain(what: str, asked: object, got: object) -> None:
-    raise SimulatorError(f"{what}: asked for {asked}, the simulator has {got}", hint="this is a bug in vlafuzz")
+    raise SimulatorError(
+        f"{what}: asked for {asked}, the simulator has {got}", hint="this is a bug in vlafuzz"
+    )

@@ -1,7 +1,9 @@
-"""The ManiSkill 3 environment of all four tasks, registered with gymnasium as ``VlaFuzz-PickUp-v1`` and so on.
+"""The ManiSkill 3 environment of all four tasks: ``VlaFuzz-PickUp-v1`` and so on in gymnasium.
 
-``reset(options={"scene": Scene})`` builds that scene and echoes in ``info["applied"]`` what the simulator then has.
-vlafuzz itself drives it through ``begin`` and ``advance``, the same physics without gymnasium's batched tensors.
+``reset(options={"scene": Scene})`` builds that scene and echoes in ``info["applied"]`` what the simulator
+then has.
+vlafuzz itself drives it through ``begin`` and ``advance``, the same physics without gymnasium's batched
+tensors.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import CameraPose, camera_pose, rig
+from vlafuzz.rig import camera_pose, rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.lights import SceneLights
@@ -87,7 +89,7 @@ class TabletopEnv(BaseEnv):
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
-        """One control step of a metric action (see ``MetricArm``); the state after it, judged by ``monitor``."""
+        """One control step of a metric action (see ``MetricArm``); the state after it, as ``monitor`` saw it."""
         state = self.world.step(action, relative_to)
         self.monitor.observe(state)
         return state
@@ -98,7 +100,9 @@ class TabletopEnv(BaseEnv):
         self.world.scene.update_render()
         component.take_picture()
         colour = component.get_picture("Color")[..., :3]
-        return np.asarray(np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8)
+        return np.asarray(
+            np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8
+        )
 
     def applied(self) -> Applied:
         """What the simulator has of the scene, read back from it."""
@@ -120,7 +124,9 @@ class TabletopEnv(BaseEnv):
     @property
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
-            sim_freq=SIM_HZ, control_freq=self.control_hz, scene_config=SceneConfig(contact_offset=CONTACT_OFFSET)
+            sim_freq=SIM_HZ,
+            control_freq=self.control_hz,
+            scene_config=SceneConfig(contact_offset=CONTACT_OFFSET),
         )
 
     @property
@@ -128,13 +134,17 @@ class TabletopEnv(BaseEnv):
         view = camera_pose(self.rig.view)
         pose = sapien.Pose(view.position, view.quaternion)
         fov = np.radians(self.rig.view.fov)
-        return [CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default") for c in self._cameras]
+        return [
+            CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default") for c in self._cameras
+        ]
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
         view = camera_pose(self.rig.view)
         pose = sapien.Pose(view.position, view.quaternion)
-        return CameraConfig("render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_pack="default")
+        return CameraConfig(
+            "render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_pack="default"
+        )
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))
@@ -156,9 +166,14 @@ class TabletopEnv(BaseEnv):
         if scene is None:
             scene = default_scene(self.task.name, self.catalogue)
         if not isinstance(scene, Scene):
-            raise SceneError(f"options['scene']: expected a Scene, got {type(scene).__name__}", hint="Scene.from_json reads one")
+            raise SceneError(
+                f"options['scene']: expected a Scene, got {type(scene).__name__}",
+                hint="Scene.from_json reads one",
+            )
         if scene.task != self.task.name:
-            raise SceneError(f"options['scene']: its task is {scene.task!r}, this environment's is {self.task.name!r}")
+            raise SceneError(
+                f"options['scene']: its task is {scene.task!r}, this environment's is {self.task.name!r}"
+            )
         self.begin(scene)
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -180,7 +195,11 @@ class TabletopEnv(BaseEnv):
         """Stages, progress and both ways of success, as ManiSkill's batched tensors."""
         monitor = self.monitor
         flags = {f"reached_{stage}": stage in monitor.reached for stage in self.task.stage_names[:-1]}
-        flags |= {"success": monitor.success_now, "success_once": monitor.success_once, "published_success": monitor.published_success}
+        flags |= {
+            "success": monitor.success_now,
+            "success_once": monitor.success_once,
+            "published_success": monitor.published_success,
+        }
         info = {name: torch.tensor([value]) for name, value in flags.items()}
         return info | {"progress": torch.tensor([monitor.progress])}
 
@@ -209,7 +228,9 @@ def default_scene(task: str, catalogue: Catalogue) -> Scene:
     elif wanted.targets == 2:
         chosen.append(catalogue[catalogue.graspable()[1]])
     spots = ((-0.05, 0.0), (-0.05, 0.2))
-    targets = tuple(Placement(model.name, model.rests[0].name, x, y) for model, (x, y) in zip(chosen, spots, strict=False))
+    targets = tuple(
+        Placement(model.name, model.rests[0].name, x, y) for model, (x, y) in zip(chosen, spots, strict=False)
+    )
     return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in chosen]))
 
 

@@ -108,8 +108,8 @@ class ManiSkillEvaluator:
             success_once=success,
             success_at_end=monitor.success_now,
             published_success=monitor.published_success,
-            reached=self._task.stage_names if success else tuple(monitor.reached),
-            progress=1.0 if success else monitor.progress,
+            reached=self._task.stage_names if success else tuple(monitor.reached[: len(self._task.stages) - 1]),
+            progress=1.0 if success else min(monitor.progress, 0.99),  # 1 where only the other criteria are met
             trace=monitor.trace,
             actions=np.array(actions, dtype=np.float32),
             states_hash=env.world.states_hash,

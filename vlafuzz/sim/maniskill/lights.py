@@ -32,13 +32,16 @@ class SceneLights:
             light.color = [nominal * intensity] * 3
 
     def measure(self, scene: sapien.Scene) -> float:
-        """The factor that the renderer has, read back; the lights' widest deviation from one factor is an error.
+        """The factor that the renderer has, read back.
 
         Raises:
             ValueError: the lights are not scaled by one factor.
         """
         factors = [float(scene.render_system.ambient_light[0]) / self._nominal.ambient]
-        factors += [float(light.color[0]) / nominal for light, (_, nominal) in zip(self._lights, self._nominal.directional, strict=True)]
+        factors += [
+            float(light.color[0]) / nominal
+            for light, (_, nominal) in zip(self._lights, self._nominal.directional, strict=True)
+        ]
         if max(factors) - min(factors) > 1e-4 * max(factors):
             raise ValueError(f"lights scaled by {factors}")
         return factors[0]

@@ -1,6 +1,7 @@
-"""What a camera sees, without a renderer: objects as convex outlines painted by depth, with their colours under the light.
+"""What a camera sees, without a renderer: outlines painted by depth, with their colours under the light.
 
-Each convex part is projected by the scene's true camera and painted, farthest object first, into a picture 256 pixels wide
+Each convex part is projected by the scene's true camera and painted, farthest object first, into a picture
+256 pixels wide
 that holds only who is seen where.
 """
 
@@ -22,10 +23,12 @@ Array = NDArray[np.float64]
 WIDTH = 256
 SUBPIXEL = 4  # bits; OpenCV's fixed-point coordinates
 NOBODY, HAND = 0, 255
-AMBIENT = 0.35  # of the light that an unlit surface gets; outlines have no shading, so it only matters together with saturation
 # The hand as seen from afar: a box over palm and fingers, in the TCP's frame (z points down), metres.
 _HAND_BOX = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])
-_FINGER_BOXES = [np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)]) for s in (1, -1)]
+_FINGER_BOXES = [
+    np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)])
+    for s in (1, -1)
+]
 
 
 def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, light: float) -> Outlines:
@@ -46,13 +49,17 @@ def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, ligh
         _paint(seen, _corners(models[index], state, index), view, index + 1)
     _paint(seen, _hand(state), view, HAND)
     things = tuple(
-        Silhouette(pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / whole[index], 1.0))
+        Silhouette(
+            pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / whole[index], 1.0)
+        )
         for index in range(len(models))
         if len(pixels := _pixels(seen, index + 1))
     )
     hand, distance = view.project(state.tcp[None])
     visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
-    return Outlines(_shuffled(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0))
+    return Outlines(
+        _shuffled(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0)
+    )
 
 
 def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:

@@ -34,7 +34,9 @@ def add_table(scene: sapien.Scene) -> sapien.Entity:
     return table
 
 
-def _box(half: tuple[float, float, float], colour: tuple[float, float, float]) -> sapien.render.RenderBodyComponent:
+def _box(
+    half: tuple[float, float, float], colour: tuple[float, float, float]
+) -> sapien.render.RenderBodyComponent:
     material = sapien.render.RenderMaterial(base_color=[*colour, 1.0], roughness=0.8, specular=0.1)
     visual = sapien.render.RenderBodyComponent()
     visual.attach(sapien.render.RenderShapeBox(list(half), material))

@@ -37,7 +37,8 @@ class Recording:
             return
         monitor = env.monitor
         stages = " > ".join(monitor.reached) or "-"
-        says = f"{len(monitor.trace) / env.control_hz:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
+        seconds = len(monitor.trace) / env.control_hz
+        says = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
         self.frames.append(_captioned(env.picture(self.camera.name), instruction, says))
 
     def write_video(self, path: Path, hz: int) -> None:
@@ -51,7 +52,9 @@ class Recording:
             path.parent.mkdir(parents=True, exist_ok=True)
             imageio.imwrite(path, frames, extension=".mp4", fps=hz, codec="libx264", macro_block_size=4)
         except OSError as error:
-            raise UsageError(f"{path}: cannot be written: {error}", hint="name a file in a folder of yours") from None
+            raise UsageError(
+                f"{path}: cannot be written: {error}", hint="name a file in a folder of yours"
+            ) from None
 
     def contact_strip(self, columns: int = 4) -> Picture:
         """The rollout in one picture: ``columns`` frames, evenly spread from the first to the last."""
@@ -59,7 +62,7 @@ class Recording:
         return np.concatenate([self.frames[index] for index in chosen], axis=1)
 
     def seen(self) -> Picture:
-        """What the subject got to see at first: its cameras' pictures, or its outlines as it could tell them apart."""
+        """What the subject got to see at first: its cameras' pictures, or outlines in their colours."""
         first = self.observations[0]
         pictures = list(first.images.values())
         if first.outlines is not None:
@@ -92,7 +95,9 @@ def write_picture(path: Path, picture: Picture) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         imageio.imwrite(path, picture, extension=".png")
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error}", hint="name a file in a folder of yours") from None
+        raise UsageError(
+            f"{path}: cannot be written: {error}", hint="name a file in a folder of yours"
+        ) from None
 
 
 def _captioned(picture: Picture, *lines: str) -> Picture:
@@ -104,4 +109,3 @@ def _captioned(picture: Picture, *lines: str) -> Picture:
 
 def _padded(picture: Picture, height: int) -> Picture:
     return np.pad(picture, ((0, height - picture.shape[0]), (0, 0), (0, 0)))
-

@@ -8,6 +8,7 @@ too, or emptying the old scene, gives other trajectories.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -80,15 +81,15 @@ class World:
     def _read(self) -> State:
         """The state now; it also enters the hash."""
         poses = [body.entity_pose for body in self._bodies]
-        positions = np.array([pose.p for pose in poses]).reshape(-1, 3)
-        quaternions = np.array([pose.q for pose in poses]).reshape(-1, 4)
-        velocities = [np.concatenate([body.linear_velocity, body.angular_velocity]) for body in self._bodies]
+        positions, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
+        velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
         qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
-        for array in (positions, quaternions, *velocities, qpos, qvel):
-            self._hash.update(array.tobytes())
+        exact = (*positions, *quaternions, *velocities, qpos, qvel)
+        self._hash.update(b"".join(array.tobytes() for array in exact))
         tcp = self._robot.tcp.entity_pose
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
-        positions, rotations = positions.astype(np.float64), _matrices(quaternions.astype(np.float64))
+        positions = np.array(positions, dtype=np.float64).reshape(-1, 3)
+        rotations = np.array([_matrix(*quaternion.tolist()) for quaternion in quaternions]).reshape(-1, 3, 3)
         linear = angular = np.zeros(len(positions))
         if self._before is not None:
             linear, angular = speeds(positions, rotations, self._before, self._substeps / SIM_HZ)
@@ -156,10 +157,12 @@ class World:
                 self._note_press(pressed, bodies, index, impulse)
         return frozenset(pairs), self._held(pressed)
 
-    def _note_press(self, pressed: list[dict[int, Array]], bodies: Sequence[object], index: int, impulse: Array) -> None:
+    def _note_press(
+        self, pressed: list[dict[int, Array]], bodies: Sequence[object], index: int, impulse: Array
+    ) -> None:
         for finger, link in enumerate(self._robot.fingers):
             if link in bodies:
-                pressed[finger][index] = pressed[finger].get(index, np.zeros(3)) + impulse
+                pressed[finger][index] = pressed[finger].get(index, 0.0) + impulse
 
     def _held(self, pressed: list[dict[int, Array]]) -> int | None:
         for index in sorted(pressed[0].keys() & pressed[1].keys()):
@@ -168,17 +171,15 @@ class World:
         return None
 
     def _presses(self, finger: physx.PhysxArticulationLinkComponent, impulse: Array) -> bool:
-        size = float(np.linalg.norm(impulse))
+        size = math.hypot(*impulse)
         axis = finger.entity_pose.to_transformation_matrix()[:3, 1]
         return size * SIM_HZ >= GRASP_FORCE and abs(float(axis @ impulse)) >= GRASP_COSINE * size
 
 
-def _matrices(quaternions: Array) -> Array:
-    """``(n, 4)`` w x y z to ``(n, 3, 3)``."""
-    w, x, y, z = quaternions.T
-    rows = [
+def _matrix(w: float, x: float, y: float, z: float) -> list[list[float]]:
+    """Of a quaternion. In double precision, unlike SAPIEN's, so that slow turns are not lost in rounding."""
+    return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), 2, 0)

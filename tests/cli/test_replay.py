@@ -1,0 +1,81 @@
+"""vlafuzz replay."""
+
+import json
+
+import pytest
+
+from tests.sim.scenes import nominal
+from vlafuzz.cli import main
+from vlafuzz.scene import write_scenes
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    path = tmp_path_factory.mktemp("replay") / "s.db"
+    assert main(["run", "--subject", "frozen", "--budget", "3", "--store", str(path), "--stop-early"]) == 0
+    return path
+
+
+def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
+    assert main(["replay", str(store), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["verdict"], report["lost stage"]) == ("failed", "grasp")
+    assert report["same trajectory as stored"] is True
+
+
+def test_another_subject_is_another_trajectory(store, capsys):
+    assert main(["replay", str(store), "--subject", "expert", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["verdict"], report["same trajectory as stored"]) == ("passed", None)
+
+
+def test_a_trace_holds_progress_and_actions_of_each_step(tmp_path, capsys):
+    scenes, trace = tmp_path / "s.jsonl", tmp_path / "t.json"
+    write_scenes(scenes, [nominal("pick-up")])
+    assert main(["replay", str(scenes), "--subject", "expert", "--trace", str(trace)]) == 0
+    written = json.loads(trace.read_text())
+    assert len(written["progress"]) == len(written["actions"]) > 10
+    assert written["progress"][-1] == 1.0
+    assert written["reached"] == ["grasp", "lift", "success"]
+
+
+def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
+    import imageio.v3 as imageio
+
+    scenes, seen = tmp_path / "s.jsonl", tmp_path / "seen.png"
+    write_scenes(scenes, [nominal("pick-up")])
+    assert main(["replay", str(scenes), "--seen", str(seen)]) == 0
+    colours = {tuple(pixel) for row in imageio.imread(seen) for pixel in row.tolist()}
+    assert len(colours) == 3  # table, object, hand
+
+
+@pytest.mark.render
+def test_video_and_picture_show_the_rollout(store, tmp_path, capsys):
+    import cv2
+    import imageio.v3 as imageio
+
+    video, picture = tmp_path / "v.mp4", tmp_path / "p.png"
+    assert main(["replay", str(store), "--video", str(video), "--picture", str(picture)]) == 0
+    film = cv2.VideoCapture(str(video))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) > 80
+    assert film.read()[1].std() > 20
+    strip = imageio.imread(picture)
+    assert strip.shape[1] == 4 * 480
+    assert strip.std() > 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere.db"], "nowhere.db: no such file"),
+        (["{store}", "zzz"], "no scene 'zzz'"),
+        (["{store}", "--subject", "expart"], "unknown subject 'expart'"),
+        (["{store}", "abc", "--first-failure"], "exclude each other"),
+    ],
+)
+def test_bad_input_is_one_sentence_with_a_hint(store, arguments, says, capsys):
+    assert main(["replay", *(each.format(store=store) for each in arguments)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert says in said
+    assert "hint: " in said

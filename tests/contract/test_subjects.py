@@ -1,0 +1,132 @@
+"""What every subject keeps, whatever it knows."""
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.errors import UsageError
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.sim.maniskill.world import SIM_HZ
+from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, Subject, SubjectSpec
+from vlafuzz.subjects.harness import check_chunks
+from vlafuzz.subjects.registry import SUBJECTS, known_subjects, make_subject
+
+SHOWN = [
+    pick_up(put("coke_can", -0.05, 0.1)),
+    pick_up(put("green_cube", 0.05, -0.15, 30.0), put("orange", -0.1, 0.15)),
+    nominal("put-in"),
+]
+STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
+
+
+@pytest.fixture
+def subject(name: str) -> Subject:
+    made = make_subject(name)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def observe(env):
+    """``observe(spec, scene, episode)``: all that the spec asks for, at a scene's start."""
+
+    def observation(spec: SubjectSpec, scene: Scene, episode: str) -> Observation:
+        state = env.begin(scene)
+        return Observation(
+            episode,
+            0,
+            scene.instruction,
+            {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras},
+            STATE if spec.state else None,
+            outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
+            Privileged(scene, env.models, state) if spec.privileged else None,
+        )
+
+    return observation
+
+
+def begin(subject: Subject, observe, *seeds: int) -> list[Observation]:
+    """The first observations of as many episodes, each in a scene of its own."""
+    episodes = [
+        EpisodeStart(f"episode-{number}", SHOWN[number].instruction, SHOWN[number].task, seed)
+        for number, seed in enumerate(seeds)
+    ]
+    subject.reset(episodes)
+    return [observe(subject.spec, SHOWN[number], episode.episode) for number, episode in enumerate(episodes)]
+
+
+def actions(subject: Subject, observations: list[Observation]) -> list[list]:
+    return [chunk.actions.tolist() for chunk in subject.act(observations)]
+
+
+@pytest.mark.parametrize("name", SUBJECTS)
+class TestSubject:
+    def test_its_spec_says_who_it_is_and_fits_the_simulator(self, subject: Subject, name: str):
+        spec = subject.spec
+        assert (spec.name, bool(spec.version)) == (name, True)
+        assert SIM_HZ % spec.action.hz == 0
+        assert spec.max_batch >= 1
+        assert spec.execute is None or spec.execute >= 1
+        assert known_subjects()[name]
+
+    def test_every_observation_is_answered_with_a_chunk_of_finite_actions(self, subject: Subject, observe):
+        observations = begin(subject, observe, 0, 1, 2)
+        assert len(check_chunks(subject.act(observations), 3, subject.spec.name)) == 3
+
+    def test_any_subset_of_the_live_episodes_may_be_asked_in_any_order(self, subject: Subject, observe):
+        one, two, three = begin(subject, observe, 0, 1, 2)
+        for asked in ([three], [two, one], [], [one], [three, two, one]):
+            check_chunks(subject.act(asked), len(asked), subject.spec.name)
+
+    def test_a_batch_is_answered_as_one_by_one(self, name: str, observe):
+        together, alone = make_subject(name), make_subject(name)
+        batch = actions(together, begin(together, observe, 4, 5, 6))
+        singles = [actions(alone, [observation])[0] for observation in begin(alone, observe, 4, 5, 6)]
+        assert batch == singles
+
+    def test_the_same_seed_gives_the_same_actions_in_a_used_subject(self, subject: Subject, observe):
+        assert subject.spec.deterministic
+        observations = begin(subject, observe, 7)
+        first = [actions(subject, observations) for _ in range(3)]
+        begin(subject, observe, 1, 2, 3)
+        observations = begin(subject, observe, 7)
+        assert [actions(subject, observations) for _ in range(3)] == first
+
+    def test_it_may_be_closed_twice(self, subject: Subject):
+        subject.close()
+
+    def test_its_rollout_repeats_itself(self, subject: Subject):
+        evaluator = ManiSkillEvaluator("pick-up", subject, CATALOGUE, min_distance=0.15)
+        outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
+        assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
+        assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash
+        assert outcomes[0].rollouts[0].states_hash != outcomes[1].rollouts[0].states_hash
+        evaluator.close()
+
+
+def test_random_rollouts_differ_by_their_seed_alone(observe):
+    random = make_subject("random")
+    one, two = (actions(random, begin(random, observe, seed)) for seed in (0, 1))
+    assert one != two
+
+
+def test_an_unknown_subject_is_refused_with_the_nearest_known():
+    with pytest.raises(UsageError, match="unknown subject 'pinhloe'") as caught:
+        make_subject("pinhloe")
+    assert caught.value.hint.startswith("did you mean 'pinhole'?")
+
+
+def test_a_subject_of_ones_own_is_named_by_module_and_factory():
+    assert make_subject("python:tests.doubles:Idle").spec.name == "idle"
+
+
+def test_what_has_no_spec_is_no_subject():
+    with pytest.raises(UsageError, match="made a TinySpace, which has no spec"):
+        make_subject("python:tests.doubles:TinySpace")
+
+
+def test_only_the_expert_is_told_the_simulators_state():
+    assert [name for name in SUBJECTS if make_subject(name).spec.privileged] == ["expert"]

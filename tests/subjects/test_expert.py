@@ -1,0 +1,85 @@
+"""The expert: it shows that a scene can be solved, so it has to solve fair ones."""
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.errors import SubjectError
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.subjects.base import EpisodeStart, Observation
+from vlafuzz.subjects.expert import Expert
+
+RESTS = [(name, rest.name) for name in CATALOGUE.graspable() for rest in CATALOGUE[name].rests if rest.grasps]
+AROUND = (put("sprite_can", 0.02, 0.24), put("apple", -0.16, -0.22), put("sponge", 0.06, -0.20, 30.0))
+PLACES = {
+    "put-on": [
+        ("plate", "sponge"),
+        ("table_cloth", "coke_can"),
+        ("large_plate", "apple"),
+        ("plate", "carrot"),
+    ],
+    "put-in": [("basket", "orange"), ("basket", "green_cube"), ("basket", "eggplant")],
+}
+
+
+def verdict(expert_on, scene: Scene) -> Verdict:
+    (outcome,) = expert_on(scene.task).evaluate([scene])
+    assert outcome.verdict not in (Verdict.ERROR, Verdict.INVALID), outcome.detail
+    return outcome.verdict
+
+
+@pytest.mark.parametrize(("name", "rest"), RESTS)
+def test_it_picks_up_every_object_in_every_pose_that_can_be_grasped(expert_on, name, rest):
+    assert verdict(expert_on, pick_up(put(name, -0.02, 0.06, 35.0, rest))) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(("x", "y"), [(-0.18, -0.24), (-0.18, 0.24), (0.11, -0.24), (0.11, 0.24)])
+def test_it_gets_to_every_corner(expert_on, x, y):
+    assert verdict(expert_on, pick_up(put("coke_can", x, y))) is Verdict.PASSED
+
+
+def test_it_picks_up_the_target_and_not_what_stands_around(expert_on):
+    assert verdict(expert_on, pick_up(put("orange", -0.05, 0.0), *AROUND)) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(
+    ("task", "place", "name"), [(task, *pair) for task, pairs in PLACES.items() for pair in pairs]
+)
+def test_it_puts_things_on_and_into_places(expert_on, task, place, name):
+    targets = (put(name, -0.1, -0.1, 20.0), put(place, -0.02, 0.12, 10.0))
+    assert verdict(expert_on, Scene(task, targets, f"{name} to {place}")) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(
+    "names", [("coke_can", "apple"), ("green_cube", "blue_plastic_bottle"), ("sponge", "orange")]
+)
+def test_it_moves_things_near_others_and_knocks_nothing_over(expert_on, names):
+    targets = tuple(put(name, -0.05, y) for name, y in zip(names, (-0.12, 0.14), strict=True))
+    scene = Scene("move-near", targets, "move it near", (put("pepsi_can", 0.09, -0.22),))
+    assert verdict(expert_on, scene) is Verdict.PASSED
+
+
+def test_without_the_simulators_state_it_refuses():
+    expert = Expert()
+    expert.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
+    with pytest.raises(SubjectError, match="needs the simulator's state") as caught:
+        expert.act([Observation("one", 0, "pick up apple")])
+    assert caught.value.cause == "protocol"
+
+
+def test_it_asks_for_what_no_policy_under_test_may_have():
+    assert Expert().spec.privileged
+    assert not Expert().spec.cameras
+
+
+@pytest.mark.slow
+def test_it_solves_nearly_all_random_scenes(expert_on):
+    rng, passed = np.random.default_rng(0), 0
+    for _ in range(100):
+        name = str(rng.choice(CATALOGUE.graspable()))
+        rest = CATALOGUE[name].rests[rng.integers(len(CATALOGUE[name].rests))].name
+        spot = rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)
+        scene = pick_up(Placement(name, rest, *map(float, spot)))
+        passed += expert_on("pick-up").evaluate([scene])[0].verdict is Verdict.PASSED
+    assert passed >= 95

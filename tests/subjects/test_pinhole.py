@@ -1,0 +1,87 @@
+"""The pinhole fails for physical reasons, and for no others."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, nominal
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Camera, Light, Placement
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.subjects.pinhole import Pinhole, _named
+
+SCENE = nominal("pick-up")
+
+
+@pytest.fixture(scope="module")
+def evaluator():
+    made = ManiSkillEvaluator("pick-up", Pinhole(), CATALOGUE, min_distance=0.15)
+    yield made
+    made.close()
+
+
+def verdict(evaluator, **changes):
+    return evaluator.evaluate([dataclasses.replace(SCENE, **changes)])[0].verdict
+
+
+def test_it_passes_the_nominal_scene(evaluator):
+    assert verdict(evaluator) is Verdict.PASSED
+
+
+def test_a_turned_camera_makes_it_miss(evaluator):
+    assert verdict(evaluator, camera=Camera(yaw=5.0, pitch=5.0)) is Verdict.FAILED
+
+
+def test_a_camera_put_elsewhere_makes_it_miss(evaluator):
+    assert verdict(evaluator, camera=Camera(distance=0.15, azimuth=90.0)) is Verdict.FAILED
+
+
+def test_glare_hides_the_object(evaluator):
+    assert (
+        verdict(evaluator, light=Light(20.0)) is Verdict.PASSED
+    )  # a pepsi can is blue: red stays below white
+    white = Placement("spoon", "lying", -0.05, 0.0)
+    glare = {"targets": (white,), "instruction": "pick up spoon"}
+    assert verdict(evaluator, **glare) is Verdict.PASSED
+    assert verdict(evaluator, **glare, light=Light(20.0)) is Verdict.FAILED
+
+
+def test_the_same_scene_gives_the_same_trajectory(evaluator):
+    turned = dataclasses.replace(SCENE, camera=Camera(roll=2.0, yaw=-1.5))
+    hashes = {evaluator.evaluate([turned])[0].rollouts[0].states_hash for _ in range(2)}
+    assert len(hashes) == 1
+
+
+def test_a_wording_that_names_the_objects_in_another_order_swaps_them():
+    models = [load_catalogue()[name] for name in load_catalogue().names()]
+    assert [model.name for model in _named("put apple on large plate", models)] == ["apple", "large_plate"]
+    assert [model.name for model in _named("let the plate carry the apple", models)] == ["plate", "apple"]
+
+
+def test_it_is_told_no_positions():
+    spec = Pinhole().spec
+    assert not spec.privileged
+    assert not spec.cameras
+    assert spec.silhouettes
+
+
+@pytest.mark.parametrize("name", ["pepsi_can", "carrot", "sponge", "green_cube", "blue_plastic_bottle"])
+@pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
+def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
+    from tests.sim.scenes import make_env
+    from vlafuzz.rig import PANDA, camera_pose
+    from vlafuzz.sim.maniskill.outlines import outlines
+    from vlafuzz.subjects.eyes import Eyes
+
+    model = CATALOGUE[name]
+    env = make_env()
+    for rest in model.rests:
+        scene = dataclasses.replace(SCENE, targets=(Placement(name, rest.name, 0.05, -0.18, yaw),))
+        state = env.begin(scene)
+        seen = outlines(env.models, state, env.view, 1.0)
+        thing = Eyes(camera_pose(PANDA.view)).find(model, seen)
+        assert np.linalg.norm(thing.position[:2] - [0.05, -0.18]) < 0.008
+        assert abs(thing.position[2] - rest.height) < 0.005
+    env.close()

@@ -1,0 +1,218 @@
+"""A scene is a value: written, read and compared without loss."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vlafuzz.errors import SceneError
+from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene, load_scenes, read_scenes, write_scenes
+
+NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+PLACEMENTS = st.builds(
+    Placement,
+    object=st.text(),
+    rest=st.text(),
+    x=NUMBER,
+    y=NUMBER,
+    yaw=NUMBER,
+    quaternion=st.none() | st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
+    scale=NUMBER,
+)
+SCENES = st.builds(
+    Scene,
+    task=st.text(),
+    targets=st.lists(PLACEMENTS, max_size=2).map(tuple),
+    instruction=st.text(),
+    confounders=st.lists(PLACEMENTS, max_size=4).map(tuple),
+    light=st.builds(Light, NUMBER),
+    camera=st.builds(Camera, *[NUMBER] * 6),
+    robot=st.text(),
+)
+ONE = Scene(
+    "put-on",
+    (Placement("apple", "resting", 0.1, -0.2, 30.0), Placement("plate", "flat", -0.05, 0.1)),
+    "put apple on plate",
+    (Placement("orange", "resting", -0.15, 0.0, quaternion=(1.0, 0.0, 0.0, 0.0), scale=0.9),),
+    Light(2.0),
+    Camera(0.05, 90.0, 45.0, 1.0, 2.0, 3.0),
+)
+TEXT = ONE.to_json()
+
+
+@given(SCENES)
+def test_what_is_written_is_read_back_equal(scene: Scene):
+    again = Scene.from_json(scene.to_json())
+    assert again == scene
+    assert again.digest == scene.digest
+    assert again.to_json() == scene.to_json()
+
+
+@given(SCENES, SCENES)
+def test_scenes_have_equal_digests_exactly_when_they_are_equal(one: Scene, other: Scene):
+    assert (one == other) == (one.digest == other.digest)
+
+
+@given(
+    SCENES.flatmap(
+        lambda scene: st.tuples(st.just(scene), st.sampled_from(["x", "y", "yaw", "scale"]), NUMBER)
+    )
+)
+def test_a_digest_sees_every_number_of_a_placement(drawn):
+    scene, name, value = drawn
+    if not scene.targets or getattr(scene.targets[0], name) == value:
+        return
+    changed = replace(scene, targets=(replace(scene.targets[0], **{name: value}), *scene.targets[1:]))
+    assert changed.digest != scene.digest
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        replace(ONE, task="put-in"),
+        replace(ONE, instruction="Put apple on plate"),
+        replace(ONE, targets=ONE.targets[::-1]),
+        replace(ONE, targets=ONE.placements, confounders=()),
+        replace(ONE, confounders=(replace(ONE.confounders[0], quaternion=None),)),
+        replace(ONE, light=Light(2.0000000001)),
+        replace(ONE, camera=replace(ONE.camera, roll=2.0, pitch=1.0)),
+        replace(ONE, robot="widowx"),
+        replace(ONE, schema=0),
+    ],
+)
+def test_a_digest_sees_everything_that_is_shown(changed):
+    assert changed.digest != ONE.digest
+
+
+def test_whole_numbers_and_minus_zero_are_the_floats_that_they_equal():
+    floats = replace(ONE, light=Light(1.0), camera=Camera(0.0))
+    for same in (
+        replace(floats, light=Light(1)),
+        replace(floats, camera=Camera(-0.0)),
+        replace(floats, camera=Camera(0)),
+    ):
+        assert same == floats
+        assert same.digest == floats.digest
+        assert same.to_json() == floats.to_json()
+
+
+def test_the_order_of_keys_and_blanks_in_a_file_do_not_matter():
+    shuffled = json.dumps(dict(reversed(json.loads(TEXT).items())), indent=2)
+    assert Scene.from_json(shuffled).digest == ONE.digest
+
+
+def test_a_digest_is_a_constant_of_the_file_format():
+    plain = Scene("pick-up", (Placement("green_cube", "flat", -0.05, 0.0),), "pick up green cube")
+    assert plain.to_json() == (
+        '{"camera":{"azimuth":0.0,"distance":0.0,"elevation":0.0,"pitch":0.0,"roll":0.0,"yaw":0.0},"confounders":[],'
+        '"instruction":"pick up green cube","light":{"intensity":1.0},"robot":"panda","schema":1,"targets":'
+        '[{"object":"green_cube","quaternion":null,"rest":"flat","scale":1.0,"x":-0.05,"y":0.0,"yaw":0.0}],"task":"pick-up"}'
+    )
+    assert len(plain.digest) == 32
+    assert plain.digest == Scene.from_json(plain.to_json()).digest
+
+
+def test_what_is_left_out_is_nominal():
+    scene = Scene.from_json(
+        '{"task": "pick-up", "instruction": "go", "targets": [{"object":"a","rest":"b","x":0,"y":0}]}'
+    )
+    assert (scene.light, scene.camera, scene.confounders, scene.robot, scene.schema) == (
+        Light(),
+        Camera(),
+        (),
+        "panda",
+        SCHEMA,
+    )
+
+
+def test_placements_are_the_targets_first():
+    assert [placement.object for placement in ONE.placements] == ["apple", "plate", "orange"]
+
+
+@pytest.mark.parametrize(
+    ("camera", "offset"),
+    [
+        (Camera(0.1), (0.1, 0, 0)),
+        (Camera(0.1, azimuth=90), (0, 0.1, 0)),
+        (Camera(0.1, azimuth=180), (-0.1, 0, 0)),
+        (Camera(0.1, elevation=90), (0, 0, 0.1)),
+        (Camera(0.1, azimuth=90, elevation=-30), (0, 0.0866025, -0.05)),
+        (Camera(0.0, azimuth=12, elevation=34), (0, 0, 0)),
+    ],
+)
+def test_a_cameras_offset_has_its_distance_and_direction(camera, offset):
+    assert camera.offset == pytest.approx(offset, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"task":', '"tsak":', "task: field required"),
+        ('"intensity":', '"brightness":2.0,"intensity":', "light.brightness: "),
+        ('"robot":', '"weather":"fine","robot":', "weather: "),
+        ('"yaw":30.0', '"yaw":"north"', "targets.0.yaw: "),
+        ('"yaw":30.0', '"yaw":NaN', "targets.0.yaw: input should be a finite number"),
+        ('"x":-0.15', '"x":1e999', "confounders.0.x: "),
+        ('"x":-0.15', '"x":null', "confounders.0.x: "),
+        ('"quaternion":[1.0,0.0,0.0,0.0]', '"quaternion":[1.0,0.0,0.0]', "confounders.0.quaternion"),
+        ('"task":"put-on"', '"task":7', "task: input should be a valid string, got 7"),
+        ('"schema":1', '"schema":2', "schema: this scene has version 2, newer than 1"),
+        ('"schema":1', '"schema":"one"', "schema: "),
+    ],
+)
+def test_what_is_no_scene_is_refused_with_its_key(old, new, says):
+    assert old in TEXT
+    with pytest.raises(SceneError) as caught:
+        Scene.from_json(TEXT.replace(old, new, 1))
+    assert caught.value.message.startswith(says)
+    assert caught.value.hint
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '"scene"', b"\xff\xfe"])
+def test_what_is_no_json_object_is_refused(text):
+    with pytest.raises(SceneError):
+        Scene.from_json(text)
+
+
+def test_a_long_value_is_cut_in_the_message():
+    with pytest.raises(SceneError) as caught:
+        Scene.from_json(TEXT.replace('"task":"put-on"', '"task":' + json.dumps(["very long"] * 100)))
+    assert len(caught.value.message) < 140
+
+
+def test_a_file_of_scenes_is_read_back(tmp_path: Path):
+    path = tmp_path / "scenes.jsonl"
+    write_scenes(path, [ONE, replace(ONE, light=Light(3.0))])
+    assert load_scenes(path) == [ONE, replace(ONE, light=Light(3.0))]
+    assert [each.name for each in tmp_path.iterdir()] == ["scenes.jsonl"]
+
+
+def test_a_broken_line_is_named_and_blank_ones_are_passed_over(tmp_path: Path):
+    path = tmp_path / "scenes.jsonl"
+    path.write_text(f"{TEXT}\n\n{TEXT[:-9]}\n{TEXT}\n")
+    with pytest.raises(SceneError) as caught:
+        load_scenes(path)
+    assert caught.value.message.startswith(f"{path}:3: ")
+    read = dict(read_scenes(path))
+    assert (read[1], read[4], list(read)) == (ONE, ONE, [1, 3, 4])
+    assert isinstance(read[3], SceneError)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "no scenes in it"), (b"\n \n", "no scenes in it"), (b"\xff\xfe\x00", "not UTF-8 text")],
+)
+def test_a_file_without_scenes_is_refused(tmp_path: Path, content: bytes, says: str):
+    path = tmp_path / "scenes.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(SceneError, match=says):
+        load_scenes(path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path):
+    for path in (tmp_path / "none.jsonl", tmp_path):
+        with pytest.raises(SceneError, match="cannot read scenes"):
+            load_scenes(path)
