@@ -208,6 +208,8 @@ def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(know
     def crashes_once(world: World, *arguments: object) -> object:
         calls.append(world)
         if len(calls) == crashing + 1:
+            for entity in world.scene.entities:  # a crash may leave anything behind
+                world.scene.remove_entity(entity)
             raise RuntimeError("PhysX: out of contact memory")
         return step(world, *arguments)
 
@@ -220,12 +222,12 @@ def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(know
     assert sound.rollouts[0].states_hash == known[1]
 
 
-def test_an_option_that_was_not_applied_is_an_error(monkeypatch):
-    begin = World.begin
-    monkeypatch.setattr(
-        World, "begin", lambda world, models, placements: begin(world, models, [put("pepsi_can", 0.0, 0.1)])
-    )
-    (outcome,) = evaluate(Expert(), NOMINAL)
+def test_an_option_that_was_not_applied_is_an_error(expert_on, monkeypatch):
+    evaluator = expert_on("pick-up")
+    evaluator.evaluate([NOMINAL])
+    begin, aside = World.begin, [put("pepsi_can", 0.0, 0.1)]
+    monkeypatch.setattr(World, "begin", lambda world, models, _: begin(world, models, aside))
+    (outcome,) = evaluator.evaluate([NOMINAL])
     assert outcome.verdict is Verdict.ERROR
     assert "pose of pepsi_can: asked for" in outcome.detail
 
@@ -308,6 +310,14 @@ def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
         state = env.advance(action.astype(np.float64), "current")
     assert state.held == 0
     assert env.monitor.success_once
+
+
+@pytest.mark.xfail(reason="tasks and outlines take every object at its catalogue's size")
+def test_a_scaled_object_is_judged_at_its_own_size():
+    placed = (put("sponge", -0.05, -0.1, scale=0.6), put("orange", -0.05, 0.12))
+    assert (
+        evaluate(Expert(), Scene("move-near", placed, "move sponge near orange"))[0].verdict is Verdict.PASSED
+    )
 
 
 @pytest.mark.slow

@@ -52,6 +52,11 @@ def test_an_imported_quaternion_that_rests_is_fair():
     assert rejected(put("green_cube", 0.0, 0.1, quaternion=tilted(90))) is None
 
 
+@pytest.mark.parametrize("scale", [0.4, 2.5])
+def test_a_scaled_object_stands_on_its_own_size(scale):
+    assert rejected(put("coke_can", 0.0, 0.1, scale=scale)) is None
+
+
 def test_an_object_inside_another_is_pushed_out():
     assert rejected(put("coke_can", 0.0, 0.1), put("apple", 0.02, 0.1)).check == "settling"
 

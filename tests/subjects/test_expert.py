@@ -7,6 +7,7 @@ from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.errors import SubjectError
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.subjects.base import EpisodeStart, Observation
 from vlafuzz.subjects.expert import Expert
 
@@ -60,6 +61,32 @@ def test_it_moves_things_near_others_and_knocks_nothing_over(expert_on, names):
     assert verdict(expert_on, scene) is Verdict.PASSED
 
 
+class Slippery(Expert):
+    """Its gripper opens for three steps when the object is up for the first time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._open = 0
+
+    def act(self, observations):
+        (chunk,) = super().act(observations)
+        lifted = observations[0].privileged.state.positions[0, 2] > 0.03
+        if lifted or self._open:
+            self._open += 1
+        if 1 <= self._open <= 3:
+            chunk.actions[0, 6] = 1.0
+        return [chunk]
+
+
+def test_it_tries_again_when_the_object_slips():
+    evaluator = ManiSkillEvaluator("pick-up", Slippery(), CATALOGUE, min_distance=0.15)
+    (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
+    evaluator.close()
+    trace = outcome.rollouts[0].actions[:, 6]
+    assert (np.diff(trace) < 0).sum() >= 2, "it closed only once"
+    assert outcome.verdict is Verdict.PASSED
+
+
 def test_without_the_simulators_state_it_refuses():
     expert = Expert()
     expert.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
@@ -74,12 +101,14 @@ def test_it_asks_for_what_no_policy_under_test_may_have():
 
 
 @pytest.mark.slow
-def test_it_solves_nearly_all_random_scenes(expert_on):
-    rng, passed = np.random.default_rng(0), 0
+def test_it_solves_nearly_all_fair_random_scenes(expert_on):
+    rng, verdicts = np.random.default_rng(0), []
     for _ in range(100):
         name = str(rng.choice(CATALOGUE.graspable()))
         rest = CATALOGUE[name].rests[rng.integers(len(CATALOGUE[name].rests))].name
         spot = rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)
         scene = pick_up(Placement(name, rest, *map(float, spot)))
-        passed += expert_on("pick-up").evaluate([scene])[0].verdict is Verdict.PASSED
-    assert passed >= 95
+        verdicts.append(expert_on("pick-up").evaluate([scene])[0].verdict)
+    assert set(verdicts) <= {Verdict.PASSED, Verdict.FAILED, Verdict.INVALID}
+    assert verdicts.count(Verdict.PASSED) >= 85
+    assert verdicts.count(Verdict.FAILED) <= 2

@@ -29,22 +29,38 @@ COMMANDS = {
 app = typer.Typer(
     name="vlafuzz",
     help="Find scenes in which a vision-language-action policy fails.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
+# click's, of which newer typer carries a copy of its own
+_WrongUsage: Any = typer.BadParameter.__base__
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code. An error raised on purpose is a sentence, a bug a traceback."""
     try:
-        app(args=arguments, prog_name="vlafuzz")
+        given = list(sys.argv[1:] if arguments is None else arguments)
+        ended = app(args=given or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
-        sys.stderr.write(f"error: {error.message}\n" + (f"hint: {error.hint}\n" if error.hint else ""))
-        return error.exit_code
+        return _complain(error.message, error.hint, error.exit_code)
+    except _WrongUsage as error:
+        return _complain(
+            error.format_message() or "a command is missing",
+            "`vlafuzz COMMAND --help` says what it takes",
+            error.exit_code,
+        )
+    except typer.Abort:
+        return _complain("interrupted", None, 130)
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-    return 0
+    return ended if isinstance(ended, int) else 0
+
+
+def _complain(message: str, hint: str | None, exit_code: int) -> int:
+    sys.stderr.write(f"error: {message}\n" + (f"hint: {hint}\n" if hint else ""))
+    return exit_code
 
 
 def _show_version(wanted: bool) -> None:

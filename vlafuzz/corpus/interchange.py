@@ -180,14 +180,14 @@ def _has(catalogue: Catalogue, counterpart: _Counterpart | None) -> bool:
 
 def _entries(path: Path) -> dict[str, object]:
     """The scenes of a file by their keys, in order."""
+    hint = 'expected an object of scenes under "0", "1", …, with "seed" and "num"'
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(f"{path}: cannot be read: {reason}") from None
+        raise SceneError(f"{path}: cannot be read: {reason}", hint) from None
     except json.JSONDecodeError as error:
-        raise SceneError(f"{path}: not JSON: {error}") from None
-    hint = 'expected an object of scenes under "0", "1", …, with "seed" and "num"'
+        raise SceneError(f"{path}: not JSON: {error}", hint) from None
     if not isinstance(found, dict):
         raise SceneError(f"{path}: not a scene file of VLATest, got {type(found).__name__}", hint)
     scenes = {key: value for key, value in found.items() if key.isdecimal()}

@@ -210,7 +210,10 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
         "value_error",
     )  # the message has the value already, or there is none
     got = "" if told else f", got {_short(problem['input'])}"
-    raise CatalogueError(f"{path}: {place}: {message[0].lower()}{message[1:]}{got}")
+    raise CatalogueError(
+        f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
+        hint="operators/README.md says what each key means; `vlafuzz operators` shows the ranges in use",
+    )
 
 
 def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:

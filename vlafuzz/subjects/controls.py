@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
 
@@ -46,6 +47,6 @@ class Random:
         """No more rollouts."""
         self._rngs.clear()
 
-    def _draw(self, rng: np.random.Generator) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        scale = np.array([0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0])
-        return (rng.uniform(-1, 1, 7) * scale)[None]
+    def _draw(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        scale = np.array([[0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0]])
+        return np.asarray(rng.uniform(-1, 1, (1, 7)) * scale)

@@ -45,7 +45,7 @@ class Eyes:
 
     def _unlikeness(self, model: ObjectModel, thing: Silhouette, size_ratio: float) -> float:
         colour = float(np.linalg.norm(_camera_values(thing.colour) - model.colour))
-        return colour + SIZE_WEIGHT * abs(np.log(size_ratio))
+        return colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
 
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
         """Where the object is if these are its pixels, and how large they are against what they should be.
@@ -107,9 +107,8 @@ def _hull(points: Array) -> Array:
     return np.asarray(cv2.convexHull(points.astype(np.float32))[:, 0], dtype=np.float64)
 
 
-_GRID = np.stack(np.meshgrid(np.linspace(0.04, 0.96, 24), np.linspace(0.04, 0.96, 24)), axis=-1).reshape(
-    -1, 2
-)
+_TICKS = np.linspace(0.04, 0.96, 24)
+_GRID = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
 
 
 def _fill(hull: Array) -> Array:
@@ -120,4 +119,4 @@ def _fill(hull: Array) -> Array:
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     side = points @ normals.T - np.einsum("ij,ij->i", hull, normals)
     inside = np.all(side <= 0, axis=1) | np.all(side >= 0, axis=1)
-    return points[inside]
+    return np.asarray(points[inside])

@@ -116,8 +116,9 @@ class Hands:
         over = np.array([*self._target_xy(belief), max(self._carry_height(belief), 0.0)])
         self._waited += 1
         level = _level(over, belief.tcp)
-        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(belief,
-        self._goal_yaw):
+        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(
+            belief, self._goal_yaw
+        ):
             self._enter(self._lower)
             return self._lower(belief)
         return self._toward(belief, over, self._goal_yaw, CLOSE)
@@ -174,8 +175,9 @@ class Hands:
             found = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
             if self._plan is not None and found:  # it moved a little: keep to the same kind of grasp
                 yaw = self._plan.yaw
-                found.sort(key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 *
-                reach.cost)
+                found.sort(
+                    key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost
+                )
                 self._plan = found[0]
             else:
                 self._plan = found[self.attempt % len(found)] if found else self._blind(belief)
@@ -217,7 +219,9 @@ class Hands:
         self._b_was = belief.b.position[:2].copy() if belief.b else np.zeros(2)
         self._goal_yaw = self._yaw
         if self._goal is not None:
-            self._goal_yaw = planning.nearest_yaw(self._yaw + self._goal.turn, self._rig.neutral_yaw(*self._goal.place))
+            self._goal_yaw = planning.nearest_yaw(
+                self._yaw + self._goal.turn, self._rig.neutral_yaw(*self._goal.place)
+            )
         self._enter(self._lift)
 
     def _find_goal(self, belief: Belief) -> Goal | None:
@@ -225,7 +229,11 @@ class Hands:
             return None
         if self._task == "move-near":
             return planning.goal_near(belief.a, belief.b, belief.others, self._yaw, self._rig)
-        return planning.goal_in(belief.a, belief.b) if self._task == "put-in" else planning.goal_on(belief.a, belief.b)
+        return (
+            planning.goal_in(belief.a, belief.b)
+            if self._task == "put-in"
+            else planning.goal_on(belief.a, belief.b)
+        )
 
     def _target_xy(self, belief: Belief) -> Array:
         assert self._goal is not None

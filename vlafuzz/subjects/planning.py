@@ -23,7 +23,9 @@ FINGERS = (0.013, (0.038, 0.062), (-0.012, 0.05))
 PALM = (0.035, (0.0, 0.105), (0.038, 0.16))
 GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
-_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 32); a convex outline is farthest along one of them
+_DIRECTIONS = np.stack(
+    [np.cos(_ANGLES), np.sin(_ANGLES)]
+)  # (2, 32); a convex outline is farthest along one of them
 TRAVEL = 0.03  # metres between fingertips or load and what they pass over
 
 
@@ -80,7 +82,9 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
     bottom = float(thing.corners[:, 2].min())
     for rest in thing.model.rests:
         w, x, y, z = rest.quaternion
-        up = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])  # the world's z in the object's frame
+        up = np.array(
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
+        )  # the world's z in the object's frame
         if thing.rotation[2] @ up > UPRIGHT and rest.grasps:
             level = thing.rotation @ _matrix(rest.quaternion).T
             yaw = float(np.arctan2(level[1, 0], level[0, 0]))
@@ -92,18 +96,20 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
     shift = np.array([0.0, 0.0, thing.position[2] - bottom])
     parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
     return [
-        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality) for g in
-        find_grasps(parts, shift)
+        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality)
+        for g in find_grasps(parts, shift)
     ]
 
 
 def _matrix(quaternion: Array) -> Array:
     w, x, y, z = quaternion
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def _crowding(tcp: Array, yaw: float, others: Sequence[Thing]) -> float:
@@ -153,7 +159,9 @@ def goal_in(a: Thing, b: Thing) -> Goal:
     """In the middle of b, a's long side along b's."""
     container = b.model.container
     assert container is not None, f"{b.model.name} is no container"
-    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (0.0 if container.width >= container.depth else np.pi / 2)
+    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (
+        0.0 if container.width >= container.depth else np.pi / 2
+    )
     turn = nearest_yaw(long_side, _long_axis(a)) - _long_axis(a) if _elongation(a) > 1.15 else 0.0
     return Goal(b.position[:2].copy(), float(turn), float(b.position[2] + container.floor))
 
@@ -197,7 +205,11 @@ def _distance(outline_a: Array, outline_b: Array, centre: Array, direction: Arra
     near, far = 0.0, 0.5
     for _ in range(12):
         middle = (near + far) / 2
-        near, far = (middle, far) if _separation(outline_a + centre + direction * middle, outline_b) < GAP else (near, middle)
+        near, far = (
+            (middle, far)
+            if _separation(outline_a + centre + direction * middle, outline_b) < GAP
+            else (near, middle)
+        )
     return far
 
 

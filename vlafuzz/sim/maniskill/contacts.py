@@ -15,27 +15,30 @@ TOUCH_IMPULSE = 1e-6  # newton seconds; points within the contact offset but apa
 
 def object_contacts(
     system: physx.PhysxCpuSystem, labels: Labels
-) -> Iterator[tuple[int, int | str, tuple[object, ...], Array]]:
+) -> Iterator[tuple[int, int | str, physx.PhysxContact]]:
     """Every touch of an object in the last physics step.
 
     Args:
         labels: body → index of an object, or the name of something else.
 
     Yields:
-        object index, what it touches, the two bodies, and the impulse between them, ``(3,)`` in newton seconds.
-        Two objects come in both orders.
+        object index, what it touches, and the contact. Two objects come in both orders.
     """
     for contact in system.get_contacts():
-        bodies = tuple(contact.bodies)
-        one, two = (labels[body] for body in bodies)
-        if not (isinstance(one, int) or isinstance(two, int)):
+        one, two = (labels[body] for body in contact.bodies)
+        if not (isinstance(one, int) or isinstance(two, int)) or not _presses(contact):
             continue
-        # plain floats: for so few of them NumPy takes several times as long
-        sums = [sum(axis) for axis in zip(*(point.impulse.tolist() for point in contact.points), strict=True)]
-        if max(map(abs, sums), default=0.0) < TOUCH_IMPULSE:
-            continue
-        impulse = np.array(sums)
         if isinstance(one, int):
-            yield one, two, bodies, impulse
+            yield one, two, contact
         if isinstance(two, int):
-            yield two, one, bodies, impulse
+            yield two, one, contact
+
+
+def impulse(contact: physx.PhysxContact) -> Array:
+    """``(3,)`` between the two bodies, newton seconds."""
+    return np.sum([point.impulse for point in contact.points], axis=0, dtype=np.float64)
+
+
+def _presses(contact: physx.PhysxContact) -> bool:
+    # plain floats: this runs a dozen times a control step, and NumPy takes several times as long for three numbers
+    return any(max(map(abs, point.impulse.tolist())) >= TOUCH_IMPULSE for point in contact.points)

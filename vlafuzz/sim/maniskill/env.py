@@ -89,7 +89,7 @@ class TabletopEnv(BaseEnv):
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
-        """One control step of a metric action (see ``MetricArm``); the state after it, as ``monitor`` saw it."""
+        """One control step of a metric action (see ``MetricArm``); the state after it."""
         state = self.world.step(action, relative_to)
         self.monitor.observe(state)
         return state

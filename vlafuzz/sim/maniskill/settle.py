@@ -49,7 +49,7 @@ def check_dynamic(task: Task, models: Sequence[ObjectModel], placements: Sequenc
 
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
     labels = {body: index for index, body in enumerate(bodies)} | dict.fromkeys(scene.physx_system.rigid_static_components, TABLE)
-    contacts = {(one, other) for one, other, _, _ in object_contacts(scene.physx_system, labels)}
+    contacts = {(one, other) for one, other, _ in object_contacts(scene.physx_system, labels)}
     matrices = [body.entity_pose.to_transformation_matrix() for body in bodies]
     return State(
         positions=np.array([matrix[:3, 3] for matrix in matrices], dtype=np.float64),

@@ -20,7 +20,7 @@ from sapien import physx
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig
 from vlafuzz.scene import Placement
-from vlafuzz.sim.maniskill.contacts import object_contacts
+from vlafuzz.sim.maniskill.contacts import impulse, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system
 from vlafuzz.sim.maniskill.robots import MetricArm
@@ -151,18 +151,16 @@ class World:
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
         pressed: list[dict[int, Array]] = [{}, {}]
-        for index, other, bodies, impulse in object_contacts(self.scene.physx_system, self._labels):
+        for index, other, contact in object_contacts(self.scene.physx_system, self._labels):
             pairs.add((index, other))
             if other == HAND:
-                self._note_press(pressed, bodies, index, impulse)
+                self._note_press(pressed, contact, index)
         return frozenset(pairs), self._held(pressed)
 
-    def _note_press(
-        self, pressed: list[dict[int, Array]], bodies: Sequence[object], index: int, impulse: Array
-    ) -> None:
+    def _note_press(self, pressed: list[dict[int, Array]], contact: physx.PhysxContact, index: int) -> None:
         for finger, link in enumerate(self._robot.fingers):
-            if link in bodies:
-                pressed[finger][index] = pressed[finger].get(index, 0.0) + impulse
+            if link in contact.bodies:
+                pressed[finger][index] = pressed[finger].get(index, 0.0) + impulse(contact)
 
     def _held(self, pressed: list[dict[int, Array]]) -> int | None:
         for index in sorted(pressed[0].keys() & pressed[1].keys()):
@@ -170,10 +168,10 @@ class World:
                 return index
         return None
 
-    def _presses(self, finger: physx.PhysxArticulationLinkComponent, impulse: Array) -> bool:
-        size = math.hypot(*impulse)
+    def _presses(self, finger: physx.PhysxArticulationLinkComponent, push: Array) -> bool:
+        size = math.hypot(*push)
         axis = finger.entity_pose.to_transformation_matrix()[:3, 1]
-        return size * SIM_HZ >= GRASP_FORCE and abs(float(axis @ impulse)) >= GRASP_COSINE * size
+        return size * SIM_HZ >= GRASP_FORCE and abs(float(axis @ push)) >= GRASP_COSINE * size
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> list[list[float]]:
