@@ -312,7 +312,6 @@ def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
     assert env.monitor.success_once
 
 
-@pytest.mark.xfail(reason="tasks and outlines take every object at its catalogue's size")
 def test_a_scaled_object_is_judged_at_its_own_size():
     placed = (put("sponge", -0.05, -0.1, scale=0.6), put("orange", -0.05, 0.12))
     assert (

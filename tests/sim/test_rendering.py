@@ -170,3 +170,16 @@ def test_the_subject_sees_the_scene_and_a_recording_every_step():
     assert centroid(subject.seen[0]) == pytest.approx(projected(*SPOT), abs=1.5 * PIXEL)
     assert len(subject.seen) == len(recording.observations) == rollout.steps
     assert len(recording.frames) == rollout.steps + 1
+
+
+def test_a_wrist_camera_looks_at_what_is_between_the_fingers():
+    cameras = (CameraRequest("wrist", 64, 64, "wrist"),)
+    made = make_env(cameras=cameras, render_backend="gpu")
+    made.begin(pick_up(put("green_cube", 0.0, 0.0)))
+    near = made.picture("wrist").astype(int)
+    made.begin(pick_up(put("green_cube", 0.1, 0.2)))
+    far = made.picture("wrist").astype(int)
+    made.close()
+    greener = [(picture[..., 1] - picture[..., 0] > 40).sum() for picture in (near, far)]
+    assert greener[0] > 10
+    assert greener[1] == 0

@@ -5,12 +5,13 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, CROWD, nominal, put
 from vlafuzz.scene import Placement
+from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.settle import check_dynamic
 from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, TASKS, task
 
 
 def rejected(*placements: Placement, task=PICK_UP):
-    return check_dynamic(task, [CATALOGUE[placement.object] for placement in placements], placements)
+    return check_dynamic(task, models_of(placements, CATALOGUE), placements)
 
 
 def tilted(degrees: float) -> tuple[float, float, float, float]:

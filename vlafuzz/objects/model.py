@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -100,6 +101,10 @@ class ObjectModel:
     container: Container | None
     density: float
 
+    def scaled(self, scale: float) -> ObjectModel:
+        """The same thing in another size, of the same mass. Its grasps are left to whoever needs them."""
+        return self if scale == 1.0 else _scaled(self, scale)
+
     def rest(self, name: str) -> RestPose:
         """The rest pose of that name.
 
@@ -113,3 +118,26 @@ class ObjectModel:
         raise CatalogueError(
             f"{self.name}: no rest pose {name!r}, known: {', '.join(known)}", suggestion(name, known)
         )
+
+
+@lru_cache(maxsize=128)
+def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
+    room = model.container
+    return replace(
+        model,
+        parts=tuple(part * scale for part in model.parts),
+        vertices=model.vertices * scale,
+        rests=tuple(
+            replace(
+                rest,
+                height=rest.height * scale,
+                top=rest.top * scale,
+                footprint=rest.footprint * scale,
+                grasps=(),
+            )
+            for rest in model.rests
+        ),
+        container=room
+        and Container(room.width * scale, room.depth * scale, room.floor * scale, room.rim * scale),
+        density=model.density / scale**3,
+    )

@@ -20,14 +20,14 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.errors import SceneError
+from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import camera_pose, rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.lights import SceneLights
-from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET
+from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.robots import CONTROL_MODE, MetricPanda
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import SIM_HZ, Robot, World
@@ -40,6 +40,9 @@ from vlafuzz.tasks.tabletop import task as task_named
 
 EPISODE_SECONDS = 16
 THIRD_PERSON = CameraRequest("third_person", 128, 128)
+# In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
+WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
+_OPTIONS = {"scene", "reconfigure", "env_idx"}
 
 
 class TabletopEnv(BaseEnv):
@@ -76,7 +79,7 @@ class TabletopEnv(BaseEnv):
     def begin(self, scene: Scene) -> State:
         """Build a scene; the state at its start."""
         self._scene_shown = scene
-        self._models = tuple(self.catalogue[placement.object] for placement in scene.placements)
+        self._models = models_of(scene.placements, self.catalogue)
         start = self.world.begin(self._models, scene.placements)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
@@ -135,8 +138,17 @@ class TabletopEnv(BaseEnv):
         pose = sapien.Pose(view.position, view.quaternion)
         fov = np.radians(self.rig.view.fov)
         return [
-            CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default") for c in self._cameras
+            CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default")
+            if c.role == "third_person"
+            else self._wrist_camera(c)
+            for c in self._cameras
         ]
+
+    def _wrist_camera(self, request: CameraRequest) -> CameraConfig:
+        hand = self.agent.robot.links_map["panda_hand"]
+        pose = sapien.Pose(*WRIST_CAMERA)
+        size = (request.width, request.height)
+        return CameraConfig(request.name, pose, *size, np.pi / 2, mount=hand, shader_pack="default")
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
@@ -178,6 +190,9 @@ class TabletopEnv(BaseEnv):
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Build ``options["scene"]``, or the nominal scene; ``info["applied"]`` echoes it."""
+        unknown = set(options or {}) - _OPTIONS
+        if unknown:
+            raise SceneError(f"options: unknown key {min(unknown)!r}", hint=suggestion(min(unknown), _OPTIONS))
         observation, info = super().reset(seed=seed, options=options)
         applied = self.applied()
         applied.check(self._scene_shown, self._models, self.rig)
@@ -208,13 +223,17 @@ class TabletopEnv(BaseEnv):
 
     def _aim(self) -> None:
         pose = sapien.Pose(self.view.position, self.view.quaternion)
-        for camera in (*self.scene.sensors.values(), *self.scene.human_render_cameras.values()):
+        for camera in (*self._third_person, *self.scene.human_render_cameras.values()):
             camera.camera.set_local_pose(pose)
 
     def _camera_pose(self) -> sapien.Pose:
-        if not (self.scene.can_render() and self.scene.sensors):
+        if not (self.scene.can_render() and self._third_person):
             return sapien.Pose(self.view.position, self.view.quaternion)
-        return next(iter(self.scene.sensors.values())).camera._render_cameras[0].local_pose
+        return self._third_person[0].camera._render_cameras[0].local_pose
+
+    @property
+    def _third_person(self) -> list[Any]:
+        return [self.scene.sensors[c.name] for c in self._cameras if c.role == "third_person"]
 
 
 def default_scene(task: str, catalogue: Catalogue) -> Scene:

@@ -16,6 +16,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv, gym_id
+from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.settle import check_dynamic
@@ -186,5 +187,5 @@ def _proprioception(state: State) -> NDArray[np.float32]:
 
 def check_dynamic_of(scene: Scene, catalogue: Catalogue) -> Rejection | None:
     """Settling and "not already solved", for a scene that passed the static checks."""
-    models = [catalogue[placement.object] for placement in scene.placements]
+    models = models_of(scene.placements, catalogue)
     return check_dynamic(task_named(scene.task), models, scene.placements)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -9,6 +10,7 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
+from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.rendering import render_system
@@ -31,7 +33,12 @@ def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.f
         turn = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)])
         quaternion = np.array((turn * sapien.Pose(q=rest.quaternion)).q, dtype=np.float64)
         height = rest.height
-    return np.array([placement.x, placement.y, height * placement.scale]), quaternion
+    return np.array([placement.x, placement.y, height]), quaternion
+
+
+def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
+    """The objects of a scene, each in its size."""
+    return tuple(catalogue[placement.object].scaled(placement.scale) for placement in placements)
 
 
 def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
@@ -53,7 +60,7 @@ def add_object(
     scale = [placement.scale] * 3
     for file in model.collision:
         shape = physx.PhysxCollisionShapeConvexMesh(str(file), scale, _material(model.friction))
-        shape.density = model.density / placement.scale**3  # the catalogue's mass, whatever the size
+        shape.density = model.density
         shape.contact_offset = CONTACT_OFFSET
         body.attach(shape)
     body.angular_damping = ROLLING_DAMPING if any(rest.rolls for rest in model.rests) else DAMPING
