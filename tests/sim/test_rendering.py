@@ -177,7 +177,7 @@ def test_a_wrist_camera_looks_at_what_is_between_the_fingers():
     made = make_env(cameras=cameras, render_backend="gpu")
     made.begin(pick_up(put("green_cube", 0.0, 0.0)))
     near = made.picture("wrist").astype(int)
-    made.begin(pick_up(put("green_cube", 0.1, 0.2)))
+    made.begin(pick_up(put("green_cube", -0.2, 0.3)))
     far = made.picture("wrist").astype(int)
     made.close()
     greener = [(picture[..., 1] - picture[..., 0] > 40).sum() for picture in (near, far)]

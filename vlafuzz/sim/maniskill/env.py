@@ -190,9 +190,8 @@ class TabletopEnv(BaseEnv):
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Build ``options["scene"]``, or the nominal scene; ``info["applied"]`` echoes it."""
-        unknown = set(options or {}) - _OPTIONS
-        if unknown:
-            raise SceneError(f"options: unknown key {min(unknown)!r}", hint=suggestion(min(unknown), _OPTIONS))
+        for key in set(options or {}) - _OPTIONS:
+            raise SceneError(f"options: unknown key {key!r}", hint=suggestion(key, _OPTIONS))
         observation, info = super().reset(seed=seed, options=options)
         applied = self.applied()
         applied.check(self._scene_shown, self._models, self.rig)
