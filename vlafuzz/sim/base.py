@@ -13,7 +13,7 @@ class Evaluator(Protocol):
     """Runs a subject in scenes. Never raises for what a scene does; a crash is an ERROR outcome."""
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome a scene, in order; the same scene gives the same outcome, whatever was evaluated before."""
+        """One outcome a scene, in order: the same for the same scene, whatever was evaluated before."""
 
     def close(self) -> None:
         """No more scenes."""

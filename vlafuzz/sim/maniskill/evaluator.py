@@ -25,8 +25,8 @@ from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation, Priv
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import task as task_named
-from vlafuzz.validity.report import Rejection
 from vlafuzz.validity import check_static
+from vlafuzz.validity.report import Rejection
 
 AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
 
@@ -109,15 +109,21 @@ class ManiSkillEvaluator:
             success_once=success,
             success_at_end=monitor.success_now,
             published_success=monitor.published_success,
-            reached=self._task.stage_names if success else tuple(monitor.reached[: len(self._task.stages) - 1]),
-            progress=1.0 if success else min(monitor.progress, 0.99),  # 1 where only the other criteria are met
+            reached=self._task.stage_names
+            if success
+            else tuple(monitor.reached[: len(self._task.stages) - 1]),
+            progress=1.0
+            if success
+            else min(monitor.progress, 0.99),  # 1 where only the other criteria are met
             trace=monitor.trace,
             actions=np.array(actions, dtype=np.float32),
             states_hash=env.world.states_hash,
             seconds=time.perf_counter() - began,
         )
 
-    def _act(self, env: TabletopEnv, harness: Harness, start: EpisodeStart, scene: Scene, state: State) -> list[NDArray[np.float64]]:
+    def _act(
+        self, env: TabletopEnv, harness: Harness, start: EpisodeStart, scene: Scene, state: State
+    ) -> list[NDArray[np.float64]]:
         spec, monitor = self._subject.spec, env.monitor
         actions: list[NDArray[np.float64]] = []
         last = EPISODE_SECONDS * spec.action.hz
@@ -132,7 +138,9 @@ class ManiSkillEvaluator:
                 last = min(last, len(actions) + (0 if self._stop_early else AFTER_SUCCESS))
         return actions
 
-    def _observe(self, env: TabletopEnv, start: EpisodeStart, scene: Scene, state: State, step: int) -> Observation:
+    def _observe(
+        self, env: TabletopEnv, start: EpisodeStart, scene: Scene, state: State, step: int
+    ) -> Observation:
         spec = self._subject.spec
         observation = Observation(
             episode=start.episode,
@@ -141,7 +149,9 @@ class ManiSkillEvaluator:
             images={camera.name: env.picture(camera.name) for camera in spec.cameras},
             state=_proprioception(state) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
-            privileged=Privileged(scene, env.models, state, env.monitor.success_now) if spec.privileged else None,
+            privileged=Privileged(scene, env.models, state, env.monitor.success_now)
+            if spec.privileged
+            else None,
         )
         if self._recording is not None:
             self._recording.observations.append(observation)
@@ -170,7 +180,9 @@ class ManiSkillEvaluator:
         except RuntimeError as error:
             if "rendering device" not in str(error):
                 raise
-            raise PrerequisiteError(f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install") from None
+            raise PrerequisiteError(
+                f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install"
+            ) from None
         assert isinstance(made.unwrapped, TabletopEnv)
         return made.unwrapped
 
