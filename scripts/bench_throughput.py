@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Physics-only rollouts of the expert per second on one core: a stock ManiSkill loop, ours, and PhysX alone.
+"""Physics-only rollouts of the expert per second on one core.
 
-Scene by scene they take turns, so that whatever else the machine does slows all of them alike:
+Scene by scene these take turns, so that whatever else the machine does slows all of them alike:
 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
              ``reset(reconfigure=True)`` for every scene (a new ``gym.make`` costs more). It is led along the
-             TCP positions and gripper commands of the expert's rollout in the same scene.
+             TCP positions and gripper commands of the expert's rollout in the same scene. It renders nothing.
 ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
 bare PhysX   the same objects and robot, the drive targets of our rollout, and in the clock nothing but
              physics steps. It must end where ours ended.
@@ -20,12 +20,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy and torch look
 import argparse
 import json
 import time
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import count
-from statistics import median
 from typing import Any
 from unittest.mock import patch
 
@@ -74,7 +72,7 @@ PARTS: dict[str, tuple[type, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A rollout of the expert for others to follow. Lists have an item for each control step."""
+    """A rollout of the expert for others to follow; an item for each control step."""
 
     scene: Scene
     waypoints: list[NDArray[np.float64]] = field(default_factory=list)  # (3,) TCP, metres
@@ -136,41 +134,26 @@ class Bench:
         drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
         recorded = filter(None, map(self._record, drawn))
         self.courses = [next(recorded) for _ in range(scenes)]
-        made = gymnasium.make(
-            STOCK_ID,
-            scene=self.courses[0].scene,
-            catalogue=catalogue,
-            obs_mode="none",
-            reward_mode="none",
-            control_mode="pd_ee_delta_pose",
-        )
-        self._stock: Any = made.unwrapped
-        self.renderer = f"{self._stock.backend.render_backend}, {_device()}"
+        lean: Any = {"obs_mode": "none", "reward_mode": "none", "control_mode": "pd_ee_delta_pose"}
+        made: Any = gymnasium.make(STOCK_ID, scene=self.courses[0].scene, catalogue=catalogue, **lean)
+        self._stock, self.renderer = made.unwrapped, str(made.unwrapped.backend.render_backend)
         self.grasped: set[str] = set()
-        self.loops = {
+        self.loops: dict[str, Callable[[Course], Callable[[], object]]] = {
             STOCK: self._play_stock,
-            OURS: self._play_ours,
-            CHECKED: self.play_checked,
+            OURS: lambda course: lambda: self._ours.evaluate([course.scene]),
+            CHECKED: lambda course: lambda: self._checked.evaluate([course.scene]),
             BARE: self._play_bare,
         }
 
-    def play_checked(self, course: Course) -> Callable[[], object]:
-        return lambda: self._checked.evaluate([course.scene])
-
-    def _play_ours(self, course: Course) -> Callable[[], object]:
-        return lambda: self._ours.evaluate([course.scene])
-
     def _play_stock(self, course: Course) -> Callable[[], None]:
-        env = self._stock
-
         def run() -> None:
+            env = self._stock
             env.reset(options={"reconfigure": True, "scene": course.scene})
             action = np.zeros(7, dtype=np.float32)
             for waypoint, gripper in zip(course.waypoints, course.gripper, strict=True):
                 action[:3] = np.clip((waypoint - env.agent.tcp.pose.p[0].numpy()) / 0.1, -1, 1)
                 action[6] = gripper
-                info = env.step(action)[-1]
-                if info["grasped"]:
+                if env.step(action)[-1]["grasped"]:
                     self.grasped.add(course.scene.digest)
 
         return run
@@ -178,11 +161,10 @@ class Bench:
     def _play_bare(self, course: Course) -> Callable[[], None]:
         self._env.begin(course.scene)
         robot, system = self._env.agent.robot._objs[0], self._env.world.scene.physx_system
-        joints = robot.active_joints
 
         def run() -> None:
             for targets in course.drives:
-                for joint, target in zip(joints, targets, strict=True):
+                for joint, target in zip(robot.active_joints, targets, strict=True):
                     joint.set_drive_target(target)
                 for _ in range(SIM_HZ // HZ):
                     system.step()
@@ -210,33 +192,24 @@ class Bench:
         return None if outcome.verdict is Verdict.INVALID else course
 
 
-def _device() -> str:
-    """What SAPIEN renders with when nobody chooses: the stock environment's device here."""
-    return str(sapien.render.RenderSystem().device.name)
-
-
-Times = dict[str, tuple[float, float]]  # wall and CPU seconds of each loop
-
-
-def measure(bench: Bench, repetitions: int) -> list[Times]:
-    """All loops over all scenes, once for each repetition."""
-    results = []
-    for repetition in range(-1, repetitions):
-        spent = dict.fromkeys(bench.loops, (0.0, 0.0))
-        for course in bench.courses if repetition >= 0 else bench.courses[:1]:  # the first one warms up
-            for name, play in bench.loops.items():
-                run = play(course)
+def measure(bench: Bench, repetitions: int) -> dict[str, list[float]]:
+    """Wall and CPU seconds of each loop: medians over a scene's repetitions, summed over the scenes."""
+    shuffle = np.random.default_rng(0).permutation
+    spent = {name: np.zeros((1 + repetitions, len(bench.courses), 2)) for name in bench.loops}
+    for repetition in range(1 + repetitions):
+        for index, course in enumerate(bench.courses):
+            for name in shuffle(list(bench.loops)).tolist():  # nobody always follows the same one
+                run = bench.loops[name](course)
                 wall, cpu = time.perf_counter(), time.process_time()
                 run()
-                wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-                spent[name] = spent[name][0] + wall, spent[name][1] + cpu
-        results.append(spent)
-    return results[1:]
+                spent[name][repetition, index] = time.perf_counter() - wall, time.process_time() - cpu
+    # the first repetition warms up
+    return {name: np.median(times[1:], axis=0).sum(axis=0).tolist() for name, times in spent.items()}
 
 
 def breakdown(bench: Bench) -> dict[str, float]:
-    """CPU seconds that the checked evaluator spends in each part for all scenes, without the parts inside it."""
-    spent, inner = Counter[str](), [0.0]
+    """CPU seconds of the checked evaluator in each part for all scenes, without the parts inside it."""
+    spent, inner = dict.fromkeys(PARTS, 0.0), [0.0]
 
     def timed(part: str, function: Callable[..., object]) -> Callable[..., object]:
         def call(*args: Any, **kwargs: Any) -> object:
@@ -255,63 +228,56 @@ def breakdown(bench: Bench) -> dict[str, float]:
         for part, (owner, name) in PARTS.items():
             patches.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
         for course in bench.courses:
-            bench.play_checked(course)()
-    return {part: spent[part] for part in PARTS}
+            bench.loops[CHECKED](course)()
+    return spent
 
 
-def summarise(bench: Bench, results: Sequence[Times]) -> dict[str, Any]:
-    """Medians over the repetitions. Ratios are of CPU time, each within one repetition."""
+def summarise(bench: Bench, repetitions: int) -> dict[str, Any]:
+    """What is printed. Ratios are of CPU time."""
     rollouts, steps = len(bench.courses), sum(len(course.drives) for course in bench.courses)
-    loops = {}
-    for name in bench.loops:
-        wall, cpu = (median(spent[name][clock] for spent in results) for clock in (0, 1))
-        loops[name] = {
+    spent = measure(bench, repetitions)
+    loops = {
+        name: {
             "rollouts_per_second": rollouts / wall,
             "wall_ms_per_rollout": 1e3 * wall / rollouts,
             "cpu_ms_per_rollout": 1e3 * cpu / rollouts,
             "cpu_ms_per_step": 1e3 * cpu / steps,
-            "times_stock": median(spent[STOCK][1] / spent[name][1] for spent in results),
-            "times_bare": median(spent[name][1] / spent[BARE][1] for spent in results),
+            "times_stock": spent[STOCK][1] / cpu,
+            "times_bare": cpu / spent[BARE][1],
         }
-    fast = loops[OURS]["times_stock"] >= FASTER_THAN_STOCK and loops[OURS]["times_bare"] <= SLOWER_THAN_BARE
+        for name, (wall, cpu) in spent.items()
+    }
+    ours = loops[OURS]
     return {
         "rollouts": rollouts,
         "steps": steps,
-        "repetitions": len(results),
+        "repetitions": repetitions,
         "stock_renderer": bench.renderer,
         "stock_grasped": len(bench.grasped),
         "loops": loops,
-        "cpu_ms_per_step_in": {part: 1e3 * spent / steps for part, spent in breakdown(bench).items()},
-        "goals_reached": fast,
+        "cpu_ms_per_step_in": {part: 1e3 * seconds / steps for part, seconds in breakdown(bench).items()},
+        "goals_reached": ours["times_stock"] >= FASTER_THAN_STOCK and ours["times_bare"] <= SLOWER_THAN_BARE,
     }
 
 
 def show(task: str, report: dict[str, Any]) -> None:
-    print(
-        f"{task}: {report['rollouts']} scenes, {report['steps']} control steps of {SIM_HZ // HZ} physics steps,"
-    )
-    print(f"one thread, median of {report['repetitions']} repetitions, ratios of CPU time")
-    print(
-        f"stock has a renderer ({report['stock_renderer']}) and grasped in {report['stock_grasped']} scenes\n"
-    )
+    size = f"{report['rollouts']} scenes, {report['steps']} control steps of {SIM_HZ // HZ} physics steps"
+    print(f"{task}: {size}, medians of {report['repetitions']} repetitions, one thread")
+    print(f"stock's renderer is {report['stock_renderer']}; it grasped in {report['stock_grasped']} scenes\n")
     print(f"{'':20} rollouts/s  ms/rollout  CPU ms/rollout  CPU ms/step  x stock's speed  x bare's time")
     for name, row in report["loops"].items():
-        print(f"{name:20}{row['rollouts_per_second']:11.1f}{row['wall_ms_per_rollout']:12.1f}", end="")
-        print(f"{row['cpu_ms_per_rollout']:16.1f}{row['cpu_ms_per_step']:13.2f}", end="")
-        print(f"{row['times_stock']:17.1f}{row['times_bare']:15.2f}")
+        values = zip(row.values(), ("11.1f", "12.1f", "16.1f", "13.2f", "17.1f", "15.2f"), strict=True)
+        print(f"{name:20}" + "".join(format(*value) for value in values))
     parts = report["cpu_ms_per_step_in"]
-    print(f"\n{OURS}, by part".ljust(21), "CPU ms/step  share")
+    print(f"\n{CHECKED:20} CPU ms/step  share")
     for part, spent in parts.items():
         print(f"{part:20}{spent:12.3f}{spent / sum(parts.values()):7.1%}")
-    print(
-        f"\ngoals: {FASTER_THAN_STOCK:g} times stock, at most {SLOWER_THAN_BARE:g} times bare PhysX: ", end=""
-    )
-    print("reached\n" if report["goals_reached"] else "MISSED\n", flush=True)
+    goals = f"{FASTER_THAN_STOCK:g} times stock's speed, at most {SLOWER_THAN_BARE:g} times bare PhysX's time"
+    print(f"\ngoals: {goals}: {'reached' if report['goals_reached'] else 'MISSED'}\n", flush=True)
 
 
 def main() -> None:
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="pick-up")
     parser.add_argument("--scenes", type=int, default=16, help="how many different ones")
     parser.add_argument("--repetitions", type=int, default=5)
@@ -322,7 +288,7 @@ def main() -> None:
     reports = {}
     for task in TASKS if options.task == "all" else [options.task]:
         bench = Bench(task, options.scenes, options.seed)
-        reports[task] = summarise(bench, measure(bench, options.repetitions))
+        reports[task] = summarise(bench, options.repetitions)
         if not options.json:
             show(task, reports[task])
     if options.json:

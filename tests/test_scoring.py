@@ -1,8 +1,9 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from tests.doubles import TinySpace, failed, passed, scene
+from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rig import Workspace
 from vlafuzz.scoring import cell, score, wilson
@@ -28,6 +29,38 @@ def test_progress_is_unknown_where_the_subject_was_not_judged(outcome: Outcome):
 
 def test_progress_that_is_not_a_number_is_unknown():
     assert score(scene(), Outcome(Verdict.FAILED, progress=float("nan")), SPACE).progress is None
+
+
+def passed_after(*steps: int) -> Outcome:
+    """Success at those control steps, counted from 0, one rollout each."""
+    traces = [np.repeat(np.float32([0.5, 1.0]), [step, 10]) for step in steps]
+    return Outcome.of(tuple(replace(rollout(), trace=trace) for trace in traces), STAGES)
+
+
+def test_the_slack_of_a_pass_is_the_less_the_later_its_slowest_rollout_succeeded():
+    assert [score(scene(), passed_after(*steps), SPACE).slack for steps in ((0,), (1,), (9,), (3, 0))] == [
+        1.0,
+        0.5,
+        0.1,
+        0.25,
+    ]
+
+
+def test_failures_have_no_slack_and_passes_no_cell():
+    lost, done = (score(scene(x=0.0), outcome, SPACE) for outcome in (failed(), passed()))
+    assert (lost.slack, lost.cell) == (0.0, "grasp|base|x2y2")
+    assert (done.slack > 0, done.cell) == (True, None)
+
+
+def test_early_failures_are_harder_than_late_ones_those_than_passes_and_soon_passes_are_the_easiest():
+    outcomes = [failed(0.1), failed(0.9), passed_after(60), passed_after(10), Outcome.error("timeout")]
+    eases = [score(scene(), outcome, SPACE).ease for outcome in outcomes]
+    assert eases == sorted(set(eases))
+    assert eases[-1] == float("inf")
+
+
+def test_a_pass_without_a_trace_is_as_hard_as_can_be():
+    assert score(scene(), Outcome(Verdict.PASSED, progress=1.0), SPACE).ease == 1.0
 
 
 def test_a_cell_names_lost_stage_far_operators_and_place():

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
 
+from vlafuzz.corpus.dedup import Meaningful, clusters
 from vlafuzz.corpus.records import Manifest, Status, Trial
+from vlafuzz.corpus.resume import Past
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import UsageError
@@ -38,8 +40,10 @@ def fuzz(
     executor: Executor,
     corpus: Corpus,
     objective: Objective = score,
+    meaningful: Meaningful | None = None,
     chunk: int = 1,
     patience: int | None = PATIENCE,
+    resume: int | None = None,
     watch: Callable[[Tally], None] = lambda tally: None,
 ) -> Summary:
     """Run a strategy against a subject until the budget is spent or there is nothing more to roll out.
@@ -48,12 +52,21 @@ def fuzz(
     same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
     The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored.
 
-    The executor gets ``chunk`` scenes at once; more suits one that evaluates them side by side. It stops
-    after ``patience`` proposals in a row without a rollout; None for never. ``watch`` hears of every trial.
+    Args:
+        meaningful: makes vectors of scenes, by which near-duplicates among the failures are grouped.
+        chunk: scenes that the executor gets at once; more suits one that evaluates them side by side.
+        patience: proposals in a row without a rollout after which it stops; None for never.
+        resume: a run that ended early, to go on with: a strategy as new is told again what the store has of
+            it. What comes of it is what had come of it without the interruption.
+        watch: hears of every new trial, and once of all that the store had.
+
+    Raises:
+        CorpusError: the store cannot be written, or the strategy is not the one of the run that is resumed.
     """
-    run, began = corpus.begin(manifest), time.monotonic()
+    run, spent = (corpus.begin(manifest), 0.0) if resume is None else (resume, corpus.reopen(resume))
+    began = time.monotonic() - spent
     tally = Tally(run, manifest, stages)
-    campaign = _Campaign(tally, space, strategy, executor, corpus, objective, chunk, watch)
+    campaign = _Campaign(tally, Past(corpus, run), space, strategy, executor, corpus, objective, chunk, watch)
     status: Status = "failed"
     try:
         campaign.loop(patience)
@@ -63,12 +76,15 @@ def fuzz(
         raise
     finally:
         corpus.finish(run, status, time.monotonic() - began)
-    return tally.summary(seconds=time.monotonic() - began, store=str(corpus.path))
+    failures = [finding.scene for finding in corpus.findings(run)] if meaningful else []
+    groups = clusters(failures, meaningful) if meaningful else None
+    return tally.summary(seconds=time.monotonic() - began, store=str(corpus.path), clusters=groups)
 
 
 @dataclass
 class _Campaign:
     tally: Tally
+    past: Past
     space: Space
     strategy: Strategy
     executor: Executor
@@ -81,12 +97,13 @@ class _Campaign:
         while not self.tally.stopped and (room := self._room()) > 0:
             proposals = self._ask(room)
             if not proposals:
-                return
+                break
             scenes = [self.space.decode(proposal.genome) for proposal in proposals]
             outcomes = self._evaluate(proposals, scenes)
             self.tally.judge(scenes, outcomes, patience)
             pairs = zip(scenes, outcomes, strict=True)
             self.strategy.tell(proposals, [self.objective(*pair, self.space) for pair in pairs])
+        self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:
         proposals = self.strategy.ask(room)
@@ -103,7 +120,8 @@ class _Campaign:
 
     def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
         """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
-        outcomes: dict[str, Outcome] = {}
+        past = self._recall(proposals, scenes)
+        outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
         fresh: dict[str, int] = {}
         for index, scene in enumerate(scenes):
             if scene.digest in outcomes or scene.digest in fresh:
@@ -117,9 +135,18 @@ class _Campaign:
             outcomes[scenes[index].digest] = outcome
             self._keep(proposals[index], scenes[index], outcome, duplicate=False)
         for index, scene in enumerate(scenes):
-            if fresh.get(scene.digest) != index:
+            if index not in past and fresh.get(scene.digest) != index:
                 self._keep(proposals[index], scene, outcomes[scene.digest], duplicate=True)
         return [outcomes[scene.digest] for scene in scenes]
+
+    def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
+        """What the store has of the batch, counted."""
+        past = self.past.take(proposals, scenes)
+        for trial in past.values():
+            self.tally.count(trial)
+        if past and not self.past.left:
+            self.watch(self.tally)
+        return past
 
     def _run(self, scenes: Sequence[Scene], wanted: list[int]) -> Iterator[tuple[int, Outcome]]:
         chunks = list(_chunks(wanted, self.chunk))

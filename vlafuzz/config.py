@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
-import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
-from importlib import metadata
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from vlafuzz import __version__, campaign
+from vlafuzz import campaign
+from vlafuzz.corpus import provenance
+from vlafuzz.corpus.dedup import Meaningful
 from vlafuzz.corpus.records import Manifest
+from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
-from vlafuzz.errors import SceneError, UsageError, suggestion
+from vlafuzz.errors import CorpusError, SceneError, UsageError, suggestion
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.scene import Scene, load_scenes
@@ -22,7 +24,7 @@ from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, strategy_factory
 from vlafuzz.sim.base import Evaluator
-from vlafuzz.space import OperatorSet, SearchSpace, load_operators
+from vlafuzz.space import OPERATORS, OperatorSet, SearchSpace, load_operators
 from vlafuzz.subjects.base import Subject
 from vlafuzz.subjects.registry import check_subject_name, make_subject
 from vlafuzz.tasks.base import Task
@@ -31,7 +33,8 @@ from vlafuzz.tasks.tabletop import task as find_task
 BUDGET = 100  # rollouts
 MOST = 2**63 - 1
 CRITERIA = ("strict", "published")
-_PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
+# What a manifest has of a RunConfig under the same name.
+_STORED = ("task", "subject", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria")
 
 
 @dataclass(frozen=True)
@@ -69,20 +72,25 @@ class RunConfig:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A run that can be started."""
+    """A run that can be started, or with ``resume`` a stored one that can be gone on with."""
 
     manifest: Manifest
     task: Task
     space: campaign.Space
+    meaningful: Meaningful
     strategy: Strategy
     subject: Subject
     catalogue: Catalogue
     store: Path
     patience: int | None
+    resume: int | None = None
 
 
-def plan(config: RunConfig) -> Plan:
+def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     """Check what the user asks for and make everything but simulator and store.
+
+    Args:
+        operators: in place of those that the user names.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -93,18 +101,16 @@ def plan(config: RunConfig) -> Plan:
     strategy_name = _strategy_name(config)
     factory = None if scenes else strategy_factory(strategy_name)
     check_subject_name(config.subject)
-    operators = load_operators(config.operators)
-    operators = operators.only(config.vary) if config.vary else operators
     catalogue = load_catalogue()
-    space = SearchSpace(operators, catalogue, task.name)
-    strategy = InOrder(len(scenes)) if factory is None else factory(space, config.seed)
-    subject = make_subject(config.subject)
+    space = SearchSpace(operators or _operators(config), catalogue, task.name)
     budget = config.budget or (len(scenes) * config.repeats if scenes else BUDGET)
+    subject = make_subject(config.subject)
     return Plan(
         manifest=_manifest(config, strategy_name, budget, space, subject),
         task=task,
         space=Pool(scenes, space) if scenes else space,
-        strategy=strategy,
+        meaningful=space.meaningful,
+        strategy=factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes)),
         subject=subject,
         catalogue=catalogue,
         store=config.store or default_store(task.name, config.subject, strategy_name, config.seed),
@@ -112,9 +118,33 @@ def plan(config: RunConfig) -> Plan:
     )
 
 
+def resume(flags: Mapping[str, Any]) -> Plan:
+    """The newest run of a store that ended early and has what is given; all else is as it was stored.
+
+    Args:
+        flags: the fields of a ``RunConfig`` that the user gives.
+
+    Raises:
+        UsageError: no stored run fits, several do, or it cannot be gone on with here.
+    """
+    asked = RunConfig(**flags)
+    task = _task(asked, load_scenes(asked.scenes) if asked.scenes else [])
+    strategy = _strategy_name(asked)
+    store = asked.store or default_store(task.name, asked.subject, strategy, asked.seed)
+    wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
+    with Corpus.open(store) as corpus:
+        run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
+    stored = {name: getattr(run.manifest, name) for name in _STORED}
+    known = RunConfig(**stored, scenes=asked.scenes, store=store)
+    made = plan(known, _stored_operators(store, run.manifest))
+    check_version(store, run, made.manifest)
+    return replace(made, manifest=run.manifest, resume=run.id)
+
+
 def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
     """Run it in this process."""
-    with closing(make_evaluator(plan)) as evaluator, Corpus.open(plan.store, "write") as corpus:
+    # The store first: whether it can be written shows at once, a simulator takes seconds.
+    with Corpus.open(plan.store, "write") as corpus, closing(make_evaluator(plan)) as evaluator:
         return campaign.fuzz(
             manifest=plan.manifest,
             stages=plan.task.stage_names,
@@ -122,7 +152,9 @@ def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
             strategy=plan.strategy,
             executor=LocalExecutor(evaluator),
             corpus=corpus,
+            meaningful=plan.meaningful,
             patience=plan.patience,
+            resume=plan.resume,
             watch=watch,
         )
 
@@ -190,10 +222,15 @@ def _strategy_name(config: RunConfig) -> str:
     return POOL
 
 
+def _operators(config: RunConfig) -> OperatorSet:
+    operators = load_operators(config.operators)
+    return operators.only(config.vary) if config.vary else operators
+
+
 def _manifest(
     config: RunConfig, strategy: str, budget: int, space: SearchSpace, subject: Subject
 ) -> Manifest:
-    versions, operators = _versions(), space.operators
+    versions, operators = provenance.versions(), space.operators
     return Manifest(
         task=space.task.name,
         subject=config.subject,
@@ -211,7 +248,7 @@ def _manifest(
         catalogue_digest=space.catalogue.digest,
         simulator="/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien")),
         versions=versions,
-        commit=_commit(),
+        commit=provenance.commit(),
         command=config.command,
     )
 
@@ -224,29 +261,27 @@ def _operators_json(operators: OperatorSet) -> str:
     )
 
 
-def _versions() -> dict[str, str]:
-    found = {"vlafuzz": __version__}
-    for name in _PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def _commit() -> str | None:
-    """Of the checkout that this package is in, if it is one."""
-    here = Path(__file__).resolve().parent
-    if not (here.parent / ".git").exists():
-        return None
+def _stored_operators(store: Path, manifest: Manifest) -> OperatorSet:
+    """Those of a manifest: what ``_operators_json`` wrote, read back."""
     try:
-        done = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
+        found = json.loads(manifest.operators)
+        operators = {name: kind.model_validate(found["operators"][name]) for name, kind in OPERATORS.items()}
+        return OperatorSet(store, found["min_distance"], operators, frozenset(found["varied"]), {})
+    except (KeyError, ValueError) as error:
+        raise CorpusError(
+            f"{store}: its operators are those of another version: {' '.join(str(error).split())}",
+            hint="go on with the version that began the run",
+        ) from None
+
+
+def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
+    """The first flag that asks for something else, in words."""
+    for name in _STORED:
+        stored = getattr(manifest, name)
+        if flags.get(name, stored) != stored:
+            return f"{name} {stored}, not {flags[name]}"
+    if "operators" in flags or "vary" in flags:
+        asked = _operators(RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ())))
+        if asked.in_task(manifest.task).digest != manifest.operators_digest:
+            return "other operators, or other ranges"
+    return None

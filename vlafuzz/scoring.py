@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.rig import Workspace
+import numpy as np
+
+from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.rig import Workspace, rig
 from vlafuzz.scene import Scene
 
 FAR = 0.5  # severity above which an operator counts as one of a failure's
@@ -32,11 +34,15 @@ class Score:
     Attributes:
         progress: of the worst rollout, in [0, 1]; None where the subject was not judged (INVALID, ERROR).
         severity: the scene's distance from nominal.
+        slack: of a pass, how soon its slowest rollout succeeded, in (0, 1]; 0 of everything else.
+        cell: where a failure lies, see ``cell``; None for everything else.
     """
 
     verdict: Verdict
     progress: float | None
     severity: float
+    slack: float = 0.0
+    cell: str | None = None
 
     @property
     def failed(self) -> bool:
@@ -48,14 +54,37 @@ class Score:
         """Whether the verdict says something about the subject."""
         return self.verdict >= Verdict.PASSED
 
+    @property
+    def ease(self) -> float:
+        """How far the scene is from making the subject fail early, in [0, 2]; infinite when not judged.
+
+        Failures come before passes, by how far they came; passes by how late they succeeded: a subject that
+        only just succeeds is taken to be near to failing.
+        """
+        return math.inf if self.progress is None else self.progress + self.slack
+
 
 Objective = Callable[[Scene, Outcome, Measure], Score]
 
 
 def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
-    """The default objective: verdict, progress and severity."""
+    """The default objective: everything that a ``Score`` has."""
+    severities = space.severities(scene)
     known = outcome.verdict >= Verdict.PASSED and math.isfinite(outcome.progress)
-    return Score(outcome.verdict, outcome.progress if known else None, space.severity(scene))
+    passed, failed = outcome.verdict is Verdict.PASSED, outcome.verdict is Verdict.FAILED
+    return Score(
+        verdict=outcome.verdict,
+        progress=outcome.progress if known else None,
+        severity=space.severity(scene),
+        slack=min(map(_slack, outcome.rollouts), default=0.0) if passed else 0.0,
+        cell=cell(scene, outcome, severities, rig(scene.robot).workspace) if failed else None,
+    )
+
+
+def _slack(rollout: Rollout) -> float:
+    """1 for success at the first step, a half at the second, a third at the third."""
+    done = np.flatnonzero(rollout.trace >= 1.0)
+    return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
 
 
 def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], workspace: Workspace) -> str:

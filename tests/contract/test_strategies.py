@@ -6,47 +6,132 @@ import numpy as np
 import pytest
 
 from tests.doubles import TinySpace, scene
+from tests.search.climb import Climb
+from tests.search.worlds import CATALOGUE, space
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import STRATEGIES, strategy_factory
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.validity import check_static
 
 MAKERS: dict[str, Callable[[int], Strategy]] = {
-    name: lambda seed, factory=factory: factory(TinySpace(), seed) for name, factory in STRATEGIES.items()
+    name: lambda seed, factory=factory: factory(space(), seed, 120) for name, factory in STRATEGIES.items()
 }
-MAKERS["pool"] = lambda seed: InOrder(100)
+MAKERS["pool"] = lambda seed: InOrder(500)
+MAKERS["own"] = lambda seed: Climb(space(), seed, 120)
+strategies = pytest.mark.parametrize("name", MAKERS)
+shipped = pytest.mark.parametrize("name", STRATEGIES)
+guided = pytest.mark.parametrize("name", [name for name in STRATEGIES if name != "random"])
 
 
-def play(strategy: Strategy, *batches: int) -> list[Proposal]:
+def mixed(proposal: Proposal) -> Score:
+    """Something of everything, always the same of one genome."""
+    kind = int(proposal.genome.sum() * 1000) % 8
+    if kind < 2:
+        return Score(Verdict(kind), None, 1.0)
+    if kind < 4:
+        return Score(Verdict.FAILED, kind / 8, float(proposal.genome[0]), cell=f"grasp|base|x{kind}y0")
+    return Score(Verdict.PASSED, 1.0, float(proposal.genome[0]), slack=1 / kind)
+
+
+def play(strategy: Strategy, *batches: int, judge: Callable[[Proposal], Score] = mixed) -> list[Proposal]:
     proposals = []
     for batch in batches:
         asked = strategy.ask(batch)
-        strategy.tell(asked, [Score(Verdict.PASSED, 0.5, float(proposal.genome[0])) for proposal in asked])
+        strategy.tell(asked, [judge(proposal) for proposal in asked])
         proposals += asked
     return proposals
 
 
-@pytest.mark.parametrize("name", MAKERS)
+def genomes(proposals: list[Proposal]) -> list[list[float]]:
+    return [proposal.genome.tolist() for proposal in proposals]
+
+
+@strategies
 class TestStrategy:
     def test_it_proposes_as_many_as_asked_for_with_consecutive_ids(self, name: str):
-        assert [proposal.id for proposal in play(MAKERS[name](0), 5, 0, 1, 7)] == list(range(13))
+        assert [proposal.id for proposal in play(MAKERS[name](0), 5, 0, 1, 7, 40, 3)] == list(range(56))
 
     def test_a_genome_is_a_vector_of_the_space(self, name: str):
-        for proposal in play(MAKERS[name](0), 20):
+        for proposal in play(MAKERS[name](0), 20, 20):
             assert proposal.genome.dtype == np.float64
-            assert proposal.genome.shape == ((1,) if name == "pool" else (3,))
+            assert proposal.genome.shape == ((1,) if name == "pool" else (space().dim,))
             assert name == "pool" or ((proposal.genome >= 0) & (proposal.genome <= 1)).all()
 
-    def test_one_seed_proposes_one_thing(self, name: str):
-        one, other = play(MAKERS[name](3), 8, 8), play(MAKERS[name](3), 8, 8)
-        assert [p.genome.tolist() for p in one] == [p.genome.tolist() for p in other]
+    @pytest.mark.parametrize("batches", [(8,) * 5, (16, 1, 40, 3)])
+    def test_one_seed_and_the_same_scores_are_one_run(self, name: str, batches: tuple[int, ...]):
+        one, other = play(MAKERS[name](3), *batches), play(MAKERS[name](3), *batches)
+        assert genomes(one) == genomes(other)
 
     def test_it_leaves_the_global_generator_alone(self, name: str):
         before = np.random.get_state()[1].tolist()  # noqa: NPY002
-        play(MAKERS[name](0), 8, 8)
+        play(MAKERS[name](0), 8, 8, 8)
         assert np.random.get_state()[1].tolist() == before  # noqa: NPY002
+
+    @pytest.mark.parametrize("verdict", Verdict)
+    def test_it_goes_on_when_one_verdict_is_all_there_is(self, name: str, verdict: Verdict):
+        progress = {Verdict.FAILED: 0.0, Verdict.PASSED: 1.0}.get(verdict)
+        proposals = play(MAKERS[name](0), *(16,) * 5, judge=lambda _: Score(verdict, progress, 0.5))
+        assert [proposal.id for proposal in proposals] == list(range(80))
+
+    def test_batches_may_be_out_before_earlier_ones_are_told(self, name: str):
+        strategy = MAKERS[name](0)
+        for _ in range(4):
+            first, second = strategy.ask(10), strategy.ask(10)
+            for batch in (first, second):
+                strategy.tell(batch, [mixed(proposal) for proposal in batch])
+        assert [proposal.id for proposal in strategy.ask(2)] == [80, 81]
+
+
+@shipped
+def test_the_budget_may_be_unknown(name: str):
+    strategy = STRATEGIES[name](space(), 0, None)
+    assert [proposal.id for proposal in play(strategy, *(16,) * 6)] == list(range(96))
+
+
+@shipped
+@pytest.mark.parametrize("budget", [1, 17, 10_000])
+def test_a_run_may_go_on_beyond_its_budget(name: str, budget: int):
+    assert len(play(STRATEGIES[name](space(), 0, budget), *(16,) * 4)) == 64
+
+
+@shipped
+def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
+    tiny = space("pick-up", "wording")
+    strategy = STRATEGIES[name](tiny, 0, 48)
+    scores = {}
+    for _ in range(3):
+        asked = strategy.ask(16)
+        strategy.tell(asked, [scores.setdefault(tiny.decode(p.genome).digest, mixed(p)) for p in asked])
+    assert len(scores) == 10
+
+
+@guided
+def test_no_scene_is_proposed_twice_while_there_are_others(name: str):
+    proposals = play(MAKERS[name](0), *(16,) * 12)
+    assert len({space().decode(proposal.genome).digest for proposal in proposals}) == 192
+
+
+@guided
+@pytest.mark.parametrize("task", TASKS)
+def test_every_proposal_is_fair_as_far_as_can_be_told_without_a_simulator(name: str, task: str):
+    one = space(task)
+    for proposal in play(STRATEGIES[name](one, 0, 96), *(16,) * 6):
+        assert check_static(one.decode(proposal.genome), CATALOGUE, 0.15) is None
+
+
+@guided
+def test_scores_make_a_difference_from_the_second_batch_on(name: str):
+    one, other = (play(MAKERS[name](0), *(16,) * 4, judge=judge) for judge in (mixed, passing))
+    assert genomes(one[:16]) == genomes(other[:16])
+    assert genomes(one[16:]) != genomes(other[16:])
+
+
+def passing(_: Proposal) -> Score:
+    return Score(Verdict.PASSED, 1.0, 0.5)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**63])

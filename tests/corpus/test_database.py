@@ -9,6 +9,9 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import tempfile
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,13 @@ def test_nothing_but_the_store_is_left_in_its_folder(path: Path):
     assert [each.name for each in path.parent.iterdir()] == [path.name]
 
 
+def test_reading_leaves_nothing_in_its_folder_either(path: Path):
+    written(path)
+    with Corpus.open(path) as corpus:
+        assert len(corpus.findings()) == 30
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
 def test_it_can_be_written_again_after_it_was_closed(path: Path):
     for expected in (1, 2, 3):
         with Corpus.open(path, "write") as corpus:
@@ -56,6 +66,9 @@ def test_it_can_be_written_again_after_it_was_closed(path: Path):
 
 WRITER = """
 import sys
+import tempfile
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 from tests.doubles import failed, manifest, trial
 from vlafuzz.corpus.store import Corpus
@@ -177,16 +190,40 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path):
         Corpus.open(tmp_path / "runs" / "a.db", "write")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_store_in_a_read_only_folder_can_be_read_but_not_written(path: Path):
-    written(path)
-    path.parent.chmod(0o555)
-    try:
+def as_nobody(act: Callable[[], None]) -> None:
+    """Act as somebody who is not root: root may write everywhere."""
+    child = os.fork() if os.geteuid() == 0 else None
+    if child is None:
+        act()
+    elif child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
+            act()
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+    else:
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@pytest.mark.parametrize(("folder", "file"), [(0o555, 0o444), (0o777, 0o444), (0o555, 0o666)])
+def test_a_read_only_store_can_be_read_but_not_written(folder: int, file: int):
+    def act() -> None:
         with Corpus.open(path) as corpus:
             assert len(corpus.findings()) == 30
-        with pytest.raises(CorpusError, match="cannot be written"):
+        with pytest.raises(CorpusError, match=r"a\.db: cannot be written") as caught:
             Corpus.open(path, "write")
-    finally:
+        assert caught.value.hint == "give a store in a folder that you may write to"
+
+    with tempfile.TemporaryDirectory() as made:  # pytest's own folders are closed to others
+        path = Path(made) / "a.db"
+        written(path)
+        path.chmod(file)
+        path.parent.chmod(folder)
+        as_nobody(act)
         path.parent.chmod(0o755)
 
 

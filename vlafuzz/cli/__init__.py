@@ -20,8 +20,10 @@ COMMANDS = {
     "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),
     "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
     "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
+    "merge": ("vlafuzz.cli.merge:command", "Write one store with the runs of several."),
     "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),
+    "strategies": ("vlafuzz.cli.strategies:command", "List the strategies that propose scenes."),
     "subjects": ("vlafuzz.cli.subjects:command", "List the subjects that can be tested."),
     "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine: what is there, whether it works."),
 }

@@ -6,12 +6,17 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.errors import VlafuzzError
+
+if TYPE_CHECKING:
+    from vlafuzz.config import Plan
+    from vlafuzz.corpus.baseline import Beside
+    from vlafuzz.corpus.tally import Summary
 
 
 def command(
@@ -19,14 +24,17 @@ def command(
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
     subject: Annotated[
-        str, typer.Option(help="The policy under test, or python:pkg.mod:factory.")
-    ] = "pinhole",
+        str | None,
+        typer.Option(help="The policy under test, or python:pkg.mod:factory.", show_default="pinhole"),
+    ] = None,
     strategy: Annotated[
         str | None,
         typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="random"),
     ] = None,
     budget: Annotated[int | None, typer.Option(help="Subject rollouts.", show_default="100")] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same scenes.")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
+    ] = None,
     operators: Annotated[
         str | None,
         typer.Option(help="YAML file of ranges, or a shipped one's name.", show_default="tabletop"),
@@ -41,12 +49,22 @@ def command(
         Path | None,
         typer.Option(help="Where to keep it; an existing store gets one run more.", show_default="runs/….db"),
     ] = None,
-    batch: Annotated[int, typer.Option(help="Proposals asked for at once.")] = 16,
-    repeats: Annotated[int, typer.Option(help="Rollouts a scene; it fails when one of them does.")] = 1,
+    batch: Annotated[int | None, typer.Option(help="Proposals asked for at once.", show_default="16")] = None,
+    repeats: Annotated[
+        int | None, typer.Option(help="Rollouts a scene; it fails when one of them does.", show_default="1")
+    ] = None,
     stop_early: Annotated[
-        bool, typer.Option("--stop-early", help="End a rollout at its first success.")
+        bool | None, typer.Option("--stop-early", help="End a rollout at its first success.")
+    ] = None,
+    criteria: Annotated[
+        str | None, typer.Option(help="What success means: strict, or published.", show_default="strict")
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume", help="Go on with a stored run that ended early; what no flag says is taken from it."
+        ),
     ] = False,
-    criteria: Annotated[str, typer.Option(help="What success means: strict, or published.")] = "strict",
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
@@ -57,43 +75,67 @@ def command(
     Runs are kept in a store, by default runs/<task>-<subject>-<strategy>-<seed>.db. Scenes that a store knows
     are answered from it and cost no budget.
     """
-    from vlafuzz.cli.summary import Watch, print_summary
-    from vlafuzz.config import RunConfig, plan, start
+    from vlafuzz import config
+    from vlafuzz.cli.summary import print_summary
 
-    prepared = plan(
-        RunConfig(
-            task=task,
-            subject=subject,
-            strategy=strategy,
-            budget=budget,
-            seed=seed,
-            batch=batch,
-            repeats=repeats,
-            stop_early=stop_early,
-            criteria=criteria,
-            operators=operators,
-            vary=tuple(name.strip() for name in vary.split(",")) if vary is not None else (),
-            scenes=scenes,
-            store=store,
-            command=shlex.join(["vlafuzz", *sys.argv[1:]]),
-        )
-    )
-    with Watch(prepared.manifest.budget) as watch:
-        try:
-            summary = start(prepared, watch)
-        except KeyboardInterrupt:
-            watch.stop()
-            stderr().print(
-                f"interrupted: {watch.rollouts} rollouts are stored in {prepared.store}", soft_wrap=True
-            )
-            raise typer.Exit(130) from None
-    if json:
-        print_json(asdict(summary))
+    asked = {
+        "task": task,
+        "subject": subject,
+        "strategy": strategy,
+        "budget": budget,
+        "seed": seed,
+        "batch": batch,
+        "repeats": repeats,
+        "stop_early": stop_early,
+        "criteria": criteria,
+        "operators": operators,
+        "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
+        "scenes": scenes,
+        "store": store,
+    }
+    flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    if resume:
+        prepared = config.resume(flags)
     else:
-        print_summary(summary)
+        prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
+    summary = _start(prepared)
+    beside = _beside_random(summary)
+    if json:
+        print_json(asdict(summary) | {"random": asdict(beside) if beside else None})
+    else:
+        print_summary(summary, beside)
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
         raise VlafuzzError("no scene could be judged", hint="`vlafuzz doctor` checks this machine")
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
+
+
+def _start(prepared: Plan) -> Summary:
+    """Run it, with a bar."""
+    from vlafuzz.cli.summary import Watch
+    from vlafuzz.config import start
+
+    with Watch(prepared.manifest.budget) as watch:
+        try:
+            return start(prepared, watch)
+        except KeyboardInterrupt:
+            watch.stop()
+            again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(prepared.store)])
+            stderr().print(
+                f"interrupted: all trials so far are stored in {prepared.store}\nhint: go on with `{again}`",
+                soft_wrap=True,
+            )
+            raise typer.Exit(130) from None
+
+
+def _beside_random(summary: Summary) -> Beside | None:
+    """A guided run beside random generation; None for what has no share of its own to compare."""
+    from vlafuzz.corpus.baseline import beside_random
+    from vlafuzz.corpus.store import Corpus
+
+    if summary.strategy in ("random", "pool"):
+        return None
+    with Corpus.open(Path(summary.store)) as corpus:
+        return beside_random(corpus, summary.run)

@@ -17,6 +17,7 @@ from rich.progress import (
 from rich.table import Table
 
 from vlafuzz.cli.output import stderr, stdout
+from vlafuzz.corpus.baseline import Beside
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import wilson
@@ -61,8 +62,8 @@ class Watch:
         self.stop()
 
 
-def print_summary(summary: Summary) -> None:
-    """A run in numbers, and how to see its first failure."""
+def print_summary(summary: Summary, beside: Beside | None = None) -> None:
+    """A run in numbers, a guided one beside random generation, and how to see its first failure."""
     table = Table(show_header=False, title=_title(summary), title_justify="left")
     table.add_column(style="bold")
     table.add_column()
@@ -70,6 +71,8 @@ def print_summary(summary: Summary) -> None:
         table.add_row(name, value)
     console = stdout()
     console.print(table)
+    if beside is not None:
+        console.print(_beside(summary, beside), soft_wrap=True)
     if summary.first_failure is not None:
         command = f"vlafuzz replay {shlex.quote(summary.store)} {summary.first_failure[:12]}"
         console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to be copied
@@ -97,8 +100,29 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
             ("failure share", f"{share:.1%}, 95 % interval {low:.1%} to {high:.1%}"),
             ("failure cells", str(summary.distinct_cells)),
         ]
+    if summary.clusters is not None:
+        lines.append(("failure clusters", f"{summary.clusters}, near-duplicates as one"))
     if summary.last_error is not None:
         lines.append(("last error", summary.last_error))
     if summary.progress_mean is not None:
         lines.append(("mean progress", f"{summary.progress_mean:.3f}"))
     return [*lines, ("store", summary.store)]
+
+
+def _beside(summary: Summary, beside: Beside) -> str:
+    """The run's share of failing scenes beside random generation's, in a sentence."""
+    if not beside.random_judged:
+        return (
+            "beside random: unknown, the store has no random run of this subject, task and operators; "
+            "the same command with --strategy random and "
+            f"{shlex.join(['--store', summary.store])} adds one"
+        )
+    if beside.difference is None or beside.low is None or beside.high is None:
+        return "beside random: unknown, no scene of this run could be judged"
+    shares = (
+        f"{beside.failed / beside.judged:.1%} of {beside.judged} scenes failed, "
+        f"of {beside.random_judged} random ones {beside.random_failed / beside.random_judged:.1%}"
+    )
+    interval = f"95 % interval {100 * beside.low:+.1f} to {100 * beside.high:+.1f}"
+    told = f"{100 * beside.difference:+.1f} points, {interval}"
+    return f"beside random: {shares}: {told}" + ("" if beside.tells else ": too few to tell")

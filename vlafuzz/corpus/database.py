@@ -49,6 +49,8 @@ def _problem(path: Path, name: str) -> CorpusError:
 
 def connect_to_write(path: Path) -> sqlite3.Connection:
     """Open a store, or make one. The caller holds the lock."""
+    if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it, and fail at the first write
+        raise _problem(path, "SQLITE_READONLY")
     connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
     try:
         _check(path, connection, new_allowed=True)
@@ -81,16 +83,18 @@ def is_outdated(connection: sqlite3.Connection) -> bool:
 
 
 def _reader(path: Path) -> sqlite3.Connection:
-    uri = f"file:{quote(str(path.absolute()))}?mode=ro"
-    connection = sqlite3.connect(uri, uri=True, timeout=BUSY, isolation_level=None)
+    uri = f"file:{quote(str(path.absolute()))}?mode="
+    # Not "ro", where that may be: who opens it so leaves SQLite's two files beside the store.
+    connection = sqlite3.connect(uri + "rw", uri=True, timeout=BUSY, isolation_level=None)
     try:
+        connection.execute("PRAGMA query_only = ON")
         _pragma(connection, "user_version")
     except sqlite3.OperationalError:
         # Even to read, WAL makes a file beside the store. In a read-only folder it cannot, but nobody writes.
         connection.close()
         if os.access(path.parent, os.W_OK) or path.with_name(path.name + "-wal").exists():
             raise
-        return sqlite3.connect(uri + "&immutable=1", uri=True, isolation_level=None)
+        return sqlite3.connect(uri + "ro&immutable=1", uri=True, isolation_level=None)
     except BaseException:
         connection.close()
         raise

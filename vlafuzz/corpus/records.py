@@ -13,6 +13,8 @@ from vlafuzz.scene import Scene
 from vlafuzz.search.base import Genome
 
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
+UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running
+EVIDENCE = ("observed", "confirmed", "witnessed", "minimal")  # from the least to the most
 
 # What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
 _DECISIVE = (
@@ -54,6 +56,12 @@ class Manifest:
     versions: Mapping[str, str] = field(default_factory=dict)
     commit: str | None = None
     command: str = ""
+
+    @property
+    def conditions(self) -> tuple[object, ...]:
+        """What else than strategy and seed a share of failures depends on: where equal, runs compare."""
+        decisive = (getattr(self, name) for name in _DECISIVE if name != "seed")
+        return (self.task, self.operators_digest, *decisive)
 
     @property
     def subject_key(self) -> str:

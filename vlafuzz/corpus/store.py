@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Literal, Self
 
 from vlafuzz.corpus import rows
 from vlafuzz.corpus.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
-from vlafuzz.corpus.records import Finding, Manifest, Run, Status, Trial
+from vlafuzz.corpus.records import UNFINISHED, Finding, Manifest, Run, Status, Trial
 from vlafuzz.errors import CorpusError
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
@@ -74,6 +75,23 @@ class Corpus:
         with self._transaction():
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
+    def reopen(self, run: int) -> float:
+        """Go on with a run that ended early; the seconds that it is known to have taken.
+
+        Raises:
+            CorpusError: it did not end early.
+        """
+        rolling = "SELECT max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
+        with self._transaction():
+            reopened = self._connection.execute(
+                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}",
+                (run,),
+            )
+            if not reopened.rowcount:
+                raise CorpusError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
+            (seconds,) = self._connection.execute(f"{rolling} FROM run WHERE id = ?1", (run,)).fetchone()
+        return float(seconds)
+
     def add(self, run: int, trial: Trial) -> None:
         """Keep a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
         with self._transaction():
@@ -104,6 +122,38 @@ class Corpus:
         query = "SELECT trial.*, json FROM trial JOIN scene ON digest = scene WHERE run = ? ORDER BY proposal"
         for row in self._select(query, run):
             yield rows.to_trial(row, self._rollouts(row["id"]))
+
+    def count(self, run: int) -> int:
+        """Number of trials of a run."""
+        (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)
+        return int(row["trials"])
+
+    def judged(self, runs: Sequence[int]) -> tuple[int, int]:
+        """Of the scenes of some runs, how many failed, and how many did or passed; by the last verdict."""
+        query = (
+            "SELECT total(verdict = 'failed') AS failed, count(*) AS judged FROM"
+            " (SELECT verdict, max(id) FROM trial WHERE verdict IN ('passed', 'failed')"
+            " AND run IN (SELECT value FROM json_each(?)) GROUP BY scene)"
+        )
+        (row,) = self._select(query, json.dumps(list(runs)))
+        return int(row["failed"]), int(row["judged"])
+
+    def stored(self, run: int, first: int, size: int) -> list[Trial]:
+        """Those of ``size`` proposals that a run has, in the order in which they were added.
+
+        Outcomes are those that the strategy was told: a duplicate has the rollouts that it was answered with.
+        """
+        answered = (
+            "SELECT max(source.id) FROM trial AS source JOIN run ON run.id = source.run"
+            " WHERE source.scene = trial.scene AND NOT source.duplicate AND source.id <= trial.id"
+            " AND subject_key = (SELECT subject_key FROM run WHERE id = trial.run)"
+        )
+        query = (
+            f"SELECT trial.*, json, iif(duplicate, ({answered}), id) AS origin FROM trial"
+            " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
+        )
+        found = self._select(query, run, first, first + size)
+        return [rows.to_trial(row, self._rollouts(row["origin"])) for row in found]
 
     def findings(self, run: int | None = None) -> list[Finding]:
         """Those of the store, or those that failed in one run, whichever saw them first; the oldest first."""

@@ -24,6 +24,7 @@ class Summary:
         stages: distinct scenes in which a stage was reached in some rollout.
         findings: distinct scenes that failed.
         distinct_cells: cells in which they lie.
+        clusters: groups of near-duplicates among them; None where nothing says how near two scenes are.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None without any.
         first_failure: digest of the first scene that failed.
         last_error: what the last ERROR was, in a sentence.
@@ -45,6 +46,7 @@ class Summary:
     stages: dict[str, int]
     findings: int
     distinct_cells: int
+    clusters: int | None
     progress_mean: float | None
     first_failure: str | None
     last_error: str | None
@@ -114,7 +116,7 @@ class Tally:
         if patience is not None and len(self._barren) >= patience:
             self.stopped = self._why()
 
-    def summary(self, *, seconds: float, store: str) -> Summary:
+    def summary(self, *, seconds: float, store: str, clusters: int | None = None) -> Summary:
         """All of it, after so many seconds."""
         manifest, scenes = self.manifest, self._seen.values()
         judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
@@ -136,6 +138,7 @@ class Tally:
             stages={stage: sum(stage in seen.reached for seen in scenes) for stage in self._stages},
             findings=len(failed),
             distinct_cells=len(self._cells),
+            clusters=clusters,
             progress_mean=math.fsum(judged) / len(judged) if judged else None,
             first_failure=min(failed, key=failed.__getitem__, default=None),
             last_error=self.last_error,

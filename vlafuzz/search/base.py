@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
+from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ class Source(Protocol):
     """What a strategy may know of the space that it searches."""
 
     @property
+    def genes(self) -> Sequence[Gene]:
+        """What each coordinate of a genome stands for."""
+
+    @property
     def dim(self) -> int:
         """Length of a genome."""
 
@@ -35,6 +40,15 @@ class Source(Protocol):
 
     def encode(self, scene: Scene) -> Genome:
         """The scene's coordinates, ``(dim,)``."""
+
+    def decode(self, genome: Genome) -> Scene:
+        """The scene at these coordinates."""
+
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """One near it that keeps the preconditions; None when there is no room for it."""
+
+    def meaningful(self, scene: Scene) -> NDArray[np.float64]:
+        """``(k,)`` numbers whose Euclidean distance says how different two scenes are."""
 
 
 class Strategy(Protocol):

@@ -11,9 +11,12 @@ from vlafuzz.search.base import Proposal, Source
 
 
 class Random:
-    """Each proposal has a generator of its own: batch size and workers do not change what is drawn."""
+    """Draws scenes one by one, whatever came of those before: VLATest's strategy.
 
-    def __init__(self, space: Source, seed: int) -> None:
+    Each proposal has a generator of its own: batch size and workers do not change what is drawn.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
 
     def ask(self, n: int) -> list[Proposal]:

@@ -8,12 +8,24 @@ from typing import cast
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory
 from vlafuzz.search.base import Source, Strategy
+from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.random import Random
 
-Factory = Callable[[Source, int], Strategy]
-"""``(space, seed)`` to a strategy: what ``python:pkg.mod:factory`` has to name."""
+Factory = Callable[[Source, int, int | None], Strategy]
+"""``(space, seed, budget)`` to a strategy: what ``python:pkg.mod:factory`` has to name.
 
-STRATEGIES: dict[str, Factory] = {"random": Random}
+``budget`` is how many scenes will be rolled out; None when nobody knows.
+"""
+
+
+def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Evolves scenes toward failures that come early, near to nominal and unlike others: Deb et al. 2002."""
+    from vlafuzz.search.nsga2 import Nsga2  # pymoo takes half a second to import
+
+    return Nsga2(space, seed, budget)
+
+
+STRATEGIES: dict[str, Factory] = {"random": Random, "nsga2": _nsga2, "feedback": Feedback}
 POOL = "pool"
 
 

@@ -16,8 +16,11 @@ from vlafuzz.scene import Scene
 from vlafuzz.space.catalogue import OperatorSet
 from vlafuzz.space.compose import Composer, Values
 from vlafuzz.space.generate import generate
+from vlafuzz.space.meaning import Meaning, Vector
 from vlafuzz.space.operators import OPERATORS, TargetType
 from vlafuzz.space.params import Gene, Genome
+from vlafuzz.space.repair import repair
+from vlafuzz.space.simplify import simpler
 from vlafuzz.tasks.tabletop import task as task_named
 
 
@@ -37,6 +40,7 @@ class SearchSpace:
         self.by_path = {gene.path: gene for gene in genes}
         self.genes = tuple(gene for gene in genes if self.varies(gene))
         self._nominal: Values = {gene.path: gene.grid.nominal for gene in genes}
+        self._meaning = Meaning(self.genes)
 
     @property
     def dim(self) -> int:
@@ -66,7 +70,7 @@ class SearchSpace:
             raise SceneError(
                 f"targets: {self.task.name} has {self.task.targets}, the scene {len(scene.targets)}"
             )
-        levels = self._levels(self._nominal | self.composer.values(scene), scene)
+        levels = self._levels(self.values(scene), scene)
         middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
         genome = np.array(middles, dtype=np.float64)
         again = self.decode(genome)
@@ -83,6 +87,26 @@ class SearchSpace:
         """
         return generate(self, rng)
 
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """The scene with as little drawn again as it takes to make it fair; None when there is no room."""
+        return repair(self, scene, rng)
+
+    def values(self, scene: Scene) -> Values:
+        """One value a gene: nominal for what the scene does not have, NaN for what no gene stands for."""
+        return self._nominal | self.composer.values(scene)
+
+    def meaningful(self, scene: Scene) -> Vector:
+        """``(k,)`` numbers whose Euclidean distance says how different two scenes are, see ``Meaning``."""
+        return self._meaning.vector(self.composer.values(scene))
+
+    def simpler(self, scene: Scene) -> list[Scene]:
+        """The scenes one simplification away, each strictly less severe; an empty list at nominal only.
+
+        Raises:
+            SceneError: the scene has something that is not a value of any operator.
+        """
+        return simpler(self, scene)
+
     def nominal(self, like: Scene | None = None) -> Scene:
         """The scene in which every operator is nominal; with ``like``, its targets' types are kept."""
         if like is None:
@@ -95,7 +119,7 @@ class SearchSpace:
         Raises:
             SceneError: the scene has something that is not a value of any operator.
         """
-        values = self._nominal | self.composer.values(scene)
+        values = self.values(scene)
         operators = set(operators)
         for path, gene in self.by_path.items():
             if gene.operator in operators:
@@ -111,7 +135,7 @@ class SearchSpace:
 
         A slot that is not used counts as nominal, so that leaving out a confounder is never more severe.
         """
-        values = self._nominal | self.composer.values(scene)
+        values = self.values(scene)
         squares: dict[str, list[float]] = {name: [] for name in OPERATORS}
         for path, gene in self.by_path.items():
             if not gene.neutral:

@@ -37,7 +37,7 @@ def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
         UsageError: the ranges leave no room for the objects.
     """
     count = _draw(space, rng, "confounders")  # outside the restarts: crowded scenes are not rarer than others
-    attempt = _Attempt(space, rng)
+    attempt = Attempt(space, rng)
     for _ in range(RESTARTS):
         values = attempt.values(count)
         if values is not None:
@@ -51,7 +51,7 @@ def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
     )
 
 
-class _Attempt:
+class Attempt:
     """One try after another at a scene; ``reason`` says why the last one failed."""
 
     def __init__(self, space: SearchSpace, rng: np.random.Generator) -> None:
@@ -74,25 +74,39 @@ class _Attempt:
                 return None
         return values
 
-    def _choose(self, slot: str, values: Values) -> str | None:
-        """Draw a name and a rest pose that mean something beside what is there already."""
+    def keep(self, slot: str, values: Values) -> bool:
+        """Place a slot's object as it is, or with as little drawn again as it takes; tell whether that works.
+
+        What means nothing beside the objects placed before gets another rest pose, else another type. What
+        has no room is moved, each time a little farther from where it was.
+        """
+        name = self._choose(slot, values, values.copy())
+        if name is None:
+            return False
+        return self._accepts(slot, name, values) or self._stand(slot, name, values, near=values.copy())
+
+    def _choose(self, slot: str, values: Values, first: Values | None = None) -> str | None:
+        """Draw a name and a rest pose that mean something beside what is there, after trying ``first``."""
         names = self._space.composer.layout.slots[slot]
-        for index in self._options(f"{slot}.object", len(names)):
+        for index in self._options(f"{slot}.object", len(names), first):
             model = self._space.catalogue[names[index]]
             if any(ambiguous(model.spoken, other.spoken) for _, other, _ in self._placed):
                 continue
-            for rest in self._options(f"{slot}.rest", len(model.rests)):
+            for rest in self._options(f"{slot}.rest", len(model.rests), first):
                 values |= {f"{slot}.object": index, f"{slot}.rest": rest}
                 if not self._senseless(slot, self._space.composer.placement(values, slot, model.name), model):
                     return model.name
         self.reason = f"no object is left for {slot}"
         return None
 
-    def _options(self, path: str, size: int) -> Iterator[int]:
+    def _options(self, path: str, size: int, first: Values | None) -> Iterator[int]:
         gene = self._space.by_path[path]
-        if self._space.varies(gene):
-            return iter(self._rng.permutation(size).tolist())
-        return iter([int(gene.grid.nominal)])
+        if not self._space.varies(gene):
+            yield int(gene.grid.nominal)
+            return
+        if first is not None:
+            yield int(first[path]) % size
+        yield from self._rng.permutation(size).tolist()
 
     def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:
         if slot == "targets.0":
@@ -102,22 +116,43 @@ class _Attempt:
             return cannot_place(onto, *self._placed[0][:2], placement, model)
         return None
 
-    def _stand(self, slot: str, name: str, values: Values) -> bool:
-        """Draw places for an object until there is room for it."""
-        model = self._space.catalogue[name]
-        for _ in range(REDRAWS):
-            for field in ("x", "y", "yaw"):
-                values[f"{slot}.{field}"] = _draw(self._space, self._rng, f"{slot}.{field}")
-            placement = self._space.composer.placement(values, slot, name)
-            if self._crowded(placement):
-                continue
-            outline = footprint(placement, model)
-            watched = camera(values) if slot.startswith("targets") else None
-            self.reason = self._misplaced(placement, model, outline, watched) or ""
-            if not self.reason:
-                self._placed.append((placement, model, outline))
+    def _stand(self, slot: str, name: str, values: Values, near: Values | None = None) -> bool:
+        """Draw places for an object until there is room; farther and farther off ``near``, if given."""
+        for attempt in range(1, REDRAWS + 1):
+            for field in ("x", "y"):
+                path = f"{slot}.{field}"
+                if near is None:
+                    values[path] = _draw(self._space, self._rng, path)
+                else:
+                    values[path] = self._moved(path, near[path], attempt / REDRAWS)
+            if near is None:
+                values[f"{slot}.yaw"] = _draw(self._space, self._rng, f"{slot}.yaw")
+            if self._accepts(slot, name, values):
                 return True
         return False
+
+    def _moved(self, path: str, value: float, share: float) -> float:
+        """A value that is off another by at most so much of its range."""
+        gene = self._space.by_path[path]
+        if not self._space.varies(gene):
+            return value
+        away = share * (gene.grid.high - gene.grid.low)
+        span = max(gene.grid.low, value - away), min(gene.grid.high, value + away)
+        return gene.grid.value(gene.grid.snap(float(self._rng.uniform(*span))))
+
+    def _accepts(self, slot: str, name: str, values: Values) -> bool:
+        """Place an object where the values say, if there is room for it."""
+        model = self._space.catalogue[name]
+        placement = self._space.composer.placement(values, slot, name)
+        if self._crowded(placement):
+            return False
+        outline = footprint(placement, model)
+        watched = camera(values) if slot.startswith("targets") else None
+        self.reason = self._misplaced(placement, model, outline, watched) or ""
+        if self.reason:
+            return False
+        self._placed.append((placement, model, outline))
+        return True
 
     def _crowded(self, placement: Placement) -> bool:
         """Whether another centre is too close: what most draws fail by, so it is looked at first."""

@@ -64,6 +64,13 @@ class Grid:
         level = self.snap(value)
         return level if self.value(level) == value else None
 
+    def share(self, value: float) -> float:
+        """Where a value lies between the ends of the range, in [0, 1]."""
+        if math.isnan(value) or self.high == self.low:
+            return 0.5
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
+
     def distance(self, value: float) -> float:
         """How far a value is from nominal, as a share of the farthest that the range allows: in [0, 1]."""
         if math.isnan(value) or (self.log and value <= 0):
@@ -107,6 +114,11 @@ class Gene:
     grid: Grid
     neutral: bool = False
     spread: Spread = "even"
+
+    @property
+    def slot(self) -> str:
+        """What its value belongs to: ``targets.0``, ``confounders.2``, ``camera``; empty if nothing."""
+        return self.path.rpartition(".")[0]
 
     def draw(self, rng: np.random.Generator) -> float:
         """A random value on the grid."""

@@ -1,4 +1,4 @@
-"""Hands: take an object that is believed to be somewhere, bring it where the task says, look whether it worked, try again."""
+"""Hands: take an object that is believed to be somewhere, bring it where the task says, check, try again."""
 
 from __future__ import annotations
 

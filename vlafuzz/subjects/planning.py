@@ -31,7 +31,7 @@ TRAVEL = 0.03  # metres between fingertips or load and what they pass over
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """An object where it is believed to be: ``position`` (3,) of its origin in metres, ``rotation`` (3, 3)."""
+    """An object where it is believed to be: ``position`` (3,) of its origin, metres, ``rotation`` (3, 3)."""
 
     model: ObjectModel
     position: Array
@@ -50,7 +50,7 @@ class Thing:
 
 @dataclass(frozen=True)
 class Reach:
-    """Where the hand goes for a grasp: TCP in metres, direction of the closing axis in radians, width in metres."""
+    """Where the hand goes for a grasp: TCP, direction of the closing axis, width. Metres and radians."""
 
     x: float
     y: float
@@ -61,7 +61,7 @@ class Reach:
 
 
 def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) -> list[Reach]:
-    """All grasps of a thing where it lies now, the best first: good contact, clear of others, little turning."""
+    """All grasps of a thing where it lies, the best first: good contact, clear of others, little turning."""
     found = []
     for yaw, width, offset, z, quality in _grasps(thing):
         x, y = thing.position[:2] + offset
@@ -129,20 +129,24 @@ def _crowding(tcp: Array, yaw: float, others: Sequence[Thing]) -> float:
 
 
 def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: float) -> float:
-    """Height over everything within ``radius`` metres of the way from ``start`` to ``end``, ``(2,)`` metres each; 0 if clear."""
+    """Height over all that is near the way from ``start`` to ``end``, ``(2,)`` each; metres, 0 if clear."""
     way = start + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 0.02))[:, None] * (end - start)
-    highest = 0.0
+    along, highest = way @ _DIRECTIONS, 0.0
     for other in others:
-        nearest = (other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - way @ _DIRECTIONS  # (points, directions)
-        if nearest.max(axis=1).min() < radius:
+        apart = (other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - along  # (points, directions)
+        if apart.max(axis=1).min() < radius:
             highest = max(highest, other.top + TRAVEL)
     return highest
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where a is put down: its origin's ``(2,)`` place in metres, the turn on the way (radians, up to half a turn), the height
-    of what is below.
+    """Where a is put down.
+
+    Attributes:
+        place: ``(2,)`` of its origin, metres.
+        turn: on the way there, radians, up to half a turn.
+        floor: height of what is below, metres.
     """
 
     place: Array
@@ -168,11 +172,11 @@ def goal_in(a: Thing, b: Thing) -> Goal:
 
 def _outline(thing: Thing) -> Array:
     points = thing.corners[:, :2]
-    return points - (points.max(axis=0) + points.min(axis=0)) / 2
+    return np.asarray(points - (points.max(axis=0) + points.min(axis=0)) / 2)
 
 
 def _long_axis(thing: Thing) -> float:
-    values, vectors = np.linalg.eigh(np.cov(_outline(thing).T))
+    _, vectors = np.linalg.eigh(np.cov(_outline(thing).T))
     return float(np.arctan2(vectors[1, -1], vectors[0, -1]))
 
 
@@ -183,44 +187,34 @@ def _elongation(thing: Thing) -> float:
 
 def goal_near(a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig) -> Goal:
     """Beside b: the nearest free place whose gap to b is right, fingers not between the two."""
-    best, best_cost = None, np.inf
-    outline_a, outline_b = a.corners[:, :2] - a.position[:2], b.corners[:, :2]
-    for angle in np.arange(0.0, 2 * np.pi, np.pi / 12):
-        direction = np.array([np.cos(angle), np.sin(angle)])
-        place = b.position[:2] + direction * _distance(outline_a, outline_b, b.position[:2], direction)
-        cost = float(np.linalg.norm(place - a.position[:2])) + 0.15 * abs(np.cos(angle - closing))
-        cost += _unreachable(place, rig) + sum(_overlap(place, outline_a, other) for other in others)
-        if cost < best_cost:
-            best, best_cost = place, cost
-    assert best is not None
-    return Goal(best, 0.0, 0.0)
+    angles = np.arange(0.0, 2 * np.pi, np.pi / 12)
+    away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    outline = a.corners[:, :2] - a.position[:2]
+    places = b.position[:2] + _distances(_clearance(outline, b), b.position[:2], away)[:, None] * away
+    costs = np.linalg.norm(places - a.position[:2], axis=1) + 0.15 * np.abs(np.cos(angles - closing))
+    costs += _unreachable(places, rig)
+    for other in others:
+        apart = (_clearance(outline, other) - places @ _DIRECTIONS).max(axis=1)
+        costs += np.where(apart > 0.05, 0.0, 1.0 + 10 * (0.05 - apart))
+    return Goal(places[costs.argmin()], 0.0, 0.0)
 
 
-def _separation(a: Array, b: Array) -> float:
-    return float(((b @ _DIRECTIONS).min(axis=0) - (a @ _DIRECTIONS).max(axis=0)).max())
+def _clearance(outline: Array, other: Thing) -> Array:
+    """``(32,)`` how far an outline at (0, 0) is from a thing along each direction; the largest one counts."""
+    return np.asarray((other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - (outline @ _DIRECTIONS).max(axis=0))
 
 
-def _distance(outline_a: Array, outline_b: Array, centre: Array, direction: Array) -> float:
-    """How far from b's centre a has to be for the right gap, by bisection."""
-    near, far = 0.0, 0.5
-    for _ in range(12):
-        middle = (near + far) / 2
-        near, far = (
-            (middle, far)
-            if _separation(outline_a + centre + direction * middle, outline_b) < GAP
-            else (near, middle)
-        )
-    return far
+def _distances(clearance: Array, centre: Array, away: Array) -> Array:
+    """``(n,)`` how far from b's centre a has to be for the right gap, along ``(n, 2)`` unit vectors."""
+    needed = GAP - (clearance - centre @ _DIRECTIONS)
+    growth = -away @ _DIRECTIONS  # of each clearance with the distance
+    reached = np.divide(needed, growth, out=np.full_like(growth, np.inf), where=growth > 1e-9)
+    return np.asarray(reached.min(axis=1))
 
 
-def _overlap(place: Array, outline: Array, other: Thing) -> float:
-    apart = _separation(outline + place, other.corners[:, :2])
-    return 0.0 if apart > 0.05 else 1.0 + 10 * (0.05 - apart)
-
-
-def _unreachable(place: Array, rig: Rig) -> float:
-    low_x, high_x = rig.workspace.x
-    low_y, high_y = rig.workspace.y
-    outside = not (low_x <= place[0] <= high_x and low_y <= place[1] <= high_y)
-    far = float(np.hypot(place[0] - rig.base[0], place[1] - rig.base[1])) > rig.reach - 0.02
-    return 3.0 * (outside + far)
+def _unreachable(places: Array, rig: Rig) -> Array:
+    x, y = places.T
+    (low_x, high_x), (low_y, high_y) = rig.workspace.x, rig.workspace.y
+    outside = (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y)
+    far = np.hypot(x - rig.base[0], y - rig.base[1]) > rig.reach - 0.02
+    return np.asarray(3.0 * outside + 3.0 * far)

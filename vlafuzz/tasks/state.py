@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,13 +21,15 @@ class State:
     Attributes:
         positions: ``(n, 3)`` of the objects' origins, metres.
         rotations: ``(n, 3, 3)`` matrices.
-        linear: ``(n,)`` speed over the last control step, m/s; angular: ``(n,)`` likewise, rad/s. Zero at the start. PhysX's own
-            velocities are of no use for this: those of a can that stands still go up to 3 cm/s and 0.5 rad/s.
+        linear: ``(n,)`` speed over the last control step, m/s; angular: ``(n,)`` likewise, rad/s. Zero at the
+            start. PhysX's own velocities are of no use for this: those of a can that stands still go up to
+            3 cm/s and 0.5 rad/s.
         tcp: ``(3,)`` tool centre point, metres; ``tcp_rotation``: ``(3, 3)``.
         opening: between the fingers, metres.
         held: index of the object that both fingers press on, or None.
-        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); both orders of two
-            objects are in it. Looked up from the first closing of the gripper on, empty before.
+        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); both
+            orders of two objects are in it. Only those with object 0 or the hand, and only from the first
+            closing of the gripper on; empty before.
     """
 
     positions: Array
@@ -50,9 +53,10 @@ class State:
 
 def speeds(positions: Array, rotations: Array, before: State, seconds: float) -> tuple[Array, Array]:
     """How fast objects moved and turned, ``(n,)`` m/s and ``(n,)`` rad/s, since an earlier state."""
-    moved = positions - before.positions
-    cosine = (np.einsum("nij,nij->n", rotations, before.rotations) - 1) / 2
-    return np.sqrt((moved * moved).sum(axis=1)) / seconds, np.arccos(cosine.clip(-1, 1)) / seconds
+    pairs = zip(positions.tolist(), before.positions.tolist(), strict=True)
+    traces = np.einsum("nij,nij->n", rotations, before.rotations).tolist()
+    turned = [math.acos(min(max((trace - 1) / 2, -1.0), 1.0)) for trace in traces]
+    return np.array([math.dist(*pair) for pair in pairs]) / seconds, np.array(turned) / seconds
 
 
 def corners(model: ObjectModel, state: State, index: int) -> Array:

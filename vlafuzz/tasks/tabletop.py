@@ -6,13 +6,15 @@ The published environments judge more weakly; those criteria are here too, as ``
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.objects.model import ObjectModel
 from vlafuzz.tasks.base import Situation, Stage, Task
-from vlafuzz.tasks.state import ARM, HAND, TABLE
+from vlafuzz.tasks.state import ARM, HAND, TABLE, State, corners
 
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # metres above rest
@@ -61,21 +63,34 @@ def _published_pick_up(s: Situation) -> bool:
 # move a near b
 
 
-def _displacements(s: Situation) -> Array:
-    return np.asarray(np.linalg.norm(s.now.positions[:, :2] - s.start.positions[:, :2], axis=1))
+def _displacements(s: Situation) -> list[float]:
+    pairs = zip(s.now.positions[:, :2].tolist(), s.start.positions[:, :2].tolist(), strict=True)
+    return [math.dist(*pair) for pair in pairs]
 
 
 def _moved(s: Situation) -> bool:
-    moved = _displacements(s)
-    return bool(moved[A] > MOVED and np.all(moved[A] > moved[A + 1 :]))
+    first, *others = _displacements(s)
+    return first > max([MOVED, *others])
 
 
-def _gap(s: Situation) -> float:
+@lru_cache(maxsize=256)
+def _radius(model: ObjectModel) -> float:
+    """Of the sphere about its origin that it fits into, metres."""
+    return float(np.linalg.norm(model.vertices, axis=1).max())
+
+
+def _least_gap(s: Situation) -> float:
+    """What ``_gap`` is at least, for a hundredth of its cost."""
+    return _level_distance(s.now) - _radius(s.models[A]) - _radius(s.models[B])
+
+
+@lru_cache(maxsize=4)  # of the start and of now, which are asked for again
+def _gap(models: tuple[ObjectModel, ...], state: State) -> float:
     """Metres between the two targets' footprints; negative when they overlap.
 
-    The distance of two convex sets is their widest separation over all directions; 64 of them are exact to 0.12 %.
+    The distance of two convex sets is their widest separation over all directions; 64 are exact to 0.12 %.
     """
-    a, b = (s.corners(index)[:, :2] @ _DIRECTIONS for index in (A, B))
+    a, b = (corners(models[index], state, index)[:, :2] @ _DIRECTIONS for index in (A, B))
     return float((b.min(axis=0) - a.max(axis=0)).max())
 
 
@@ -89,12 +104,13 @@ def _knocked_over(s: Situation, index: int) -> bool:
 
 
 def _is_near(s: Situation) -> bool:
-    return _gap(s) <= NEAR and _on_table(s, A) and _on_table(s, B) and not _knocked_over(s, B)
+    if _least_gap(s) > NEAR:
+        return False
+    return _on_table(s, A) and _on_table(s, B) and not _knocked_over(s, B) and _gap(s.models, s.now) <= NEAR
 
 
 def _nearing(s: Situation) -> float:
-    start = Situation(s.models, s.start, s.start)
-    return _toward(max(_gap(s) - NEAR, 0.0), max(_gap(start) - NEAR, 1e-3))
+    return _toward(max(_gap(s.models, s.now) - NEAR, 0.0), max(_gap(s.models, s.start) - NEAR, 1e-3))
 
 
 def _published_move_near(s: Situation) -> bool:
@@ -120,20 +136,20 @@ def _half_diagonal(s: Situation, index: int) -> float:
 # put a on b, put a into b
 
 
-def _level_distance(s: Situation, state_at_start: bool = False) -> float:
-    state = s.start if state_at_start else s.now
+def _level_distance(state: State) -> float:
     return math.dist(state.positions[A, :2], state.positions[B, :2])
 
 
 def _bringing(s: Situation) -> float:
-    return _toward(_level_distance(s), _level_distance(s, state_at_start=True))
+    return _toward(_level_distance(s.now), _level_distance(s.start))
 
 
 def _is_over(s: Situation) -> bool:
-    b = s.corners(B)
     a = s.now.positions[A]
-    inside = ((b[:, :2] - a[:2]) @ _DIRECTIONS).max(axis=0).min() > 0  # outside, some direction has all of b behind it
-    return bool(inside and a[2] > s.now.positions[B, 2])
+    if a[2] <= s.now.positions[B, 2] or _least_gap(s) > 0:
+        return False
+    farthest = ((s.corners(B)[:, :2] - a[:2]) @ _DIRECTIONS).max(axis=0)
+    return bool(farthest.min() > 0)  # outside, some direction has all of b behind it
 
 
 def _lowering(s: Situation) -> float:
@@ -158,22 +174,32 @@ def _is_inside(s: Situation) -> bool:
 
 
 def _published_put(s: Situation, slack: float) -> bool:
-    half_b = _half_extents(s, B)
     offset = s.now.positions[A] - s.now.positions[B]
+    if offset[2] <= 0:
+        return False
+    half_b = _half_extents(s, B)
     over = math.hypot(*offset[:2]) <= math.hypot(*half_b[:2]) + 0.003
-    return bool(over and 0 < offset[2] <= _half_extents(s, A)[2] + half_b[2] + slack)
+    return bool(over and offset[2] <= _half_extents(s, A)[2] + half_b[2] + slack)
 
 
 PICK_UP = Task(
     "pick-up",
     1,
-    (GRASP, Stage("lift", _lifted, lambda s: _height(s) / LIFTED if _grasped(s) else 0.0), Stage("success", _lifted, lambda s: 0.0, 5)),
+    (
+        GRASP,
+        Stage("lift", _lifted, lambda s: _height(s) / LIFTED if _grasped(s) else 0.0),
+        Stage("success", _lifted, lambda s: 0.0, 5),
+    ),
     _published_pick_up,
 )
 MOVE_NEAR = Task(
     "move-near",
     2,
-    (GRASP, Stage("move", _moved, lambda s: float(_displacements(s)[A]) / MOVED), Stage("success", _is_near, _nearing)),
+    (
+        GRASP,
+        Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED),
+        Stage("success", _is_near, _nearing),
+    ),
     _published_move_near,
 )
 PUT_ON = Task(

@@ -16,13 +16,17 @@ from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.rendering import render_system
 
 CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 costs an eighth of the speed and changes no grasp
-# PhysX knows no rolling friction, and a polygonal can even drives itself: pushed at 0.1 m/s it rolls on for ever with a damping
-# (1/s) of 0.5, at times with 2, and stops within 5 cm with 5.
+# PhysX knows no rolling friction, and a polygonal can even drives itself: pushed at 0.1 m/s it rolls on for
+# ever with a damping (1/s) of 0.5, at times with 2, and stops within 5 cm with 5.
 DAMPING, ROLLING_DAMPING = 0.5, 5.0
 
 
 def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where a placement puts an object's origin, at resting height: position ``(3,)`` in metres, quaternion ``(4,)`` wxyz."""
+    """Where a placement puts an object's origin, at resting height.
+
+    Returns:
+        position ``(3,)`` in metres, quaternion ``(4,)`` wxyz.
+    """
     if placement.quaternion is not None:
         quaternion = np.array(placement.quaternion) / np.linalg.norm(placement.quaternion)
         turned = model.vertices @ sapien.Pose(q=quaternion).to_transformation_matrix()[:3, :3].T

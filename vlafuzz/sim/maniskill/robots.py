@@ -21,26 +21,29 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 CONTROL_MODE = "metric_ee"
-# Finger positions for a gripper command of -1 and +1. Below zero, so that a closed gripper presses on thin objects too.
+# Finger positions for a gripper command of -1 and +1. Below zero, so that a closed gripper presses on thin
+# objects too.
 CLOSED, OPEN = -0.01, 0.04
-# Half a Newton step an iteration converges in a dozen. SAPIEN's default of a tenth takes four times as long; a whole one
-# overshoots near the joints' limits (4 % fewer targets are found there).
+# Half a Newton step an iteration converges in a dozen. SAPIEN's default of a tenth takes four times as long,
+# and a whole one overshoots near the joints' limits (4 % fewer targets are found there).
 IK_STEP, IK_ITERATIONS = 0.5, 50
 
 
 def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
-    """A pose moved by ``(3,)`` metres, and turned in place by a ``(3,)`` rotation vector in radians, both in its parent's frame."""
-    angle = math.hypot(*turn)
+    """A pose moved by ``(3,)`` metres and turned in place by a ``(3,)`` rotation vector in radians."""
+    x, y, z = turn.tolist()
+    angle = math.hypot(x, y, z)
     sine = math.sin(angle / 2) / angle if angle > 1e-12 else 0.5
-    by = sapien.Pose(q=[math.cos(angle / 2), *(turn * sine)])
+    by = sapien.Pose(q=[math.cos(angle / 2), x * sine, y * sine, z * sine])
     return sapien.Pose(pose.p + shift, (by * sapien.Pose(q=pose.q)).q)
 
 
 class MetricArm:
     """Turns metric actions into joint targets, by inverse kinematics from the last targets.
 
-    An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians about these axes
-    through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped; deltas add up on the last *target*.
+    An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians
+    about these axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped;
+    deltas add up on the last *target*.
     """
 
     def __init__(self, robot: sapien.physx.PhysxArticulation, tcp_name: str) -> None:
@@ -49,8 +52,9 @@ class MetricArm:
         self._link = robot.links[self._tcp]
         self._model = robot.create_pinocchio_model()
         self._joints = robot.active_joints
-        self._free = np.array([1] * (len(self._joints) - 2) + [0, 0])
-        self._low, self._high = np.array(robot.qlimits[:-2], dtype=np.float64).T + [[-1e-3], [1e-3]]
+        self._free = np.repeat([1, 0], [len(self._joints) - 2, 2])
+        low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
+        self._low, self._high = low - 1e-3, high + 1e-3
         self.refused = 0
 
     def reset(self) -> None:
@@ -62,7 +66,10 @@ class MetricArm:
         self._drive(self._qpos)
 
     def command(self, action: Array, relative_to: str = "target") -> None:
-        """Set the drives' targets for one control step. A target out of reach is refused, and counted: the last one stays."""
+        """Set the drives' targets for one control step.
+
+        A target out of reach is refused, and counted: the last one stays.
+        """
         if relative_to == "current":
             self.target = self._robot.root_pose.inv() * self._link.entity_pose
         target = shifted(self.target, action[:3], action[3:6])
@@ -92,12 +99,16 @@ class MetricController(BaseController):
     def _initialize_action_space(self) -> None:
         unbounded = np.full(6, np.inf, dtype=np.float32)
         low, high = (np.append(sign * unbounded, np.float32(sign)) for sign in (-1, 1))
-        self.single_action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        self.single_action_space = spaces.Box(
+            low.astype(np.float32), high.astype(np.float32), dtype=np.float32
+        )
 
     def set_drive_property(self) -> None:
         """Gains of ManiSkill's own Panda."""
         for joint in self.joints:
-            joint.set_drive_properties(Panda.arm_stiffness, Panda.arm_damping, force_limit=Panda.arm_force_limit, mode="force")
+            joint.set_drive_properties(
+                Panda.arm_stiffness, Panda.arm_damping, force_limit=Panda.arm_force_limit, mode="force"
+            )
             joint.set_friction(0.0)
         self.arm = MetricArm(self.articulation._objs[0], self.config.tcp)
 

@@ -24,15 +24,21 @@ TIPPED = np.cos(np.radians(15.0))
 FALLEN = -0.1  # metres
 
 
-def check_dynamic(task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> Rejection | None:
+def check_dynamic(
+    task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement]
+) -> Rejection | None:
     """Whether the objects stay where they are put, and the task is not solved before anybody acts.
 
-    Nothing may move more than 1 cm or tip by more than 15 degrees within a second; success must hold neither before nor after.
+    Nothing may move more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
+    before nor after.
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
     add_table(scene)
-    bodies = [add_object(scene, model, placement, placement.object) for model, placement in zip(models, placements, strict=True)]
+    bodies = [
+        add_object(scene, model, placement, placement.object)
+        for model, placement in zip(models, placements, strict=True)
+    ]
     before = _state(scene, bodies)
     for _ in range(round(SECONDS * SIM_HZ)):
         scene.physx_system.step()
@@ -40,7 +46,9 @@ def check_dynamic(task: Task, models: Sequence[ObjectModel], placements: Sequenc
     for index, placement in enumerate(placements):
         reason = _moved(before, after, index)
         if reason:
-            return Rejection("settling", f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f}) {reason}")
+            return Rejection(
+                "settling", f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f}) {reason}"
+            )
     for moment, state in (("at the start", before), ("after settling", after)):
         if task.solved(tuple(models), state):
             return Rejection("solved", f"{task.name} is solved {moment}, before anybody acts")
@@ -48,8 +56,9 @@ def check_dynamic(task: Task, models: Sequence[ObjectModel], placements: Sequenc
 
 
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
-    labels = {body: index for index, body in enumerate(bodies)} | dict.fromkeys(scene.physx_system.rigid_static_components, TABLE)
-    contacts = {(one, other) for one, other, _ in object_contacts(scene.physx_system, labels)}
+    labels: dict[object, int | str] = {body: index for index, body in enumerate(bodies)}
+    labels.update(dict.fromkeys(scene.physx_system.rigid_static_components, TABLE))
+    contacts = {(one, other) for one, other, *_ in object_contacts(scene.physx_system, labels)}
     matrices = [body.entity_pose.to_transformation_matrix() for body in bodies]
     return State(
         positions=np.array([matrix[:3, 3] for matrix in matrices], dtype=np.float64),

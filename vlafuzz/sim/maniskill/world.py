@@ -1,8 +1,8 @@
-"""World: robot, table and objects in PhysX, one scene after the other, with identical trajectories for identical scenes.
+"""World: robot, table and objects in PhysX, scene after scene. Identical scenes have identical trajectories.
 
-CPU PhysX repeats itself bit by bit only in a fresh PhysX scene. Building everything anew takes 185 ms in ManiSkill; here
-robot and table move over into a new, empty PhysX scene (0.2 ms) and only the objects are built again. Moving the objects
-too, or emptying the old scene, gives other trajectories.
+CPU PhysX repeats itself bit by bit only in a fresh PhysX scene. Building everything anew takes 185 ms in
+ManiSkill; here robot and table move over into a new, empty PhysX scene (0.2 ms) and only the objects are
+built again. Moving the objects too, or emptying the old scene, gives other trajectories.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sapien import physx
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig
 from vlafuzz.scene import Placement
-from vlafuzz.sim.maniskill.contacts import impulse, object_contacts
+from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system
 from vlafuzz.sim.maniskill.robots import MetricArm
@@ -29,7 +29,8 @@ from vlafuzz.tasks.state import ARM, HAND, TABLE, State, speeds
 Array = NDArray[np.float64]
 SIM_HZ = 100  # with 15 solver iterations; 50 Hz is near a cliff for grasps
 GRASP_FORCE = 0.5  # newtons a finger, as ManiSkill's is_grasping
-GRASP_COSINE = np.cos(np.radians(85.0))
+GRASP_COSINE = math.cos(math.radians(85.0))
+Pressed = dict[physx.PhysxArticulationLinkComponent, dict[int, Impulses]]  # by finger and object
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,14 +82,14 @@ class World:
     def _read(self) -> State:
         """The state now; it also enters the hash."""
         poses = [body.entity_pose for body in self._bodies]
-        positions, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
+        places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
         velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
         qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
-        exact = (*positions, *quaternions, *velocities, qpos, qvel)
+        exact = (*places, *quaternions, *velocities, qpos, qvel)
         self._hash.update(b"".join(array.tobytes() for array in exact))
         tcp = self._robot.tcp.entity_pose
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
-        positions = np.array(positions, dtype=np.float64).reshape(-1, 3)
+        positions = np.array(places, dtype=np.float64).reshape(-1, 3)
         rotations = np.array([_matrix(*quaternion.tolist()) for quaternion in quaternions]).reshape(-1, 3, 3)
         linear = angular = np.zeros(len(positions))
         if self._before is not None:
@@ -142,36 +143,39 @@ class World:
         self._robot.arm.reset()
 
     def _label_bodies(self) -> dict[object, int | str]:
-        labels: dict[object, int | str] = dict.fromkeys(self._robot.articulation.links, ARM)
-        labels.update({link: HAND for link in self._robot.articulation.links if "hand" in link.name or "finger" in link.name})
+        links = self._robot.articulation.links
+        labels: dict[object, int | str] = dict.fromkeys(links, ARM)
+        labels.update(
+            dict.fromkeys((link for link in links if "hand" in link.name or "finger" in link.name), HAND)
+        )
         labels.update({body: index for index, body in enumerate(self._bodies)})
-        labels.update({body: TABLE for body in self.scene.physx_system.rigid_static_components})
+        labels.update(dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE))
         return labels
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
-        pressed: list[dict[int, Array]] = [{}, {}]
-        for index, other, contact in object_contacts(self.scene.physx_system, self._labels):
+        pressed: Pressed = {finger: {} for finger in self._robot.fingers}
+        for index, other, body, impulses in object_contacts(self.scene.physx_system, self._labels):
             pairs.add((index, other))
-            if other == HAND:
-                self._note_press(pressed, contact, index)
-        return frozenset(pairs), self._held(pressed)
+            if body in pressed:
+                pressed[body].setdefault(index, []).extend(impulses)
+        return frozenset(pairs), _held(pressed)
 
-    def _note_press(self, pressed: list[dict[int, Array]], contact: physx.PhysxContact, index: int) -> None:
-        for finger, link in enumerate(self._robot.fingers):
-            if link in contact.bodies:
-                pressed[finger][index] = pressed[finger].get(index, 0.0) + impulse(contact)
 
-    def _held(self, pressed: list[dict[int, Array]]) -> int | None:
-        for index in sorted(pressed[0].keys() & pressed[1].keys()):
-            if all(self._presses(link, pressed[finger][index]) for finger, link in enumerate(self._robot.fingers)):
-                return index
-        return None
+def _held(pressed: Pressed) -> int | None:
+    """The object that all fingers press on."""
+    for index in sorted(set.intersection(*map(set, pressed.values()))):
+        if all(_presses(finger, by[index]) for finger, by in pressed.items()):
+            return index
+    return None
 
-    def _presses(self, finger: physx.PhysxArticulationLinkComponent, push: Array) -> bool:
-        size = math.hypot(*push)
-        axis = finger.entity_pose.to_transformation_matrix()[:3, 1]
-        return size * SIM_HZ >= GRASP_FORCE and abs(float(axis @ push)) >= GRASP_COSINE * size
+
+def _presses(finger: physx.PhysxArticulationLinkComponent, impulses: Impulses) -> bool:
+    push = [sum(axis) for axis in zip(*impulses, strict=True)]
+    size = math.hypot(*push)
+    closing = finger.entity_pose.to_transformation_matrix()[:3, 1].tolist()
+    along = sum(a * b for a, b in zip(closing, push, strict=True))
+    return size * SIM_HZ >= GRASP_FORCE and abs(along) >= GRASP_COSINE * size
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> list[list[float]]:

@@ -1,0 +1,227 @@
+"""``--resume``, ``merge`` and a run beside random: with real spaces and strategies, without a simulator."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm, Raising, scene
+from vlafuzz import config
+from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.scene import write_scenes
+from vlafuzz.search.registry import STRATEGIES
+
+IDLE = ("--subject", "python:tests.doubles:make_idle")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: ClosedForm(plan.manifest.repeats))
+    return tmp_path
+
+
+def run(*flags: str, code: int = 0) -> None:
+    assert main(["run", *IDLE, *flags]) == code
+
+
+def cut(monkeypatch: pytest.MonkeyPatch, *flags: str, after: int = 5) -> None:
+    """A run that Ctrl-C ends."""
+    with monkeypatch.context() as patched:
+        patched.setattr(config, "make_evaluator", lambda plan: Raising(KeyboardInterrupt(), after=after))
+        run(*flags, code=130)
+
+
+def proposed(store: str, number: int = 1) -> list[tuple[object, ...]]:
+    with Corpus.open(Path(store)) as corpus:
+        assert corpus.runs()[number - 1].status == "finished"
+        return [
+            (trial.scene, trial.outcome.verdict, trial.duplicate, trial.genome.tolist())
+            for trial in corpus.trials(number)
+            if trial.genome is not None
+        ]
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one sentence and the hint that a wrong use ends with."""
+    capsys.readouterr()
+    assert main([*arguments]) == 2
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
+    return "\n".join(shown)
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_a_run_is_gone_on_with_by_its_store_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], strategy: str
+):
+    flags = ("--strategy", strategy, "--budget", "90", "--seed", "3", "--vary", "light,target-position")
+    run(*flags, "--store", "whole.db", "--json")
+    cut(monkeypatch, *flags, "--store", "a.db", after=61)
+    expected = json.loads(capsys.readouterr().out)
+    assert main(["run", "--resume", "--store", "a.db", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert proposed("a.db") == proposed("whole.db")
+    for each in (summary, expected):
+        del each["store"], each["seconds"]
+    assert summary == expected
+
+
+def test_the_same_command_with_resume_goes_on_with_it(monkeypatch: pytest.MonkeyPatch):
+    cut(monkeypatch, "--budget", "20", "--task", "put-on")
+    run("--budget", "20", "--task", "put-on", "--resume")
+    assert len(proposed("runs/put-on-python-tests.doubles-make_idle-random-0.db")) >= 20
+
+
+def test_operators_come_from_the_store_though_their_file_is_gone(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+):
+    (folder / "mine.yaml").write_text(
+        "extends: paper\noperators:\n  light:\n    intensity: {low: 0.5, high: 2.0, step: 0.05, nominal: 1}\n"
+    )
+    flags = ("--budget", "20", "--operators", "mine.yaml", "--task", "put-in")
+    run(*flags, "--store", "whole.db")
+    cut(monkeypatch, *flags, "--store", "a.db")
+    (folder / "mine.yaml").unlink()
+    assert main(["run", "--resume", "--store", "a.db"]) == 0
+    assert proposed("a.db") == proposed("whole.db")
+
+
+def test_a_file_of_scenes_is_to_be_given_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
+):
+    write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
+    cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
+    assert "give it with --scenes" in complaint(capsys, "run", "--resume", "--store", "a.db")
+    write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
+    told = complaint(capsys, "run", "--resume", "--store", "a.db", "--scenes", "other.jsonl")
+    assert "proposal 0" in told
+    assert main(["run", "--resume", "--store", "a.db", "--scenes", "pool.jsonl"]) == 0
+    assert len(proposed("a.db")) == 9
+
+
+def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatch):
+    for _ in range(2):
+        cut(monkeypatch, "--budget", "20", "--store", "a.db", after=3)
+    assert main(["run", "--resume", "--store", "a.db"]) == 0
+    with Corpus.open(Path("a.db")) as corpus:
+        assert [each.status for each in corpus.runs()] == ["interrupted", "finished"]
+
+
+def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    for seed in ("1", "2", "3"):
+        cut(monkeypatch, "--budget", "20", "--store", "a.db", "--seed", seed, after=3)
+    told = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "3 runs that ended early fit" in told
+    assert "give those flags in which they differ" in told
+    assert main(["run", "--resume", "--store", "a.db", "--seed", "2"]) == 0
+    with Corpus.open(Path("a.db")) as corpus:
+        assert [each.status for each in corpus.runs()] == ["interrupted", "finished", "interrupted"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--seed", "4"], "seed 0, not 4"),
+        (["--budget", "21"], "budget 20, not 21"),
+        (["--task", "put-in"], "task pick-up, not put-in"),
+        (["--subject", "frozen"], "not frozen"),
+        (["--stop-early"], "stop_early False, not True"),
+        (["--vary", "light"], "other operators, or other ranges"),
+        (["--operators", "paper"], "other operators, or other ranges"),
+    ],
+)
+def test_other_flags_than_then_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], flags: list[str], says: str
+):
+    cut(monkeypatch, "--budget", "20", "--store", "a.db")
+    told = complaint(capsys, "run", "--resume", "--store", "a.db", *flags)
+    assert "a.db: no run that ended early fits: run 1 has" in told
+    assert says in told
+
+
+def test_another_version_than_then_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    cut(monkeypatch, "--budget", "20", "--store", "a.db")
+    monkeypatch.setattr("vlafuzz.corpus.provenance.commit", lambda: "another")
+    told = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "run 1 was made by another version: its commit differs (" in told
+    assert "another now)" in told
+
+
+def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
+    assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--store", "a.db")
+    run("--budget", "3", "--store", "a.db")
+    told = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "no run ended early (runs: 1 finished)" in told
+    assert "leave out --resume" in told
+
+
+def test_a_second_run_in_a_store_is_told_at_once_who_writes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: pytest.fail("the simulator was started first"))
+    with Corpus.open(Path("a.db"), "write"):
+        told = complaint(capsys, "run", *IDLE, "--store", "a.db")
+    assert "is writing to it" in told
+    assert "give another store" in told
+
+
+@pytest.mark.parametrize("flags", [("--resume",), IDLE])
+def test_a_damaged_store_is_a_sentence(capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]):
+    run("--budget", "60", "--store", "a.db")
+    data = Path("a.db").read_bytes()
+    Path("a.db").write_bytes(data[: len(data) // 2])
+    assert "a.db: is damaged" in complaint(capsys, "run", *flags, "--store", "a.db")
+
+
+def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str]):
+    run("--strategy", "nsga2", "--budget", "30", "--store", "a.db")
+    shown = capsys.readouterr().out
+    assert "beside random: unknown, the store has no random run" in shown
+    assert "--strategy random and --store a.db adds one" in shown
+    run("--strategy", "random", "--budget", "30", "--store", "a.db")
+    assert "beside random" not in capsys.readouterr().out
+    run("--strategy", "nsga2", "--budget", "30", "--seed", "1", "--store", "a.db", "--json")
+    beside = json.loads(capsys.readouterr().out)["random"]
+    assert beside["judged"] >= 30
+    assert beside["random_judged"] >= 30
+    assert beside["low"] < beside["difference"] < beside["high"]
+
+
+def test_two_runs_of_few_scenes_are_too_few_to_tell(capsys: pytest.CaptureFixture[str]):
+    for strategy in ("random", "nsga2"):
+        run("--strategy", strategy, "--budget", "4", "--store", "a.db")
+    assert "points, 95 % interval" in (shown := capsys.readouterr().out)
+    assert ": too few to tell" in shown
+
+
+def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
+    run("--budget", "5", "--store", "a.db")
+    run("--budget", "5", "--store", "b.db", "--seed", "1")
+    assert main(["merge", "a.db", "b.db", "--out", "c.db"]) == 0
+    assert "2 runs, " in capsys.readouterr().err
+    assert proposed("c.db", 2) == proposed("b.db")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["a.db", "a.db", "--out", "c.db"], "a.db: given twice"),
+        (["a.db", "--out", "a.db"], "a.db: is there already"),
+        (["a.db", "no.db", "--out", "c.db"], "no.db: no such store"),
+    ],
+)
+def test_a_wrong_merge_is_a_sentence(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str):
+    run("--budget", "3", "--store", "a.db")
+    assert says in complaint(capsys, "merge", *arguments)
+    assert not Path("c.db").exists()
+
+
+def test_strategies_are_listed_with_a_sentence_each(capsys: pytest.CaptureFixture[str]):
+    assert main(["strategies", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["strategy"] for row in rows] == list(STRATEGIES)
+    assert all(len(row["is"]) > 20 for row in rows)

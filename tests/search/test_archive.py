@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+from sklearn.neighbors import NearestNeighbors
+
+from vlafuzz.search.archive import Archive
+
+
+def filled(points: np.ndarray, capacity: int = 50) -> Archive:
+    archive = Archive(capacity)
+    for point in points:
+        archive.add(point)
+    return archive
+
+
+def test_novelty_is_the_mean_distance_to_the_nearest():
+    archive = filled(np.array([[0.0, 0.0], [3.0, 4.0], [100.0, 0.0]]))
+    assert archive.novelty(np.array([[0.0, 1.0]]), neighbours=1) == pytest.approx([1.0])
+    assert archive.novelty(np.array([[0.0, 8.0]]), neighbours=2) == pytest.approx([(5.0 + 8.0) / 2])
+
+
+def test_novelty_agrees_with_scikit_learn():
+    rng = np.random.default_rng(0)
+    known, points = rng.random((40, 7)), rng.random((11, 7))
+    distances, _ = NearestNeighbors(n_neighbors=5).fit(known).kneighbors(points)
+    assert filled(known).novelty(points) == pytest.approx(distances.mean(axis=1))
+
+
+def test_a_point_is_not_its_own_neighbour():
+    points = np.array([[0.0, 0.0], [3.0, 4.0]])
+    assert filled(points).novelty(points) == pytest.approx([5.0, 5.0])
+    assert filled(points[:1]).novelty(points[:1]) == pytest.approx([0.0])
+
+
+def test_an_empty_archive_finds_nothing_novel():
+    assert Archive().novelty(np.ones((3, 2))).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_only_the_last_points_are_kept():
+    archive = filled(np.arange(10.0)[:, None], capacity=3)
+    assert len(archive) == 3
+    assert archive.novelty(np.array([[0.0]]), neighbours=1) == pytest.approx([7.0])

@@ -1,0 +1,93 @@
+import numpy as np
+
+from tests.search.worlds import space
+from vlafuzz.outcome import Verdict
+from vlafuzz.scoring import Score
+from vlafuzz.search import feedback
+from vlafuzz.search.feedback import Bandit, Feedback
+
+OPERATORS = ("light", "camera-position", "target-type")
+
+
+def failing(cell: str, severity: float = 1.0) -> Score:
+    return Score(Verdict.FAILED, 0.2, severity, cell=cell)
+
+
+def passing(slack: float, severity: float = 1.0) -> Score:
+    return Score(Verdict.PASSED, 1.0, severity, slack=slack)
+
+
+def told(*scores: Score) -> Feedback:
+    strategy = Feedback(space(), 0, 100)
+    strategy.tell(strategy.ask(len(scores)), scores)
+    return strategy
+
+
+def test_what_reaches_a_place_first_is_kept():
+    strategy = told(failing("a"), failing("b"), passing(0.5), passing(0.1))
+    assert [seed.score for seed in strategy._seeds.values()] == [
+        failing("a"),
+        failing("b"),
+        passing(0.5),
+        passing(0.1),
+    ]
+
+
+def test_a_place_keeps_its_least_severe_scene():
+    (seed,) = told(failing("a", 2.0), failing("a", 1.0), failing("a", 3.0))._seeds.values()
+    assert (seed.score.severity, seed.hits) == (1.0, 3)
+
+
+def test_passes_that_are_nearly_as_late_are_in_one_place():
+    assert len(told(passing(0.1), passing(0.099), passing(0.03))._seeds) == 2
+
+
+def test_what_was_not_judged_is_not_kept():
+    assert not told(Score(Verdict.INVALID, None, 0.0), Score(Verdict.ERROR, None, 0.0))._seeds
+
+
+def test_rare_places_have_more_energy():
+    strategy = told(*[failing("often")] * 30, failing("rarely"))
+    rare = space().decode(strategy._seeds["rarely"].genome)
+    children = [space().decode(strategy._child(np.random.default_rng(n))[0]) for n in range(100)]
+    assert sum(child.targets[0].object == rare.targets[0].object for child in children) > 60
+
+
+def test_places_are_bounded(monkeypatch):
+    monkeypatch.setattr(feedback, "MOST_SEEDS", 3)
+    strategy = told(failing("a"), failing("b"), failing("b"), failing("c"), failing("d"), failing("e"))
+    assert list(strategy._seeds) == ["c", "d", "e"] or len(strategy._seeds) == 3
+    assert "b" not in strategy._seeds
+
+
+def test_a_bandit_learns_what_pays():
+    bandit, rng = Bandit(), np.random.default_rng(0)
+    for _ in range(200):
+        chosen = bandit.choose(OPERATORS, rng)
+        bandit.learn(chosen, float(chosen == ("light",)))
+    chosen = [bandit.choose(OPERATORS, rng)[0] for _ in range(100)]
+    assert chosen.count("light") > 70
+
+
+def test_a_bandit_forgets():
+    bandit, rng = Bandit(), np.random.default_rng(0)
+    for pay in (1.0, 0.0):
+        for _ in range(300):
+            bandit.learn(("light",), pay)
+            bandit.learn(("camera-position",), 1.0 - pay)
+    chosen = [bandit.choose(OPERATORS[:2], rng)[0] for _ in range(100)]
+    assert chosen.count("camera-position") > 95
+
+
+def test_a_bandit_chooses_each_operator_once_at_most():
+    bandit, rng = Bandit(), np.random.default_rng(0)
+    for _ in range(100):
+        chosen = bandit.choose(OPERATORS, rng)
+        assert 1 <= len(chosen) == len(set(chosen)) <= 3
+
+
+def test_some_scenes_stay_fresh():
+    strategy = told(failing("a"), failing("b"))
+    asked = strategy.ask(200)
+    fresh = sum(proposal.id not in strategy._parents for proposal in asked)
+    assert 10 < fresh < 60

@@ -1,0 +1,103 @@
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.search.worlds import CATALOGUE, EASY, sampled, space
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Camera, Light, Scene
+from vlafuzz.scoring import score
+from vlafuzz.sim.base import Evaluator
+from vlafuzz.sim.toy import Region, Signal, Toy, among, band, near, read
+
+NOMINAL = space().nominal()
+DARK = Region((near("light.intensity", -4.0, 8.0),), width=0.25)  # fails below a quarter of the light
+
+
+def lit(intensity: float) -> Scene:
+    return replace(NOMINAL, light=Light(intensity))
+
+
+def judge(scene: Scene, region: Region = DARK, signal: Signal = "smooth") -> Outcome:
+    evaluator: Evaluator = Toy(region, CATALOGUE, min_distance=0.15, signal=signal)
+    return evaluator.evaluate([scene])[0]
+
+
+def test_values_of_a_scene_are_read_by_path():
+    assert read(NOMINAL, "targets.0.x") == -0.05
+    assert read(lit(0.25), "light.intensity") == -2.0
+    assert read(NOMINAL, "confounders") == 0
+    assert read(NOMINAL, "targets.0.object") == "pepsi_can"
+
+
+@pytest.mark.parametrize(("yaw", "away"), [(170.0, 0.0), (180.0, 0.1), (-180.0, 0.1), (-10.0, 1.8)])
+def test_angles_are_near_across_the_seam(yaw: float, away: float):
+    turned = replace(NOMINAL, targets=(replace(NOMINAL.targets[0], yaw=yaw),))
+    assert near("targets.0.yaw", 170.0, 100.0, period=360.0)(turned) == pytest.approx(away)
+
+
+def test_a_band_is_about_a_sum():
+    moved = replace(lit(4.0), camera=Camera(yaw=3.0))
+    assert band({"light.intensity": 0.5, "camera.yaw": 1.0}, 3.5)(moved) == pytest.approx(0.5)
+
+
+def test_a_name_is_among_others_or_not():
+    assert among("targets.0.object", ["pepsi_can", "apple"])(NOMINAL) == 0.0
+    assert among("targets.0.object", ["apple"])(NOMINAL) == 1.0
+
+
+def test_a_region_is_where_all_conditions_hold():
+    region = Region((*DARK.conditions, near("camera.yaw", 5.0, 10.0)), width=0.25)
+    assert judge(lit(1 / 8), region).verdict is Verdict.PASSED
+    assert judge(replace(lit(1 / 8), camera=Camera(yaw=4.0)), region).verdict is Verdict.FAILED
+
+
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.5])
+def test_a_calibrated_region_holds_that_share_of_other_scenes_too(share: float):
+    region = EASY.calibrated(sampled(1000), share)
+    failing = [region.distance(scene) <= region.width for scene in sampled(2500)[1000:]]
+    assert np.mean(failing) == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 600))
+
+
+def test_smooth_success_comes_the_later_the_nearer_the_region_is():
+    steps = [judge(lit(intensity)).rollouts[0].steps for intensity in (16.0, 1.0, 0.5, 0.3)]
+    assert steps == sorted(steps)
+    assert len(set(steps)) == 4
+    slacks = [score(lit(x), judge(lit(x)), space()).slack for x in (16.0, 0.3)]
+    assert slacks[0] > 2 * slacks[1]
+
+
+def test_smooth_failures_come_the_earlier_the_deeper_a_scene_is_inside():
+    shallow, deep = judge(lit(0.24)), judge(lit(1 / 16))
+    assert shallow.progress == pytest.approx(0.9, abs=0.05)
+    assert deep.progress == pytest.approx(0.0)
+    assert (shallow.lost_stage, deep.lost_stage) == ("success", "grasp")
+
+
+def test_flat_outcomes_tell_nothing_but_the_verdict():
+    found = {
+        (one.verdict, one.progress, one.rollouts[0].steps)
+        for one in (judge(lit(x), signal="flat") for x in (16, 1, 0.1, 0.2))
+    }
+    assert len(found) == 2
+
+
+def test_noise_has_nothing_to_do_with_the_region():
+    passes = [scene for scene in sampled(600) if judge(scene).verdict is Verdict.PASSED]
+    steps = [judge(scene, signal="noise").rollouts[0].steps for scene in passes]
+    outside = [DARK.outside(scene) for scene in passes]
+    assert abs(np.corrcoef(steps, outside)[0, 1]) < 0.15
+
+
+def test_scenes_that_are_not_fair_are_invalid():
+    outcome = judge(replace(NOMINAL, targets=(replace(NOMINAL.targets[0], x=1.0),)))
+    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "geometry")
+
+
+def test_it_makes_more_than_a_thousand_evaluations_a_second():
+    evaluator = Toy(DARK, CATALOGUE, min_distance=0.15)
+    evaluator.evaluate(sampled(10))
+    began = time.process_time()
+    evaluator.evaluate(sampled(600))
+    assert time.process_time() - began < 0.6

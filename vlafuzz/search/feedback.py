@@ -1,0 +1,144 @@
+"""Feedback: a fuzzer in AFL's manner. Scenes that reach something first are kept, and varied again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.base import Genome, Proposal, Source
+from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.variation import Variation
+
+MOST_SEEDS = 500  # beyond, the seed of the place that was reached most often gives way
+TRIES = 10  # children that turn out to be known before a fresh scene takes their place
+BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
+GUIDED = 0.15  # and after it: there may be failures elsewhere
+SPLICED = 0.2  # share of children that get confounders of another seed
+AGAIN = 0.4  # chance of one more operator in a mutation
+BUCKETS = 2  # of times to success, for each doubling
+FADES = 0.98  # how much a bandit still believes after one more reward: what paid may pay no longer
+
+Rng = np.random.Generator
+
+
+@dataclass
+class Seed:
+    """A scene that was the first, or is the least severe, to reach its place."""
+
+    genome: Genome
+    score: Score
+    hits: int = 1
+
+
+@dataclass(frozen=True)
+class Parentage:
+    """Whether the parent of a proposal failed, how easy it was, and what was changed in it."""
+
+    failed: bool
+    ease: float
+    operators: tuple[str, ...]
+
+
+class Feedback:
+    """Keeps scenes that reach something first and varies them, those in rarely reached places most: AFL.
+
+    See Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>. What a branch is to AFL is a *place*
+    here: the cell of a failure, or how late a pass succeeded. A place keeps its least severe scene as a seed.
+    Seeds in places that are rarely reached are chosen more often, as in AFLFast (Böhme, Pham, Roychoudhury
+    2016, <https://doi.org/10.1145/2976749.2978428>). Which operators are varied, two bandits learn: one from
+    passes that become harder, one from failures that reach rare places.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        self._seed, self._asked = seed, 0
+        self._nursery, self._variation = Nursery(space), Variation(space.genes)
+        self._seeds: dict[str, Seed] = {}
+        self._parents: dict[int, Parentage] = {}
+        self._bandits = {failed: Bandit() for failed in (False, True)}
+
+    def ask(self, n: int) -> list[Proposal]:
+        """Fresh scenes and children of the seeds."""
+        first, self._asked = self._asked, self._asked + n
+        return [self._proposal(number) for number in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Keep what reached a place first or with less severity, and learn which changes paid."""
+        for proposal, score in zip(proposals, scores, strict=True):
+            hits = self._keep(proposal.genome, score) if score.rolled_out else 0
+            parent = self._parents.pop(proposal.id, None)
+            if parent is not None:
+                harder = float(score.ease < parent.ease)
+                pay = (score.failed / hits if hits else 0.0) if parent.failed else harder
+                self._bandits[parent.failed].learn(parent.operators, pay)
+
+    def _keep(self, genome: Genome, score: Score) -> int:
+        place = _place(score)
+        known = self._seeds.get(place)
+        if known is None:
+            self._seeds[place] = Seed(genome, score)
+            if len(self._seeds) > MOST_SEEDS:
+                del self._seeds[max(self._seeds, key=lambda place: self._seeds[place].hits)]
+            return 1
+        known.hits += 1
+        if score.severity < known.score.severity:
+            known.genome, known.score = genome, score
+        return known.hits
+
+    def _proposal(self, number: int) -> Proposal:
+        rng = np.random.default_rng([self._seed, number])
+        if not self._is_fresh(rng):
+            for _ in range(TRIES):
+                genome, parentage = self._child(rng)
+                if self._nursery.new([genome])[0]:
+                    self._parents[number] = parentage
+                    return Proposal(number, self._nursery.registered(genome))
+        return Proposal(number, self._nursery.fresh(rng))
+
+    def _is_fresh(self, rng: Rng) -> bool:
+        """Whether to draw a scene at random: always, as long as nothing tells one seed from another."""
+        share = GUIDED if any(seed.score.failed for seed in self._seeds.values()) else BLIND
+        return len(self._seeds) < 2 or rng.random() < share
+
+    def _child(self, rng: Rng) -> tuple[Genome, Parentage]:
+        seeds = list(self._seeds.values())
+        energy = np.array([1 / seed.hits for seed in seeds])
+        parent, donor = (seeds[index] for index in rng.choice(len(seeds), size=2, p=energy / energy.sum()))
+        genome = parent.genome
+        if rng.random() < SPLICED:
+            genome = self._variation.splice(genome, donor.genome, rng)
+        operators = self._bandits[parent.score.failed].choose(self._variation.operators(genome), rng)
+        child = self._nursery.fair(self._variation.mutate(genome, operators, rng), rng)
+        return child, Parentage(parent.score.failed, parent.score.ease, operators)
+
+
+class Bandit:
+    """Thompson sampling: an operator is believed to pay as often as it did, more firmly the oftener tried."""
+
+    def __init__(self) -> None:
+        self._paid: dict[str, float] = {}
+        self._tried: dict[str, float] = {}
+
+    def choose(self, operators: Sequence[str], rng: Rng) -> tuple[str, ...]:
+        """Those that are believed to pay most: one of them, at times several."""
+        count = min(int(rng.geometric(1 - AGAIN)), len(operators))
+        paid = np.array([self._paid.get(name, 0.0) for name in operators])
+        tried = np.array([self._tried.get(name, 0.0) for name in operators])
+        beliefs = rng.beta(1 + paid, 1 + tried - paid)
+        return tuple(operators[index] for index in np.argsort(-beliefs)[:count])
+
+    def learn(self, operators: Sequence[str], pay: float) -> None:
+        """Changing these operators paid, or did not."""
+        for name in operators:
+            self._paid[name] = FADES * self._paid.get(name, 0.0) + pay
+            self._tried[name] = FADES * self._tried.get(name, 0.0) + 1
+
+
+def _place(score: Score) -> str:
+    """What a scene reached: of a failure its cell, of a pass how late it succeeded, in logarithmic steps."""
+    if score.failed:
+        return score.cell or "failed"
+    return f"passed {round(-BUCKETS * math.log2(max(score.slack, 1e-6)))}"

@@ -1,0 +1,168 @@
+"""NSGA-II: scenes evolve toward failures that come early, near to nominal, and unlike those found before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import compress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.core.crossover import Crossover
+from pymoo.core.duplicate import DuplicateElimination
+from pymoo.core.mutation import Mutation
+from pymoo.core.population import Population
+from pymoo.core.problem import Problem
+from pymoo.core.repair import Repair
+from pymoo.core.termination import NoTermination
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.archive import Archive
+from vlafuzz.search.base import Genome, Proposal, Source
+from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.variation import Variation
+
+GENERATIONS = 15  # of a whole run, at least, but for the smallest population
+SMALLEST, LARGEST = 8, 64  # populations
+BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
+GUIDED = 0.1  # and after it: there may be failures elsewhere
+CROSSED = 0.7  # share of children that have two parents
+CHANGES = 1.5  # operators that mutation changes in a child, on average
+TRIES = 10  # rounds of mating that give known scenes only, before fresh ones take the children's place
+MOST_SEVERE = 100.0  # beyond any severity
+
+Rng = np.random.Generator
+Genomes = NDArray[np.float64]  # (n, dim)
+
+
+class Nsga2:
+    """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's selection.
+
+    Failures are ranked by progress, severity and novelty among the failures; every failure dominates every
+    pass. A batch told competes with the population at once, so batches may be of any size. Children are
+    repaired, and never the same twice while there are others.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        self._space, self._seed, self._asked = space, seed, 0
+        self._size = min(max((budget or 10**9) // GENERATIONS, SMALLEST), LARGEST)
+        self._nursery, self._failures = Nursery(space), Archive()
+        variation = Variation(space.genes)
+        self._algorithm = NSGA2(
+            pop_size=self._size,
+            sampling=None,
+            crossover=_Crossing(variation),
+            mutation=_Mutating(variation),
+            repair=_Repairing(self._nursery),
+            eliminate_duplicates=_OnlyNew(self._nursery),
+        )
+        problem = Problem(n_var=space.dim, n_obj=3, n_ieq_constr=1, xl=0.0, xu=1.0)
+        self._algorithm.setup(problem, seed=seed)
+        self._algorithm.termination = NoTermination()
+        self._algorithm.mating.n_max_iterations = TRIES
+
+    def ask(self, n: int) -> list[Proposal]:
+        """Fresh scenes to begin with, then mostly children of the best."""
+        first, self._asked = self._asked, self._asked + n
+        rngs = [np.random.default_rng([self._seed, number]) for number in range(first, self._asked)]
+        share = self._share_of_fresh()
+        bred = [number >= self._size and rng.random() >= share for number, rng in enumerate(rngs, first)]
+        children = iter(self._children(sum(bred), np.random.default_rng([self._seed, first, 1])))
+        proposals = []
+        for number, rng, breed in zip(range(first, self._asked), rngs, bred, strict=True):
+            child = next(children, None) if breed else None
+            genome = self._nursery.fresh(rng) if child is None else self._nursery.registered(child)
+            proposals.append(Proposal(number, genome))
+        return proposals
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Let the batch compete with the population for a place in it."""
+        if not proposals:
+            return
+        told = Population.new("X", np.array([proposal.genome for proposal in proposals]))
+        points = [self._space.meaningful(self._space.decode(proposal.genome)) for proposal in proposals]
+        for individual, point, score in zip(told, points, scores, strict=True):
+            individual.set("point", point)
+            individual.set("score", score)
+            if score.failed:
+                self._failures.add(point)
+        self._judge(told)
+        if self._algorithm.is_initialized:
+            self._judge(self._algorithm.pop)  # what was novel may no longer be
+        self._algorithm.random_state = np.random.default_rng([self._seed, proposals[0].id, 2])
+        self._algorithm.tell(infills=told)
+
+    def _share_of_fresh(self) -> float:
+        """All while nothing tells one scene from another."""
+        if len(self._failures):
+            return GUIDED
+        known = self._algorithm.pop.get("score") if self._algorithm.is_initialized else ()
+        return BLIND if len({score.ease for score in known if score.rolled_out}) > 1 else 1.0
+
+    def _children(self, n: int, rng: Rng) -> Sequence[Genome]:
+        if n == 0:
+            return []
+        self._algorithm.random_state, self._algorithm.n_offsprings = rng, n
+        children = self._algorithm.ask()
+        self._algorithm.termination.force_termination = False  # as it is when there are no new children
+        return [] if children is None else list(children.get("X"))
+
+    def _judge(self, population: Any) -> None:
+        """Set objectives and constraint: what was not judged ranks behind everything that was."""
+        scores: list[Score] = list(population.get("score"))
+        novelty = self._failures.novelty(population.get("point"))
+        population.set("F", np.array([_objectives(*pair) for pair in zip(scores, novelty, strict=True)]))
+        population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
+
+
+def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
+    """To be made small. Severity and novelty are merits of failures: passes compete by how hard they were."""
+    if score.failed:
+        return score.ease, score.severity, -novelty
+    return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
+
+
+class _Crossing(Crossover):
+    def __init__(self, variation: Variation) -> None:
+        super().__init__(n_parents=2, n_offsprings=1, prob=CROSSED)
+        self._variation = variation
+
+    def _do(self, _: Problem, parents: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
+        """``(2, n, dim)`` parents to ``(1, n, dim)`` children."""
+        pairs = zip(*parents, strict=True)
+        return np.array([[self._variation.cross(one, other, random_state) for one, other in pairs]])
+
+
+class _Mutating(Mutation):
+    def __init__(self, variation: Variation) -> None:
+        super().__init__(prob=1.0)
+        self._variation = variation
+
+    def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
+        return np.array([self._mutated(genome, random_state) for genome in genomes])
+
+    def _mutated(self, genome: Genome, rng: Rng) -> Genome:
+        operators = self._variation.operators(genome)
+        chosen = rng.random(len(operators)) < CHANGES / len(operators)
+        chosen[rng.integers(len(operators))] = True
+        return self._variation.mutate(genome, list(compress(operators, chosen)), rng)
+
+
+class _Repairing(Repair):
+    def __init__(self, nursery: Nursery) -> None:
+        super().__init__()
+        self._nursery = nursery
+
+    def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
+        return np.array([self._nursery.fair(genome, random_state) for genome in genomes])
+
+
+class _OnlyNew(DuplicateElimination):
+    def __init__(self, nursery: Nursery) -> None:
+        super().__init__()
+        self._nursery = nursery
+
+    def do(self, pop: Any, *others: Any, **_: Any) -> Any:
+        earlier = [individual.X for other in others for individual in other]
+        return pop[self._nursery.new([individual.X for individual in pop], earlier)]

@@ -1,0 +1,128 @@
+"""Toy: an evaluator in closed form with planted failures, for seeing a strategy work without physics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.scene import Scene
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.validity import check_static
+
+SOONEST, LATEST = 10, 70  # control steps to a success, as of real subjects at 5 Hz
+
+Signal = Literal["smooth", "flat", "noise"]
+Distance = Callable[[Scene], float]
+"""How far a scene is from where a condition holds best: 0 there, about 1 at the far end."""
+
+
+def read(scene: Scene, path: str) -> float | str:
+    """A value of a scene, such as ``targets.0.x``; of ``confounders`` how many, of the light its log2."""
+    value: object = scene
+    for key in path.split("."):
+        value = value[int(key)] if isinstance(value, tuple) else getattr(value, key)
+    if isinstance(value, tuple):
+        return len(value)
+    assert isinstance(value, float | int | str)
+    return math.log2(value) if path == "light.intensity" and not isinstance(value, str) else value
+
+
+def near(path: str, centre: float, span: float, period: float = math.inf) -> Distance:
+    """A number near another one, in units of ``span``; modulo ``period`` for angles."""
+
+    def distance(scene: Scene) -> float:
+        away = abs(float(read(scene, path)) - centre)
+        return min(away % period, -away % period) / span
+
+    return distance
+
+
+def among(path: str, names: Sequence[str]) -> Distance:
+    """A name that is one of several."""
+    return lambda scene: float(read(scene, path) not in names)
+
+
+def band(weights: Mapping[str, float], centre: float) -> Distance:
+    """A weighted sum near a number: a slab across the space."""
+    return lambda scene: abs(sum(w * float(read(scene, path)) for path, w in weights.items()) - centre)
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the toy's subject fails: within ``width`` of every one of the conditions."""
+
+    conditions: tuple[Distance, ...]
+    width: float = 0.25
+
+    def distance(self, scene: Scene) -> float:
+        """From the heart of the region, by the condition that is farthest from holding."""
+        return max(condition(scene) for condition in self.conditions)
+
+    def outside(self, scene: Scene) -> float:
+        """How far a scene is from the region, in [0, 1]: the mean over the conditions; 0 inside."""
+        excesses = [max(condition(scene) - self.width, 0.0) for condition in self.conditions]
+        return min(sum(excesses) / len(excesses), 1.0)
+
+    def calibrated(self, scenes: Sequence[Scene], share: float) -> Region:
+        """The region as wide as it takes for that share of the scenes to fail."""
+        distances = [self.distance(scene) for scene in scenes]
+        return replace(self, width=float(np.quantile(distances, share)))
+
+
+class Toy:
+    """A subject that fails in a region, and elsewhere succeeds.
+
+    With a ``smooth`` signal it succeeds the later the nearer a scene is to the region, and fails the earlier
+    the deeper it is inside. With a ``flat`` one all successes are alike, and so are all failures. With
+    ``noise``, when it succeeds and how far it comes says nothing.
+    """
+
+    def __init__(
+        self, region: Region, catalogue: Catalogue, *, min_distance: float, signal: Signal = "smooth"
+    ) -> None:
+        self._region, self._catalogue = region, catalogue
+        self._min_distance, self._signal = min_distance, signal
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        """One outcome a scene, in order."""
+        return [self._outcome(scene) for scene in scenes]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        rejection = check_static(scene, self._catalogue, self._min_distance)
+        if rejection is not None:
+            return Outcome.invalid(rejection.check, rejection.reason)
+        stages, distance = TASKS[scene.task].stage_names, self._region.distance(scene)
+        fails = distance <= self._region.width
+        depth = distance / (self._region.width or 1.0) if fails else self._region.outside(scene)
+        told = {"smooth": depth, "flat": 0.5, "noise": int(scene.digest[:8], 16) / 16**8}[self._signal]
+        if fails:
+            progress, steps = 0.9 * told, LATEST
+            reached = stages[: int(progress * len(stages))]
+        else:
+            progress, steps, reached = 1.0, LATEST - round(told * (LATEST - SOONEST)), stages
+        return Outcome.of((_rollout(scene, progress, steps, reached, success=not fails),), stages)
+
+
+def _rollout(
+    scene: Scene, progress: float, steps: int, reached: tuple[str, ...], *, success: bool
+) -> Rollout:
+    return Rollout(
+        success_once=success,
+        success_at_end=success,
+        published_success=success,
+        reached=reached,
+        progress=progress,
+        trace=np.append(np.linspace(0, min(progress, 0.99), steps - 1), progress).astype(np.float32),
+        actions=np.zeros((steps, 7), dtype=np.float32),
+        states_hash=scene.digest,
+        seconds=0.0,
+    )
