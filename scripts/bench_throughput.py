@@ -4,8 +4,8 @@
 Scene by scene these take turns, so that whatever else the machine does slows all of them alike:
 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
-             ``reset(reconfigure=True)`` for every scene (a new ``gym.make`` costs more). It is led along the
-             TCP positions and gripper commands of the expert's rollout in the same scene. It renders nothing.
+             ``gym.make``, ``reset`` and ``close`` for every scene. It is led along the TCP
+             positions and gripper commands of the expert's rollout in the same scene. It renders nothing.
 ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
 bare PhysX   the same objects and robot, the drive targets of our rollout, and in the clock nothing but
              physics steps. It must end where ours ended.
@@ -88,7 +88,7 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
     SUPPORTED_ROBOTS = ("panda",)
 
     def __init__(self, scene: Scene, catalogue: Catalogue, **kwargs: Any) -> None:
-        self._first, self._catalogue = scene, catalogue
+        self._scene, self._catalogue = scene, catalogue
         super().__init__(robot_uids="panda", **kwargs)
 
     @property
@@ -105,7 +105,7 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
         builder.initial_pose = sapien.Pose(table.CENTRE)
         builder.build_static("table")
         self._objects = []
-        for index, placement in enumerate(options.get("scene", self._first).placements):
+        for index, placement in enumerate(self._scene.placements):
             model = self._catalogue[placement.object]
             builder = self.scene.create_actor_builder()
             material = sapien.physx.PhysxMaterial(model.friction, model.friction, 0.0)
@@ -134,9 +134,7 @@ class Bench:
         drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
         recorded = filter(None, map(self._record, drawn))
         self.courses = [next(recorded) for _ in range(scenes)]
-        lean: Any = {"obs_mode": "none", "reward_mode": "none", "control_mode": "pd_ee_delta_pose"}
-        made: Any = gymnasium.make(STOCK_ID, scene=self.courses[0].scene, catalogue=catalogue, **lean)
-        self._stock, self.renderer = made.unwrapped, str(made.unwrapped.backend.render_backend)
+        self._catalogue, self.renderer = catalogue, ""
         self.grasped: set[str] = set()
         self.loops: dict[str, Callable[[Course], Callable[[], object]]] = {
             STOCK: self._play_stock,
@@ -147,16 +145,23 @@ class Bench:
 
     def _play_stock(self, course: Course) -> Callable[[], None]:
         def run() -> None:
-            env = self._stock
-            env.reset(options={"reconfigure": True, "scene": course.scene})
+            env = self._make_stock(course.scene)
+            env.reset()
             action = np.zeros(7, dtype=np.float32)
             for waypoint, gripper in zip(course.waypoints, course.gripper, strict=True):
                 action[:3] = np.clip((waypoint - env.agent.tcp.pose.p[0].numpy()) / 0.1, -1, 1)
                 action[6] = gripper
                 if env.step(action)[-1]["grasped"]:
                     self.grasped.add(course.scene.digest)
+            env.close()
 
         return run
+
+    def _make_stock(self, scene: Scene) -> Any:
+        lean: Any = {"obs_mode": "none", "reward_mode": "none", "control_mode": "pd_ee_delta_pose"}
+        env: Any = gymnasium.make(STOCK_ID, scene=scene, catalogue=self._catalogue, **lean).unwrapped
+        self.renderer = str(env.backend.render_backend)
+        return env
 
     def _play_bare(self, course: Course) -> Callable[[], None]:
         self._env.begin(course.scene)
