@@ -21,42 +21,41 @@ class State:
     Attributes:
         positions: ``(n, 3)`` of the objects' origins, metres.
         rotations: ``(n, 3, 3)`` matrices.
-        linear: ``(n,)`` speed over the last control step, m/s; angular: ``(n,)`` likewise, rad/s. Zero at the
-            start. PhysX's own velocities are of no use for this: those of a can that stands still go up to
-            3 cm/s and 0.5 rad/s.
         tcp: ``(3,)`` tool centre point, metres; ``tcp_rotation``: ``(3, 3)``.
         opening: between the fingers, metres.
         held: index of the object that both fingers press on, or None.
         contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); both
             orders of two objects are in it. Only those with object 0 or the hand, and only from the first
             closing of the gripper on; empty before.
+        earlier: positions and rotations ``seconds`` ago, one control step; None at the start.
     """
 
     positions: Array
     rotations: Array
-    linear: Array
-    angular: Array
     tcp: Array
     tcp_rotation: Array
     opening: float
     held: int | None = None
     contacts: frozenset[tuple[int, int | str]] = field(default=frozenset())
+    earlier: tuple[Array, Array] | None = None
+    seconds: float = 0.2
 
     def touches(self, index: int) -> set[int | str]:
         """What object ``index`` touches."""
         return {other for one, other in self.contacts if one == index}
 
     def at_rest(self, index: int) -> bool:
-        """Slower than 1 cm/s and 0.1 rad/s over the last control step."""
-        return bool(self.linear[index] < 0.01 and self.angular[index] < 0.1)
+        """Slower than 1 cm/s and 0.1 rad/s over the last control step.
 
-
-def speeds(positions: Array, rotations: Array, before: State, seconds: float) -> tuple[Array, Array]:
-    """How fast objects moved and turned, ``(n,)`` m/s and ``(n,)`` rad/s, since an earlier state."""
-    pairs = zip(positions.tolist(), before.positions.tolist(), strict=True)
-    traces = np.einsum("nij,nij->n", rotations, before.rotations).tolist()
-    turned = [math.acos(min(max((trace - 1) / 2, -1.0), 1.0)) for trace in traces]
-    return np.array([math.dist(*pair) for pair in pairs]) / seconds, np.array(turned) / seconds
+        PhysX's own velocities are of no use for this: a can that stands still has up to 3 cm/s and 0.5 rad/s.
+        """
+        if self.earlier is None:
+            return True
+        positions, rotations = self.earlier
+        cosine = (float(np.vdot(self.rotations[index], rotations[index])) - 1) / 2
+        turned = math.acos(min(max(cosine, -1.0), 1.0))
+        moved = math.dist(self.positions[index].tolist(), positions[index].tolist())
+        return moved < 0.01 * self.seconds and turned < 0.1 * self.seconds
 
 
 def corners(model: ObjectModel, state: State, index: int) -> Array:

@@ -63,8 +63,6 @@ def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponen
     return State(
         positions=np.array([matrix[:3, 3] for matrix in matrices], dtype=np.float64),
         rotations=np.array([matrix[:3, :3] for matrix in matrices], dtype=np.float64),
-        linear=np.zeros(len(bodies)),
-        angular=np.zeros(len(bodies)),
         tcp=np.zeros(3),
         tcp_rotation=np.eye(3),
         opening=0.0,

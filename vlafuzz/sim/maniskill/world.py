@@ -24,7 +24,7 @@ from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system
 from vlafuzz.sim.maniskill.robots import MetricArm
-from vlafuzz.tasks.state import ARM, HAND, TABLE, State, speeds
+from vlafuzz.tasks.state import ARM, HAND, TABLE, State
 
 Array = NDArray[np.float64]
 SIM_HZ = 100  # with 15 solver iterations; 50 Hz is near a cliff for grasps
@@ -53,7 +53,7 @@ class World:
         self._bodies: list[physx.PhysxRigidDynamicComponent] = []
         self._fresh = True
         self._touched = False
-        self._before: State | None = None
+        self._before: tuple[Array, Array] | None = None
 
     def begin(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> State:
         """Put the objects onto the table and the robot to rest; the state at the start."""
@@ -91,21 +91,18 @@ class World:
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
         rotations = np.array([_matrix(*quaternion.tolist()) for quaternion in quaternions]).reshape(-1, 3, 3)
-        linear = angular = np.zeros(len(positions))
-        if self._before is not None:
-            linear, angular = speeds(positions, rotations, self._before, self._substeps / SIM_HZ)
-        self._before = State(
+        earlier, self._before = self._before, (positions, rotations)
+        return State(
             positions=positions,
             rotations=rotations,
-            linear=linear,
-            angular=angular,
             tcp=tcp.p.astype(np.float64),
             tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
             opening=float(qpos[-1] + qpos[-2]),
             held=held,
             contacts=contacts,
+            earlier=earlier,
+            seconds=self._substeps / SIM_HZ,
         )
-        return self._before
 
     @property
     def states_hash(self) -> str:
