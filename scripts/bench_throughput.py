@@ -18,11 +18,13 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy and torch look
 
 import argparse
+import gc
 import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from typing import Any
 from unittest.mock import patch
@@ -138,12 +140,19 @@ class Bench:
         self.grasped: set[str] = set()
         self.loops: dict[str, Callable[[Course], Callable[[], object]]] = {
             STOCK: self._play_stock,
-            OURS: lambda course: lambda: self._ours.evaluate([course.scene]),
-            CHECKED: lambda course: lambda: self._checked.evaluate([course.scene]),
+            OURS: partial(self._play_ours, self._ours),
+            CHECKED: partial(self._play_ours, self._checked),
             BARE: self._play_bare,
         }
 
+    def _play_ours(self, evaluator: ManiSkillEvaluator, course: Course) -> Callable[[], object]:
+        gc.collect()
+        gc.freeze()  # as the evaluator leaves it when it is alone in its process
+        return lambda: evaluator.evaluate([course.scene])
+
     def _play_stock(self, course: Course) -> Callable[[], None]:
+        gc.unfreeze()  # the evaluator's doing, of which stock knows nothing
+
         def run() -> None:
             env = self._make_stock(course.scene)
             env.reset()
