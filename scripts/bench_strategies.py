@@ -2,7 +2,7 @@
 """What strategies find on the real simulator: paired runs at equal budget, each in a store of its own.
 
 The n-th repeats of all strategies have the same seed. A failure is a distinct failing scene, a cell what
-vlafuzz.scoring.cell says, a severity the mean over a run's failures. Medians over the repeats with their range.
+vlafuzz.scoring.cell says, a severity the mean over a run's failures. Medians over the repeats, and ranges.
 Runs that a store in the folder has already are not run again: a second call goes on, or only prints.
 """
 
