@@ -1,6 +1,7 @@
 """``--resume``, ``merge`` and a run beside random: with real spaces and strategies, without a simulator."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,10 @@ def proposed(store: str, number: int = 1) -> list[tuple[object, ...]]:
             for trial in corpus.trials(number)
             if trial.genome is not None
         ]
+
+
+def printed(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().out
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -189,6 +194,27 @@ def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str])
     assert beside["judged"] >= 30
     assert beside["random_judged"] >= 30
     assert beside["low"] < beside["difference"] < beside["high"]
+
+
+def test_both_shares_are_shown_with_their_intervals(capsys: pytest.CaptureFixture[str]):
+    for strategy in ("random", "nsga2"):
+        run("--strategy", strategy, "--budget", "30", "--store", "a.db")
+    shares = re.findall(
+        r"failure share\W+([\d.]+%), 95 % interval ([\d.]+% to [\d.]+%)", shown := printed(capsys)
+    )
+    mine, random = (f"{share} ({interval})" for share, interval in reversed(shares))
+    assert f"beside random: {mine} of " in shown
+    assert f" random ones {random}: " in shown
+
+
+def test_a_strategy_says_what_it_chose_by_itself(capsys: pytest.CaptureFixture[str]):
+    flags = ("--strategy", "nsga2", "--budget", "90")
+    run(*flags, "--store", "a.db")
+    assert re.search(r"strategy\W+population of 8, 11 generations", printed(capsys))
+    run(*flags, "--store", "b.db", "--json")
+    assert json.loads(printed(capsys))["about"] == "population of 8, 11 generations"
+    run("--budget", "5", "--store", "a.db")
+    assert "population" not in printed(capsys)
 
 
 def test_two_runs_of_few_scenes_are_too_few_to_tell(capsys: pytest.CaptureFixture[str]):

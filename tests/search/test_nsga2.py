@@ -4,6 +4,7 @@ import pytest
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
+from vlafuzz.search.base import about
 from vlafuzz.search.nsga2 import LARGEST, SMALLEST, Nsga2, _objectives
 from vlafuzz.sim.toy import Toy
 
@@ -55,6 +56,13 @@ def test_a_budget_has_room_for_ten_generations(budget: int | None, size: int):
         strategy.tell(strategy.ask(100), [SIMPLE] * 100)
     assert len(population(strategy)) == size
     assert budget is None or budget < 80 or size * 10 <= budget
+
+
+@pytest.mark.parametrize(
+    ("budget", "says"), [(300, "population of 20, 15 generations"), (None, "population of 64")]
+)
+def test_it_says_how_large_its_population_is(budget: int | None, says: str):
+    assert about(Nsga2(space(), 0, budget)) == says
 
 
 def test_the_population_moves_toward_failures():

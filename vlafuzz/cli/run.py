@@ -77,6 +77,7 @@ def command(
     """
     from vlafuzz import config
     from vlafuzz.cli.summary import print_summary
+    from vlafuzz.search.base import about
 
     asked = {
         "task": task,
@@ -99,11 +100,11 @@ def command(
     else:
         prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     summary = _start(prepared)
-    beside = _beside_random(summary)
+    beside, said = _beside_random(summary), about(prepared.strategy)
     if json:
-        print_json(asdict(summary) | {"random": asdict(beside) if beside else None})
+        print_json(asdict(summary) | {"about": said, "random": asdict(beside) if beside else None})
     else:
-        print_summary(summary, beside)
+        print_summary(summary, beside, said)
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:

@@ -62,12 +62,16 @@ class Watch:
         self.stop()
 
 
-def print_summary(summary: Summary, beside: Beside | None = None) -> None:
-    """A run in numbers, a guided one beside random generation, and how to see its first failure."""
+def print_summary(summary: Summary, beside: Beside | None = None, about: str = "") -> None:
+    """A run in numbers, a guided one beside random generation, and how to see its first failure.
+
+    Args:
+        about: what the strategy says of itself.
+    """
     table = Table(show_header=False, title=_title(summary), title_justify="left")
     table.add_column(style="bold")
     table.add_column()
-    for name, value in _lines(summary):
+    for name, value in [("strategy", about)] * bool(about) + _lines(summary):
         table.add_row(name, value)
     console = stdout()
     console.print(table)
@@ -119,10 +123,14 @@ def _beside(summary: Summary, beside: Beside) -> str:
         )
     if beside.difference is None or beside.low is None or beside.high is None:
         return "beside random: unknown, no scene of this run could be judged"
-    shares = (
-        f"{beside.failed / beside.judged:.1%} of {beside.judged} scenes failed, "
-        f"of {beside.random_judged} random ones {beside.random_failed / beside.random_judged:.1%}"
-    )
+    mine = _share(beside.failed, beside.judged)
+    random = _share(beside.random_failed, beside.random_judged)
+    shares = f"{mine} of {beside.judged} scenes failed, of {beside.random_judged} random ones {random}"
     interval = f"95 % interval {100 * beside.low:+.1f} to {100 * beside.high:+.1f}"
     told = f"{100 * beside.difference:+.1f} points, {interval}"
     return f"beside random: {shares}: {told}" + ("" if beside.tells else ": too few to tell")
+
+
+def _share(part: int, whole: int) -> str:
+    low, high = wilson(part, whole)
+    return f"{part / whole:.1%} ({low:.1%} to {high:.1%})"

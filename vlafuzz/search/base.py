@@ -52,10 +52,18 @@ class Source(Protocol):
 
 
 class Strategy(Protocol):
-    """Proposes genomes and is told what became of them."""
+    """Proposes genomes and is told what became of them.
+
+    One that chose something by itself, such as a size by the budget, may say so in an attribute ``about``.
+    """
 
     def ask(self, n: int) -> list[Proposal]:
         """Up to ``n`` new proposals, with consecutive ids; fewer, or none, when there are no more."""
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Every proposal exactly once, in the order asked; a known scene with its known score."""
+
+
+def about(strategy: Strategy) -> str:
+    """What it says of itself, in a few words; nothing when it has no ``about``."""
+    return str(getattr(strategy, "about", ""))

@@ -47,6 +47,9 @@ class Nsga2:
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
         self._size = min(max((budget or 10**9) // GENERATIONS, SMALLEST), LARGEST)
+        self.about = f"population of {self._size}"
+        if budget is not None:
+            self.about += f", {budget // self._size} generations"
         self._nursery, self._failures = Nursery(space), Archive()
         variation = Variation(space.genes)
         self._algorithm = NSGA2(
