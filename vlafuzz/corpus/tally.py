@@ -55,7 +55,7 @@ class Summary:
     store: str
 
 
-@dataclass
+@dataclass(slots=True)  # there is one for every scene of a run
 class _Seen:
     """What came of a scene, the last time that it was proposed: an ERROR may be followed by a verdict."""
 
@@ -77,6 +77,7 @@ class Tally:
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
+        self._reached: dict[frozenset[str], frozenset[str]] = {}  # each kept once
         self._cells: set[str] = set()
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
@@ -94,6 +95,7 @@ class Tally:
             first = min(first, before.first)
         self.verdicts[outcome.verdict] += 1
         reached = frozenset(stage for rollout in outcome.rollouts for stage in rollout.reached)
+        reached = self._reached.setdefault(reached, reached)
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
         if outcome.verdict is Verdict.ERROR:
             self.last_error = outcome.detail
