@@ -1,5 +1,6 @@
 """What README says is so."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -8,16 +9,21 @@ from pathlib import Path
 
 import pytest
 
+from tests.doubles import ClosedForm
+from tests.search import climb
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz.cli import COMMANDS
+from vlafuzz import config
+from vlafuzz.cli import COMMANDS, main
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import write_scenes
+from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.space import load_operators
 from vlafuzz.subjects.registry import SUBJECTS
 from vlafuzz.tasks.tabletop import TASKS
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+EXAMPLES = dict(re.findall(r"^### ([^\n]+)\n[^#]*?```python\n(.*?)```", README, re.DOTALL | re.MULTILINE))
+OWN_SUBJECT, OWN_STRATEGY = EXAMPLES["Your own subject"], EXAMPLES["Your own strategy"]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -30,29 +36,51 @@ def test_readme_has_a_row_for_every_operator(name):
     assert re.search(rf"^\| \d+ \| `{name}`", README, flags=re.MULTILINE)
 
 
-@pytest.mark.parametrize("name", [*SUBJECTS, *TASKS])
-def test_readme_names_every_subject_and_task(name):
+@pytest.mark.parametrize("name", TASKS)
+def test_readme_names_every_task(name):
     assert f"`{name}`" in README
 
 
-def test_the_example_of_an_own_subject_runs_and_is_about_twenty_lines(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("kind", "names"), [("subject", SUBJECTS), ("strategy", STRATEGIES)])
+def test_readme_has_a_row_for_every_subject_and_strategy_and_for_your_own(kind, names):
+    table = README.partition(f"| {kind} | is |\n")[2].partition("\n\n")[0]
+    first = " ".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE))
+    assert set(re.findall(r"`(.*?)`", first)) == {*names, "python:pkg.mod:factory"}
+
+
+@pytest.fixture
+def save(tmp_path, monkeypatch):
+    """Saves an example as ``mine.py``, where vlafuzz is then called."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    yield (tmp_path / "mine.py").write_text
+    sys.modules.pop("mine", None)
+
+
+def test_the_example_of_an_own_subject_runs_and_is_about_twenty_lines(save):
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
     from vlafuzz.subjects.registry import make_subject
 
-    (tmp_path / "mine.py").write_text(EXAMPLES[0])
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    save(OWN_SUBJECT)
     evaluator = ManiSkillEvaluator("pick-up", make_subject("python:mine:make"), CATALOGUE, min_distance=0.15)
     outcome = evaluator.evaluate([nominal("pick-up")])[0]
     evaluator.close()
     assert outcome.verdict is Verdict.FAILED
     assert outcome.lost_stage == "grasp"
-    assert len([line for line in EXAMPLES[0].splitlines() if line.strip()]) <= 22
+    assert len([line for line in OWN_SUBJECT.splitlines() if line.strip()]) <= 22
+
+
+def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeypatch, capsys):
+    assert Path(climb.__file__).read_text().endswith("\n\n" + OWN_STRATEGY)
+    save(OWN_STRATEGY)
+    monkeypatch.setattr(config, "make_evaluator", lambda plan: ClosedForm())
+    assert main(["run", "--strategy", "python:mine:make", "--budget", "30", "--store", "a.db", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rollouts"] == 30
 
 
 def test_the_gymnasium_example_runs(tmp_path):
     write_scenes(tmp_path / "failures.jsonl", [nominal("pick-up")])
-    (tmp_path / "example.py").write_text(EXAMPLES[1] + "print(info['progress'])\n")
+    (tmp_path / "example.py").write_text(EXAMPLES["In gymnasium"] + "print(info['progress'])\n")
     done = subprocess.run(
         [sys.executable, "example.py"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
