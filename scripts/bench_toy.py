@@ -4,7 +4,8 @@
 Regions of several shapes hold a share of the randomly generated scenes, found by sampling. No strategy knows
 them. Each gets the same budget of rollouts in batches of 16, several times. A failure is a distinct scene, a
 cell what vlafuzz.scoring.cell says. Medians over the seeds with 95 % bootstrap intervals. Times says how
-many times the failures of random, as ratio of medians.
+many times the failures of random, as ratio of medians; least is the worst run, behind how many runs have fewer
+failures than random has with the same seed.
 
 With --long one long run a strategy instead: does a proposal cost as much at the end as at the beginning?
 """
@@ -31,6 +32,7 @@ from vlafuzz.space import SearchSpace, load_operators
 BATCH = 16
 SAMPLES = 20_000  # scenes by which a region's share is found: 200 of them in a region of 1 %
 GOALS = {"smooth": 3.0, "flat": 0.9, "noise": 0.9}  # times random's failures
+COUNTED = ("cells", "least", "behind", "invalid", "duplicates")
 REGIONS = {
     "box of 4 genes": Region(
         (
@@ -124,6 +126,8 @@ def summarise(runs: dict[str, list[Tally]], signal: str) -> list[dict[str, Any]]
             {
                 "strategy": name,
                 **medians,
+                "least": int(failures.min()),
+                "behind": int((failures < base).sum()),
                 "failures_interval": interval(np.median(failures[picks], axis=1)),
                 "times": times,
                 "times_interval": interval(ratios),
@@ -161,13 +165,15 @@ def compare(options: argparse.Namespace, space: SearchSpace) -> list[dict[str, A
 
 def show(part: dict[str, Any]) -> None:
     print(f"\n{part['region']}, {part['signal']}")
-    print(f"{'':10}{'failures':>9}{'95 %':>12}{'times':>7}{'95 %':>12}{'cells':>7}{'invalid':>9}{'again':>7}")
+    heads = zip(("failures", "95 %", "times", "95 %", *COUNTED), (9, 12, 7, 12, 7, 8, 8, 9, 12), strict=True)
+    print(" " * 10 + "".join(head.rjust(width) for head, width in heads))
     for row in part["rows"]:
         failures, times = ("{:.0f}-{:.0f}".format(*row[f"{key}_interval"]) for key in ("failures", "times"))
         print(
             f"{row['strategy']:10}{row['failures']:9.0f}{failures:>12}{row['times']:7.1f}{times:>12}", end=""
         )
-        print(f"{row['cells']:7.0f}{row['invalid']:9.0f}{row['duplicates']:7.0f}", end="")
+        widths = zip(COUNTED, (7, 8, 8, 9, 12), strict=True)
+        print("".join(f"{row[name]:{width}.0f}" for name, width in widths), end="")
         print(
             "" if row["goal_reached"] in (None, True) else f"   MISSED {GOALS[part['signal']]:g}", flush=True
         )
