@@ -3,6 +3,7 @@
 The most important test in here kills a writer: what was acknowledged is on the disk.
 """
 
+import errno
 import os
 import resource
 import signal
@@ -149,6 +150,10 @@ def a_truncated_store(path: Path) -> None:
     path.write_bytes(data[: len(data) // 2])
 
 
+def a_store_without_its_last_byte(path: Path) -> None:
+    path.write_bytes(written(path)[:-1])
+
+
 def a_store_with_a_hole(path: Path) -> None:
     data = written(path)
     data[5000:15000] = bytes(10000)
@@ -163,6 +168,7 @@ def a_store_with_a_hole(path: Path) -> None:
         (another_database, "is not a store of vlafuzz"),
         (a_newer_schema, "newer than"),
         (a_truncated_store, "is damaged"),
+        (a_store_without_its_last_byte, "is damaged"),
         (a_store_with_a_hole, "is damaged"),
     ],
 )
@@ -177,11 +183,29 @@ def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: P
     assert not path.with_name("a.db.lock").exists()
 
 
-@pytest.mark.parametrize("make", [nothing, lambda path: None, lambda path: path.mkdir()])
-def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make):
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (nothing, "is empty"),
+        (lambda path: None, "no such store"),
+        (lambda path: path.mkdir(), "no such store"),
+    ],
+)
+def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make, says: str):
     make(tmp_path / "a.db")
-    with pytest.raises(CorpusError):
+    with pytest.raises(CorpusError, match=says) as caught:
         Corpus.open(tmp_path / "a.db")
+    assert caught.value.hint
+
+
+def test_a_disk_without_room_for_a_lock_is_full_and_nothing_is_left_there(path: Path, monkeypatch):
+    def full(file: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(CorpusError, match="the disk is full"):
+        Corpus.open(path, "write")
+    assert not list(path.parent.iterdir())
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path):

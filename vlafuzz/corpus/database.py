@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -19,7 +20,8 @@ BUSY = 10.0  # seconds to wait for another process's transaction; ours take mill
 _EXPLAINED = {
     "SQLITE_NOTADB": ("is not a store of vlafuzz", "give a store that `vlafuzz run` wrote"),
     "SQLITE_CORRUPT": ("is damaged", "`sqlite3 STORE .recover | sqlite3 NEW.db` saves what is readable"),
-    "SQLITE_FULL": ("the disk is full", "make room; all trials up to here are stored"),
+    "SQLITE_EMPTY": ("is empty", "`vlafuzz run --store STORE` fills it"),
+    "SQLITE_FULL": ("the disk is full", "make room; all trials up to here are stored, --resume goes on"),
     "SQLITE_READONLY": ("cannot be written", "give a store in a folder that you may write to"),
     "SQLITE_CANTOPEN": ("cannot be opened", "check that you may read and write its folder"),
     "SQLITE_BUSY": ("another process keeps it busy", "try again when that has ended"),
@@ -104,7 +106,9 @@ def _reader(path: Path) -> sqlite3.Connection:
 def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> None:
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     application = _pragma(connection, "application_id")
-    if tables == 0 and application == 0 and new_allowed:
+    if tables == 0 and application == 0:
+        if not new_allowed:
+            raise _problem(path, "SQLITE_EMPTY")
         return
     if application != APPLICATION_ID:
         raise _problem(path, "SQLITE_NOTADB")
@@ -114,8 +118,18 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
             f"{path}: its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here",
             hint="upgrade vlafuzz",
         )
-    if connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+    if _lacks_part_of_a_page(path, connection) or (
+        connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok"
+    ):
         raise _problem(path, "SQLITE_CORRUPT")
+
+
+def _lacks_part_of_a_page(path: Path, connection: sqlite3.Connection) -> bool:
+    """SQLite notices a missing page, but takes the missing part of one for zeros."""
+    with suppress(FileNotFoundError):
+        if path.with_name(path.name + "-wal").stat().st_size:
+            return False  # the page may well be in there
+    return path.stat().st_size % _pragma(connection, "page_size") != 0
 
 
 def _pragma(connection: sqlite3.Connection, name: str) -> int:
@@ -131,6 +145,8 @@ class WriterLock:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._acquire(path)
         except OSError as error:
+            if error.errno == errno.ENOSPC:
+                raise _problem(path, "SQLITE_FULL") from None
             reason = (error.strerror or "unknown reason").lower()
             raise CorpusError(
                 f"{path}: cannot be written: {reason}", hint=_EXPLAINED["SQLITE_READONLY"][1]
@@ -155,8 +171,13 @@ class WriterLock:
                     hint="wait until it ends, or give another store",
                 ) from None
             if self._is_current(file):
-                os.ftruncate(file, 0)
-                os.write(file, str(os.getpid()).encode())
+                try:
+                    os.ftruncate(file, 0)
+                    os.write(file, str(os.getpid()).encode())
+                except OSError:
+                    self._beside.unlink(missing_ok=True)
+                    os.close(file)
+                    raise
                 return file
             os.close(file)  # its last holder removed it after we had opened it
 
