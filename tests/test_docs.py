@@ -18,7 +18,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scene import write_scenes
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.space import load_operators
-from vlafuzz.subjects.registry import SUBJECTS
+from vlafuzz.subjects.registry import known_subjects
 from vlafuzz.tasks.tabletop import TASKS
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
@@ -41,11 +41,11 @@ def test_readme_names_every_task(name):
     assert f"`{name}`" in README
 
 
-@pytest.mark.parametrize(("kind", "names"), [("subject", SUBJECTS), ("strategy", STRATEGIES)])
+@pytest.mark.parametrize(("kind", "names"), [("subject", known_subjects()), ("strategy", STRATEGIES)])
 def test_readme_has_a_row_for_every_subject_and_strategy_and_for_your_own(kind, names):
     table = README.partition(f"| {kind} | is |\n")[2].partition("\n\n")[0]
     first = " ".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE))
-    assert set(re.findall(r"`(.*?)`", first)) == {*names, "python:pkg.mod:factory"}
+    assert {*names, "python:pkg.mod:factory"} <= set(re.findall(r"`(.*?)`", first))
 
 
 @pytest.fixture

@@ -170,7 +170,8 @@ def test_the_pool_is_asked_for_by_its_scenes():
 
 
 def test_a_strategy_of_ones_own_is_named_by_module_and_factory():
-    assert strategy_factory("python:tests.doubles:Scripted").__name__ == "Scripted"
+    make = strategy_factory("python:tests.search.climb:make")
+    assert genomes(make(space(), 3, 120).ask(5)) == genomes(Climb(space(), 3, 120).ask(5))
 
 
 @pytest.mark.parametrize(

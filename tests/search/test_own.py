@@ -1,13 +1,20 @@
 """A user's own strategy, from its name to a finished run."""
 
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
+import pytest
 
 from tests.doubles import STAGES, manifest
 from tests.search import climb
 from tests.search.worlds import space, toy
 from vlafuzz.campaign import fuzz
 from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import UsageError
 from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.search.base import Proposal, about
+from vlafuzz.search.own import Own
 from vlafuzz.search.registry import strategy_factory
 
 
@@ -24,6 +31,48 @@ def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
         )
     assert (summary.rollouts, summary.proposals) == (60, 60)
     assert summary.findings > 10
+
+
+class Given:
+    """Proposes the same genome for ever, with ids that are too high by so many."""
+
+    about = "nothing new"
+
+    def __init__(self, genome: Sequence[float], skipped: int = 0) -> None:
+        self.genome, self.skipped = np.array(genome), skipped
+
+    def ask(self, n: int) -> list[Proposal]:
+        return [Proposal(number + self.skipped, self.genome) for number in range(n)]
+
+    def tell(self, proposals: object, scores: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("strategy", "says"),
+    [
+        (Given([0.5, np.nan, 0.5]), "the genome of proposal 0 has nan, which is not in [0, 1]"),
+        (Given([0.5, 0.5, 1.5]), "the genome of proposal 0 has 1.5, which is not in [0, 1]"),
+        (Given([0.5]), "the genome of proposal 0 has the shape (1,), not (3,)"),
+        (Given([0.5, 0.5, 0.5], 1), "proposal 0 has the id 1"),
+    ],
+)
+def test_a_proposal_that_is_none_is_refused_in_a_sentence(strategy: Given, says: str):
+    own = Own("python:mine:make", strategy, 3)
+    with pytest.raises(UsageError) as caught:
+        own.ask(2)
+    assert str(caught.value) == f"strategy 'python:mine:make': {says}"
+    assert caught.value.hint
+
+
+def test_what_cannot_be_asked_is_no_strategy():
+    with pytest.raises(UsageError, match="'python:mine:make' made a int, which has no ask"):
+        Own("python:mine:make", 3, 3)  # type: ignore[arg-type]
+
+
+def test_it_may_say_something_of_itself():
+    assert about(Own("python:mine:make", Given([0.5]), 1)) == "nothing new"
+    assert about(strategy_factory("python:tests.search.climb:make")(space(), 0, 60)) == ""
 
 
 def test_the_example_is_about_twenty_lines():

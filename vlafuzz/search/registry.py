@@ -9,6 +9,7 @@ from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory
 from vlafuzz.search.base import Source, Strategy
 from vlafuzz.search.feedback import Feedback
+from vlafuzz.search.own import Own
 from vlafuzz.search.random import Random
 
 Factory = Callable[[Source, int, int | None], Strategy]
@@ -36,7 +37,8 @@ def strategy_factory(name: str) -> Factory:
         UsageError: no such strategy.
     """
     if is_reference(name):
-        return cast(Factory, load_factory(name))
+        make = cast(Factory, load_factory(name))
+        return lambda space, seed, budget: Own(name, make(space, seed, budget), space.dim)
     if name == POOL:
         raise UsageError(f"strategy {POOL!r} needs a file of scenes", hint="give it with --scenes")
     if name not in STRATEGIES:
