@@ -1,5 +1,6 @@
 """What lies between a subject's answers and the robot."""
 
+import gc
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,6 +60,40 @@ def test_a_rollout_begins_with_a_reset_of_its_episode():
     assert subject.started == [START]
 
 
+class Noting(Dictated):
+    """Wants to know when a rollout is over."""
+
+    def __init__(self) -> None:
+        super().__init__(numbered(0))
+        self.over: list[EpisodeStart] = []
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.over += episodes
+
+
+def test_a_rollout_ends_once_when_it_is_told_so():
+    subject = Noting()
+    harness = Harness(subject, START)
+    assert subject.over == []
+    harness.finish()
+    harness.finish()
+    del harness
+    assert subject.over == [START]
+
+
+def test_a_rollout_ends_when_nobody_holds_it_any_more_even_by_an_error():
+    subject = Noting()
+    subject.act = lambda _: 1 / 0
+    with pytest.raises(SubjectError):
+        Harness(subject, START).action(lambda: SEEN)
+    gc.collect()
+    assert subject.over == [START]
+
+
+def test_a_subject_that_does_not_want_to_know_is_not_told():
+    Harness(Dictated(numbered(0)), START).finish()
+
+
 @pytest.mark.parametrize(
     ("execute", "moves", "asked"),
     [
@@ -108,7 +143,13 @@ def test_euler_angles_are_scaled_first_and_become_a_rotation_vector():
     assert action[3:6] != pytest.approx([0.5, 1.0, -0.5], abs=0.05)
 
 
-@pytest.mark.parametrize("rotation", ["axis_angle", "euler_xyz"])
+def test_roll_pitch_and_yaw_turn_about_fixed_axes():
+    action = first(Dictated(one(0, 0, 0, 0.5, 1.0, -0.5, 1), rotation="rpy"))
+    x, y, z = (Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1.0, -0.5), strict=True))
+    assert action[3:6] == pytest.approx((z * y * x).as_rotvec())
+
+
+@pytest.mark.parametrize("rotation", ["axis_angle", "euler_xyz", "rpy"])
 @pytest.mark.parametrize("axis", [3, 4, 5])
 def test_a_turn_about_one_axis_is_the_same_either_way(rotation, axis):
     asked = np.eye(7)[axis] * 0.3

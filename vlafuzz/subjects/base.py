@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,15 @@ class ActionSpec:
     from where the hand is.
 
     Attributes:
+        rotation: a rotation vector; or angles about x, y, z: ``euler_xyz`` about the axes that turn along, as
+            ManiSkill means it, ``rpy`` about the fixed ones, as most data sets do.
         gripper: ``open_positive`` and ``close_positive``: in [-1, 1], cut at 0; ``open_01`` and
             ``close_01``: in [0, 1], cut at 0.5.
         sticky: control steps for which a change of the gripper's command is kept.
         hz: control rate; a divisor of 100.
     """
 
-    rotation: Literal["axis_angle", "euler_xyz"] = "axis_angle"
+    rotation: Literal["axis_angle", "euler_xyz", "rpy"] = "axis_angle"
     relative_to: Literal["target", "current"] = "target"
     position_scale: float = 1.0
     rotation_scale: float = 1.0
@@ -166,3 +168,11 @@ class Subject(Protocol):
 
     def close(self) -> None:
         """No more rollouts."""
+
+
+@runtime_checkable
+class Finishing(Protocol):
+    """A subject that has to know when a rollout is over: it holds something for each."""
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        """These rollouts, which ``reset`` began, are over, whatever came of them. Raises nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,13 +12,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SubjectError
-from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, Subject
+from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Subject
 
 Array = NDArray[np.float64]
+AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # SciPy's: capital letters turn along
 
 
 class Harness:
-    """One rollout of a subject: asks it when its last chunk is used up, and hands out metric actions."""
+    """One rollout of a subject: asks it when its last chunk is used up, and hands out metric actions.
+
+    ``finish()`` ends it; it also ends when nobody holds this object any more.
+    """
 
     def __init__(self, subject: Subject, start: EpisodeStart) -> None:
         self._subject, self._spec = subject, subject.spec
@@ -25,6 +30,7 @@ class Harness:
         self._gripper = Gripper(self._spec.action)
         with _blamed_on(self._spec.name):
             subject.reset([start])
+        self.finish = weakref.finalize(self, _finish, subject, start)
 
     def action(self, observe: Callable[[], Observation]) -> Array:
         """The next action: ``(7,)`` metres, radians, gripper of -1 or 1.
@@ -44,11 +50,16 @@ class Harness:
     def _metric(self, action: Array) -> Array:
         spec = self._spec.action
         rotation = action[3:6] * spec.rotation_scale
-        if spec.rotation == "euler_xyz":
-            rotation = Rotation.from_euler("XYZ", rotation).as_rotvec()
+        if spec.rotation in AXES:
+            rotation = Rotation.from_euler(AXES[spec.rotation], rotation).as_rotvec()
         return np.concatenate(
             [action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]]
         )
+
+
+def _finish(subject: Subject, start: EpisodeStart) -> None:
+    if isinstance(subject, Finishing):
+        subject.finish([start])
 
 
 @contextmanager
