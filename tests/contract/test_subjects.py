@@ -12,7 +12,7 @@ from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.world import SIM_HZ
 from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, Subject, SubjectSpec
 from vlafuzz.subjects.harness import check_chunks
-from vlafuzz.subjects.registry import SUBJECTS, known_subjects, make_subject
+from vlafuzz.subjects.registry import SERVERS, SUBJECTS, known_subjects, make_subject
 
 SHOWN = [
     pick_up(put("coke_can", -0.05, 0.1)),
@@ -20,6 +20,25 @@ SHOWN = [
     nominal("put-in"),
 ]
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
+
+
+REMOTE = "random behind vla-eval"
+
+
+@pytest.fixture(scope="module")
+def server() -> str:
+    """The name of a subject behind the real vla-eval server."""
+    from tests.subjects.served import Rounded, serving
+
+    with serving(Rounded(make_subject("random")), max_batch_size=3) as name:
+        yield name
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest) -> str:
+    """What the command line takes."""
+    given = request.param
+    return f"{request.getfixturevalue('server')}?deterministic=1" if given is REMOTE else given
 
 
 @pytest.fixture
@@ -62,15 +81,14 @@ def actions(subject: Subject, observations: list[Observation]) -> list[list]:
     return [chunk.actions.tolist() for chunk in subject.act(observations)]
 
 
-@pytest.mark.parametrize("name", SUBJECTS)
+@pytest.mark.parametrize("name", [*SUBJECTS, REMOTE], indirect=True)
 class TestSubject:
     def test_its_spec_says_who_it_is_and_fits_the_simulator(self, subject: Subject, name: str):
         spec = subject.spec
-        assert (spec.name, bool(spec.version)) == (name, True)
+        assert (spec.name, bool(spec.version)) == (name.partition("?")[0], True)
         assert SIM_HZ % spec.action.hz == 0
         assert spec.max_batch >= 1
         assert spec.execute is None or spec.execute >= 1
-        assert known_subjects()[name]
 
     def test_every_observation_is_answered_with_a_chunk_of_finite_actions(self, subject: Subject, observe):
         observations = begin(subject, observe, 0, 1, 2)
@@ -86,6 +104,8 @@ class TestSubject:
         batch = actions(together, begin(together, observe, 4, 5, 6))
         singles = [actions(alone, [observation])[0] for observation in begin(alone, observe, 4, 5, 6)]
         assert batch == singles
+        together.close()
+        alone.close()
 
     def test_the_same_seed_gives_the_same_actions_in_a_used_subject(self, subject: Subject, observe):
         assert subject.spec.deterministic
@@ -105,6 +125,12 @@ class TestSubject:
         assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash
         assert outcomes[0].rollouts[0].states_hash != outcomes[1].rollouts[0].states_hash
         evaluator.close()
+
+
+def test_every_subject_is_listed_with_a_sentence():
+    listed = known_subjects()
+    assert list(listed) == [*SUBJECTS, *(kind.form for kind in SERVERS.values())]
+    assert all(listed.values())
 
 
 def test_random_rollouts_differ_by_their_seed_alone(observe):

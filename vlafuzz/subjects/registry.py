@@ -12,6 +12,8 @@ from vlafuzz.subjects.base import Subject, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
 from vlafuzz.subjects.expert import Expert
 from vlafuzz.subjects.pinhole import Pinhole
+from vlafuzz.subjects.remote import Remote, parse
+from vlafuzz.subjects.vla_eval import VlaEval
 
 SUBJECTS: dict[str, Callable[[], Subject]] = {
     "pinhole": Pinhole,
@@ -19,27 +21,34 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
     "random": Random,
     "frozen": Frozen,
 }
+# Behind a model server, by the protocol that it speaks; named as protocol:address.
+SERVERS: dict[str, type[Remote]] = {
+    "vla-eval": VlaEval,
+}
 
 
 def known_subjects() -> dict[str, str]:
     """What there is: name → what it is, in a sentence."""
+    named = SUBJECTS | {kind.form: kind for kind in SERVERS.values()}
     return {
         name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
-        for name, factory in SUBJECTS.items()
+        for name, factory in named.items()
     }
 
 
 def check_subject_name(name: str) -> None:
-    """Fail early for a name that ``make_subject`` would not know.
+    """Fail early for a name that ``make_subject`` would not know. Connects to no server.
 
     Raises:
         UsageError: no such subject.
     """
     if is_reference(name):
         load_factory(name)
+    elif kind := _server(name):
+        parse(name, kind)
     elif name not in SUBJECTS:
-        hint = f"{suggestion(name, SUBJECTS)} your own: python:pkg.mod:factory"
-        raise UsageError(f"unknown subject {name!r}", hint=hint)
+        near = suggestion(name.partition(":")[0], [*SUBJECTS, *SERVERS])
+        raise UsageError(f"unknown subject {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
 
 
 def make_subject(name: str) -> Subject:
@@ -47,8 +56,11 @@ def make_subject(name: str) -> Subject:
 
     Raises:
         UsageError: no such subject, or a factory that makes something else.
+        PrerequisiteError: no server answers.
     """
     check_subject_name(name)
+    if kind := _server(name):
+        return kind(parse(name, kind))
     if not is_reference(name):
         return SUBJECTS[name]()
     made = load_factory(name)()
@@ -58,3 +70,8 @@ def make_subject(name: str) -> Subject:
             hint="see vlafuzz.subjects.base.Subject",
         )
     return cast(Subject, made)
+
+
+def _server(name: str) -> type[Remote] | None:
+    protocol, colon, _ = name.partition(":")
+    return SERVERS.get(protocol) if colon else None
