@@ -4,8 +4,8 @@
 Regions of several shapes hold a share of the randomly generated scenes, found by sampling. No strategy knows
 them. Each gets the same budget of rollouts in batches of 16, several times. A failure is a distinct scene, a
 cell what vlafuzz.scoring.cell says. Medians over the seeds with 95 % bootstrap intervals. Times says how
-many times the failures of random, as ratio of medians; least is the worst run, behind how many runs have fewer
-failures than random has with the same seed.
+many times the failures of random, as ratio of medians; least is the worst run, behind how many runs found
+fewer than random did with the same seed.
 
 With --long one long run a strategy instead: does a proposal cost as much at the end as at the beginning?
 """
