@@ -19,6 +19,7 @@ from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import CorpusError, SceneError, UsageError, suggestion
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
@@ -43,6 +44,7 @@ class RunConfig:
 
     Attributes:
         task: None for the one that ``scenes`` are of, else pick-up.
+        subject: None for ``default_subject``.
         strategy: None for the scenes of a file in order, else random.
         budget: in subject rollouts; None for all scenes of a file, else 100.
         batch: proposals that are asked for at once.
@@ -55,7 +57,7 @@ class RunConfig:
     """
 
     task: str | None = None
-    subject: str = "pinhole"
+    subject: str | None = None
     strategy: str | None = None
     budget: int | None = None
     seed: int = 0
@@ -96,24 +98,25 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
         UsageError: a name, number or file is wrong.
     """
     _check_numbers(config)
+    subject_name = config.subject or default_subject()
     scenes = load_scenes(config.scenes) if config.scenes else []
     task = _task(config, scenes)
     strategy_name = _strategy_name(config)
     factory = None if scenes else strategy_factory(strategy_name)
-    check_subject_name(config.subject)
+    check_subject_name(subject_name)
     catalogue = load_catalogue()
     space = SearchSpace(operators or _operators(config), catalogue, task.name)
     budget = config.budget or (len(scenes) * config.repeats if scenes else BUDGET)
-    subject = make_subject(config.subject)
+    subject = make_subject(subject_name)
     return Plan(
-        manifest=_manifest(config, strategy_name, budget, space, subject),
+        manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         meaningful=space.meaningful,
         strategy=factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes)),
         subject=subject,
         catalogue=catalogue,
-        store=config.store or default_store(task.name, config.subject, strategy_name, config.seed),
+        store=config.store or default_store(task.name, subject_name, strategy_name, config.seed),
         patience=None if scenes else campaign.PATIENCE,  # a file of scenes ends by itself, fair or not
     )
 
@@ -130,7 +133,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     asked = RunConfig(**flags)
     task = _task(asked, load_scenes(asked.scenes) if asked.scenes else [])
     strategy = _strategy_name(asked)
-    store = asked.store or default_store(task.name, asked.subject, strategy, asked.seed)
+    store = asked.store or default_store(task.name, asked.subject or default_subject(), strategy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
@@ -174,6 +177,11 @@ def make_evaluator(plan: Plan) -> Evaluator:
         stop_early=manifest.stop_early,
         criteria=manifest.criteria,
     )
+
+
+def default_subject() -> str:
+    """The learned one where pictures can be made, else the one that needs physics only."""
+    return "mini" if probe().works else "pinhole"
 
 
 def default_store(task: str, subject: str, strategy: str, seed: int) -> Path:
@@ -233,7 +241,7 @@ def _manifest(
     versions, operators = provenance.versions(), space.operators
     return Manifest(
         task=space.task.name,
-        subject=config.subject,
+        subject=config.subject or "",
         spec=json.dumps(asdict(subject.spec), sort_keys=True),
         strategy=strategy,
         budget=budget,

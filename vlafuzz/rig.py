@@ -85,7 +85,7 @@ PANDA = Rig(
     rest=(0.0, math.pi / 8, 0.0, -math.pi * 5 / 8, 0.0, math.pi * 3 / 4, math.pi / 4, 0.04, 0.04),
     workspace=Workspace(x=(-0.24, 0.16), y=(-0.30, 0.30)),
     view=View(eye=(0.42, 0.0, 0.52), target=(-0.04, 0.0, 0.02), fov=60.0),
-    lights=Lights(ambient=0.35, directional=(((0.3, 0.4, -1.0), 1.4), ((-0.6, -0.5, -1.0), 0.6))),
+    lights=Lights(ambient=0.18, directional=(((0.3, 0.4, -1.0), 0.72), ((-0.6, -0.5, -1.0), 0.31))),
 )
 RIGS = {PANDA.robot: PANDA}
 

@@ -44,7 +44,7 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
 
     scenes, seen = tmp_path / "s.jsonl", tmp_path / "seen.png"
     write_scenes(scenes, [nominal("pick-up")])
-    assert main(["replay", str(scenes), "--seen", str(seen)]) == 0
+    assert main(["replay", str(scenes), "--subject", "pinhole", "--seen", str(seen)]) == 0
     colours = {tuple(pixel) for row in imageio.imread(seen) for pixel in row.tolist()}
     assert len(colours) == 3  # table, object, hand
 

@@ -24,6 +24,7 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.subjects.base import ActionSpec, CameraRequest
 from vlafuzz.subjects.controls import Random
 from vlafuzz.subjects.harness import Harness
+from vlafuzz.subjects.mini.subject import Mini
 from vlafuzz.subjects.registry import make_subject
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
@@ -34,13 +35,15 @@ STILL = [0.0] * 6 + [1.0]
 class TestRollouts:
     """Whole rollouts in the simulator: what comes over the wire is what came without it."""
 
-    def same_as_in_process(self, make, options: str = "", **server: object) -> None:
+    def same_as_in_process(
+        self, make, options: str = "", verdict: Verdict = Verdict.FAILED, **server: object
+    ) -> None:
         with serving(Served(make(), **server)) as name:
             there = ManiSkillEvaluator("pick-up", make_subject(name + options), CATALOGUE, min_distance=0.15)
             here = ManiSkillEvaluator("pick-up", make(), CATALOGUE, min_distance=0.15)
             pairs = zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True)
             for far, near in pairs:
-                assert far.verdict is near.verdict is Verdict.FAILED, far.detail
+                assert far.verdict is near.verdict is verdict, far.detail
                 assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
                 assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
             there.close()
@@ -71,6 +74,11 @@ class TestRollouts:
     def test_pictures(self):
         cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
         self.same_as_in_process(lambda: Attentive(*cameras), "?camera=64x48")
+
+    @pytest.mark.render
+    def test_mini(self):
+        options = "?camera=128&execute=1&relative_to=current&state=1"
+        self.same_as_in_process(Mini, options, Verdict.PASSED)
 
 
 class TestWire:

@@ -24,7 +24,7 @@ class _Wanted:
     """A scene, and how it was run before, if it was: ``states_hash`` of its first rollout."""
 
     scene: Scene
-    subject: str = "pinhole"
+    subject: str
     seed: int = 0
     criteria: str = "strict"
     states_hash: str | None = None
@@ -89,7 +89,7 @@ def _find_in_file(source: Path, digest: str | None) -> _Wanted:
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
-    return _Wanted(scenes[0])
+    return _never_run(scenes[0])
 
 
 def _find_in_store(source: Path, digest: str | None) -> _Wanted:
@@ -111,7 +111,13 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
                     return _Wanted(
                         scene, manifest.subject, manifest.seed, manifest.criteria, first.states_hash
                     )
-    return _Wanted(scene)
+    return _never_run(scene)
+
+
+def _never_run(scene: Scene) -> _Wanted:
+    from vlafuzz.config import default_subject
+
+    return _Wanted(scene, default_subject())
 
 
 def _check_renderer() -> None:

@@ -25,7 +25,10 @@ def command(
     ] = None,
     subject: Annotated[
         str | None,
-        typer.Option(help="The policy under test, or python:pkg.mod:factory.", show_default="pinhole"),
+        typer.Option(
+            help="The policy under test, or python:pkg.mod:factory.",
+            show_default="mini, or pinhole where nothing renders",
+        ),
     ] = None,
     strategy: Annotated[
         str | None,

@@ -13,9 +13,14 @@ from vlafuzz.tasks.tabletop import task
 
 
 class Expert:
-    """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else."""
+    """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else.
 
-    def __init__(self) -> None:
+    Args:
+        fluent: as ``Hands``: for demonstrations.
+    """
+
+    def __init__(self, *, fluent: bool = False) -> None:
+        self._fluent = fluent
         self.spec = SubjectSpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
         self._hands: dict[str, Hands | None] = {}
         self._tasks: dict[str, str] = {}
@@ -41,7 +46,7 @@ class Expert:
         hands = self._hands.get(observation.episode)
         if hands is None:
             hands = self._hands[observation.episode] = Hands(
-                self._tasks[observation.episode], rig(known.scene.robot)
+                self._tasks[observation.episode], rig(known.scene.robot), fluent=self._fluent
             )
         return ActionChunk(hands.act(_belief(known))[None])
 

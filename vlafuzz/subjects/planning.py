@@ -21,6 +21,7 @@ MARGIN = 0.006  # metres around fingers and hand
 # span along the axis (both sides), span of heights. Measured on the Panda's collision meshes.
 FINGERS = (0.013, (0.038, 0.062), (-0.012, 0.05))
 PALM = (0.035, (0.0, 0.105), (0.038, 0.16))
+HIDING = 0.25  # metres that a goes farther so as not to stand right in front of b
 GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
 _DIRECTIONS = np.stack(
@@ -185,14 +186,22 @@ def _elongation(thing: Thing) -> float:
     return float(np.sqrt(values[-1] / max(values[0], 1e-9)))
 
 
-def goal_near(a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig) -> Goal:
-    """Beside b: the nearest free place whose gap to b is right, fingers not between the two."""
+def goal_near(
+    a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False
+) -> Goal:
+    """Beside b: the nearest free place whose gap to b is right, fingers not between the two.
+
+    ``in_view``: rather not between b and the camera.
+    """
     angles = np.arange(0.0, 2 * np.pi, np.pi / 12)
     away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     outline = a.corners[:, :2] - a.position[:2]
     places = b.position[:2] + _distances(_clearance(outline, b), b.position[:2], away)[:, None] * away
     costs = np.linalg.norm(places - a.position[:2], axis=1) + 0.15 * np.abs(np.cos(angles - closing))
     costs += _unreachable(places, rig)
+    if in_view:
+        way = np.array(rig.view.eye[:2]) - b.position[:2]
+        costs += HIDING * np.maximum(away @ (way / np.linalg.norm(way)), 0.0)
     for other in others:
         apart = (_clearance(outline, other) - places @ _DIRECTIONS).max(axis=1)
         costs += np.where(apart > 0.05, 0.0, 1.0 + 10 * (0.05 - apart))

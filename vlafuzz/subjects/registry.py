@@ -15,7 +15,16 @@ from vlafuzz.subjects.pinhole import Pinhole
 from vlafuzz.subjects.remote import Remote, parse
 from vlafuzz.subjects.vla_eval import VlaEval
 
+
+def _mini() -> Subject:
+    """A small learned policy that sees a picture, reads the instruction and acts; on a CPU."""
+    from vlafuzz.subjects.mini.subject import Mini  # loads torch
+
+    return Mini()
+
+
 SUBJECTS: dict[str, Callable[[], Subject]] = {
+    "mini": _mini,
     "pinhole": Pinhole,
     "expert": Expert,
     "random": Random,

@@ -28,6 +28,7 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
+from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import CONTROL_MODE, MetricPanda
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import SIM_HZ, Robot, World
@@ -138,7 +139,7 @@ class TabletopEnv(BaseEnv):
         pose = sapien.Pose(view.position, view.quaternion)
         fov = np.radians(self.rig.view.fov)
         return [
-            CameraConfig(c.name, pose, c.width, c.height, fov, shader_pack="default")
+            CameraConfig(c.name, pose, c.width, c.height, fov, shader_config=use_shaders())
             if c.role == "third_person"
             else self._wrist_camera(c)
             for c in self._cameras
@@ -148,14 +149,14 @@ class TabletopEnv(BaseEnv):
         hand = self.agent.robot.links_map["panda_hand"]
         pose = sapien.Pose(*WRIST_CAMERA)
         size = (request.width, request.height)
-        return CameraConfig(request.name, pose, *size, np.pi / 2, mount=hand, shader_pack="default")
+        return CameraConfig(request.name, pose, *size, np.pi / 2, mount=hand, shader_config=use_shaders())
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
         view = camera_pose(self.rig.view)
         pose = sapien.Pose(view.position, view.quaternion)
         return CameraConfig(
-            "render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_pack="default"
+            "render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_config=use_shaders()
         )
 
     def _load_agent(self, options: dict[str, Any]) -> None:

@@ -62,7 +62,7 @@ class ManiSkillEvaluator:
         if criteria not in ("strict", "published"):
             raise UsageError(f"criteria: {criteria!r}", hint="strict or published")
         self._task, self._subject, self._catalogue = task_named(task), subject, catalogue
-        self._min_distance, self._seed, self._repeats = min_distance, seed, repeats
+        self._min_distance, self.seed, self._repeats = min_distance, seed, repeats
         self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
         self._recording = recording
         self._env: TabletopEnv | None = None
@@ -81,7 +81,7 @@ class ManiSkillEvaluator:
             rejection = self._check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
-            rollouts = tuple(self._rollout(scene, self._seed + number) for number in range(self._repeats))
+            rollouts = tuple(self._rollout(scene, self.seed + number) for number in range(self._repeats))
         except PrerequisiteError:
             raise  # nothing that another scene would not meet too
         except SubjectError as error:

@@ -1,8 +1,29 @@
-"""Which device renders, and whether a scene has a renderer."""
+"""How pictures are made: which device renders, with which shaders, and whether a scene has a renderer."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+
 import sapien
+from mani_skill.render.shaders import ShaderConfig
+
+from vlafuzz import shipped
+
+# What SAPIEN's own shader pack says of a table of reflectances, which takes 6 s to compute on a CPU. It tells
+# how surroundings are mirrored, and there are none: without it the same picture comes out.
+_TABLE = re.compile(r"^layout\(.*\) uniform sampler2D samplerBRDFLUT;$", re.MULTILINE)
+_LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
+_FORMATS = {
+    "Color": "r8g8b8a8unorm",
+    "ColorRaw": "r8g8b8a8unorm",
+    "PositionSegmentation": "r16g16b16a16sint",
+}
 
 
 def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
@@ -15,8 +36,54 @@ def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
 
 def render_backend() -> str:
     """ManiSkill's name of what renders here: a GPU if there is one, else the CPU."""
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # of lavapipe's own: one worker a core is faster
     try:
         sapien.Device("cuda")
     except RuntimeError:
         return "sapien_cpu"
     return "sapien_cuda"
+
+
+def use_shaders() -> ShaderConfig:
+    """Make our shaders those of all cameras that are added from now on: SAPIEN keeps them globally."""
+    pack = _shader_pack()
+    sapien.render.set_camera_shader_dir(str(pack))
+    for name, format_ in _FORMATS.items():
+        sapien.render.set_picture_format(name, format_)
+    return _config(pack)
+
+
+@cache
+def _config(pack: Path) -> ShaderConfig:
+    return ShaderConfig(
+        shader_pack=str(pack),
+        texture_names={"Color": ["rgb"]},
+        texture_transforms={"Color": lambda data: {"rgb": data[..., :3]}},
+    )
+
+
+@cache
+def _shader_pack() -> Path:
+    """SAPIEN's fastest pack without the reflectance table, in the user's cache."""
+    source = Path(sapien.__file__).parent / "vulkan_shader"
+    files = sorted(file for name in ("minimal", "common") for file in (source / name).iterdir())
+    digest = hashlib.sha256(b"1".join(file.read_bytes() for file in files)).hexdigest()[:20]
+    folder = shipped.cache_dir() / "shaders" / digest
+    if not folder.is_dir():
+        _fill(source, folder)
+    return folder / "minimal"
+
+
+def _fill(source: Path, folder: Path) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
+        draft = Path(space) / "shaders"
+        for name in ("minimal", "common"):
+            shutil.copytree(source / name, draft / name)
+        for file in (draft / "minimal").glob("*.frag"):
+            file.write_text(_LOOKUP.sub("vec2(0)", _TABLE.sub("", file.read_text())))
+        try:
+            draft.rename(folder)
+        except OSError:
+            if not folder.is_dir():  # else another process was faster, with the same
+                raise

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
 from numpy.typing import NDArray
+
+from vlafuzz.sim.maniskill.meshes import light_robot
 
 Array = NDArray[np.float64]
 CONTROL_MODE = "metric_ee"
@@ -134,6 +137,12 @@ class MetricPanda(Panda):
     """ManiSkill's Panda with ``MetricController``."""
 
     uid = "vlafuzz_panda"
+
+    def _load_articulation(self, initial_pose: Any = None) -> None:
+        """With simplified looks where it will be seen."""
+        if self.scene.can_render():
+            self.urdf_path = str(light_robot(Path(Panda.urdf_path)))
+        super()._load_articulation(initial_pose)
 
     @property
     def _controller_configs(self) -> dict[str, Any]:

@@ -1,43 +1,100 @@
-"""Table and floor."""
+"""Table, floor and wall: what is behind the objects in every picture."""
 
 from __future__ import annotations
 
+import numpy as np
 import sapien
+from numpy.typing import NDArray
 from sapien import physx
 
 from vlafuzz.sim.maniskill.rendering import render_system
 
 HALF = (0.6, 0.7, 0.03)  # metres; the top is z = 0, the robot stands on it
 CENTRE = (-0.25, 0.0, -0.03)
-COLOUR = (0.52, 0.44, 0.36)
-FLOOR_COLOUR = (0.30, 0.31, 0.33)
+COLOUR = (0.52, 0.44, 0.36)  # of the table top, on average
 FLOOR = -0.75
+WALL = -1.6  # behind the robot
 FRICTION = 0.6
+_PLANKS = 7  # across the table's depth
 
 
 def add_table(scene: sapien.Scene) -> sapien.Entity:
-    """A static box, visible where the scene can render, then on a floor."""
+    """A static box, visible where the scene can render, then in a room."""
     body = physx.PhysxRigidStaticComponent()
     body.attach(physx.PhysxCollisionShapeBox(list(HALF), physx.PhysxMaterial(FRICTION, FRICTION, 0.0)))
     table = sapien.Entity()
     table.name = "table"
     table.add_component(body)
     if render_system(scene) is not None:
-        table.add_component(_box(HALF, COLOUR))
-        floor = sapien.Entity()
-        floor.name = "floor"
-        floor.add_component(_box((3.0, 3.0, 0.01), FLOOR_COLOUR))
-        floor.pose = sapien.Pose([0, 0, FLOOR])
-        scene.add_entity(floor)
+        table.add_component(_box(HALF, _painted(_wood())))
+        for room in (_floor(), _wall()):
+            scene.add_entity(room)
     table.pose = sapien.Pose(CENTRE)
     scene.add_entity(table)
     return table
 
 
+def _floor() -> sapien.Entity:
+    return _standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, FLOOR))
+
+
+def _wall() -> sapien.Entity:
+    paint = sapien.render.RenderMaterial(base_color=[0.55, 0.58, 0.56, 1.0], roughness=0.9, specular=0.0)
+    return _standing("wall", (0.01, 3.0, 2.0), paint, (WALL, 0.0, FLOOR + 2.0))
+
+
+def _standing(
+    name: str,
+    half: tuple[float, float, float],
+    material: sapien.render.RenderMaterial,
+    position: tuple[float, float, float],
+) -> sapien.Entity:
+    entity = sapien.Entity()
+    entity.name = name
+    entity.add_component(_box(half, material))
+    entity.pose = sapien.Pose(position)
+    return entity
+
+
 def _box(
-    half: tuple[float, float, float], colour: tuple[float, float, float]
+    half: tuple[float, float, float], material: sapien.render.RenderMaterial
 ) -> sapien.render.RenderBodyComponent:
-    material = sapien.render.RenderMaterial(base_color=[*colour, 1.0], roughness=0.8, specular=0.1)
     visual = sapien.render.RenderBodyComponent()
     visual.attach(sapien.render.RenderShapeBox(list(half), material))
     return visual
+
+
+def _painted(picture: NDArray[np.uint8]) -> sapien.render.RenderMaterial:
+    """``(height, width, 3)`` sRGB on every side of a box."""
+    linear = (picture / 255.0) ** 2.2
+    opaque = np.concatenate([linear, np.ones((*linear.shape[:2], 1))], axis=2)
+    material = sapien.render.RenderMaterial(base_color=[1.0, 1.0, 1.0, 1.0], roughness=0.8, specular=0.1)
+    material.base_color_texture = sapien.render.RenderTexture2D(
+        np.round(opaque * 255).astype(np.uint8), "R8G8B8A8Unorm", mipmap_levels=6
+    )
+    return material
+
+
+def _wood(size: int = 256) -> NDArray[np.uint8]:
+    """Planks with grain, on average ``COLOUR`` (taken as linear, like all colours of the catalogue)."""
+    rng = np.random.default_rng(3)
+    tone = rng.normal(0.0, 0.045, _PLANKS).repeat(-(-size // _PLANKS))[:size, None]
+    along = np.cumsum(rng.normal(0.0, 1.0, (size, size)), axis=1)
+    grain = (along - along.mean(axis=1, keepdims=True)) / along.std() * 0.02 + rng.normal(0, 0.02, (size, 1))
+    seams = np.where(np.arange(size) % (-(-size // _PLANKS)) < 2, -0.16, 0.0)[:, None]
+    shade = 1.0 + tone + grain + seams
+    return _bytes(np.array(COLOUR) * (shade / shade.mean())[..., None])
+
+
+def _tiles(size: int = 128) -> NDArray[np.uint8]:
+    """Grey tiles with joints."""
+    rng = np.random.default_rng(5)
+    cells = size // 8
+    shade = 1.0 + rng.normal(0, 0.04, (8, 8)).repeat(cells, axis=0).repeat(cells, axis=1)
+    joint = np.arange(size) % cells < 1
+    shade[joint], shade[:, joint] = 0.75, 0.75
+    return _bytes(np.array([0.30, 0.31, 0.33]) * shade[..., None])
+
+
+def _bytes(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
+    return np.round(np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)

@@ -22,7 +22,7 @@ from vlafuzz.rig import Rig
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
-from vlafuzz.sim.maniskill.rendering import render_system
+from vlafuzz.sim.maniskill.rendering import render_system, use_shaders
 from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.tasks.state import ARM, HAND, TABLE, State
 
@@ -124,6 +124,8 @@ class World:
         renderer = render_system(old)
         new = sapien.Scene([physx.PhysxCpuSystem(), *([renderer] if renderer else [])])
         new.physx_system.timestep = old.physx_system.timestep
+        if renderer:
+            use_shaders()  # a camera that is added again takes those that are set at that moment
         stay = [entity for entity in old.entities if entity not in objects]
         for entity in old.entities:
             old.remove_entity(entity)
