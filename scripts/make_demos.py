@@ -1,0 +1,202 @@
+#!/usr/bin/env python
+"""Demonstrations of the expert for training `mini`: what it saw and what was right to do, step by step.
+
+Scenes are generated with the operators of demos.yaml and checked as always; wordings are the first few of
+each task. Most episodes are disturbed (noise on what is executed, random first steps, a gripper that slips),
+the label is always what the expert would do. Episodes that do not succeed are left out. Each worker writes
+one folder of arrays: frames (n, size, size, 3) uint8, and in steps.npz what belongs to each of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.rig import PANDA, camera_pose
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.tabletop import TASKS
+
+SIZE = 128
+WORDINGS = 4  # of each task's; the others stay unseen
+NOMINAL = 0.5  # share of episodes with the first wording
+DISTURBED = 0.75
+SEEDS = 10**6  # demonstrations have seeds from here on; smaller ones are for tests
+
+
+class Demonstrator:
+    """The expert, disturbed, with a notebook of what it saw and would have done."""
+
+    def __init__(self) -> None:
+        self._expert = Expert(fluent=True)
+        front = CameraRequest("front", SIZE, SIZE)
+        self.spec = replace(self._expert.spec, cameras=(front,), state=True)
+        self._expert.spec = self.spec
+        self.steps: list[dict[str, Any]] = []
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        (start,) = episodes
+        self.steps = []
+        self._expert.reset(episodes)
+        self._rng = np.random.default_rng([start.seed, 1])
+        disturbed = self._rng.random() < DISTURBED
+        self._sigma = self._rng.uniform(0.05, 0.3) if disturbed else 0.0
+        self._wild = int(self._rng.integers(1, 5)) if disturbed and self._rng.random() < 0.5 else 0
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        (seen,) = observations
+        (chunk,) = self._expert.act(observations)
+        label = chunk.actions[0]
+        executed = self._disturbed(seen, label)
+        self.steps.append(_note(seen, label) | {"gripper": executed[6]})
+        return [ActionChunk(executed[None])]
+
+    def close(self) -> None:
+        self._expert.close()
+
+    def _disturbed(self, seen: Observation, label: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._sigma == 0.0:
+            return label
+        assert seen.privileged is not None
+        action, rng = label.copy(), self._rng
+        if seen.step < self._wild:
+            action[:3] = rng.uniform((-0.08, -0.08, -0.06), (0.08, 0.08, 0.10))
+            action[5] = rng.uniform(-0.5, 0.5)
+            return action
+        away = float(np.linalg.norm(seen.privileged.state.positions[0] - seen.privileged.state.tcp))
+        strength = self._sigma * min(away / 0.15, 1.0)
+        action[:3] += rng.normal(0, 0.1 * strength, 3)
+        action[5] += rng.normal(0, 0.6 * strength)
+        if rng.random() < 0.01:
+            action[6] = -action[6]
+        return action
+
+
+def _note(seen: Observation, label: NDArray[np.float64]) -> dict[str, Any]:
+    known = seen.privileged
+    assert known is not None
+    targets = TASKS[known.scene.task].targets
+    places = np.zeros((2, 3))
+    places[:targets] = known.state.positions[:targets]
+    points = np.concatenate([places, known.state.tcp[None]])
+    pixels, _ = camera_pose(PANDA.view, known.scene.camera).project(points)
+    return {
+        "frame": seen.images["front"],
+        "state": seen.state,
+        "label": label,
+        "places": places,
+        "pixels": pixels,
+    }
+
+
+@dataclass(frozen=True)
+class Job:
+    """What one worker does."""
+
+    task: str
+    number: int
+    first: int
+    count: int
+    seconds: float
+    out: Path
+
+    def run(self) -> dict[str, Any]:
+        os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
+        began = time.monotonic()
+        operators = load_operators(str(Path(__file__).with_name("demos.yaml")))
+        space = SearchSpace(operators, load_catalogue(), self.task)
+        steps: list[dict[str, Any]] = []
+        tried = kept = 0
+        demonstrator = Demonstrator()
+        evaluator = ManiSkillEvaluator(
+            self.task,
+            demonstrator,
+            space.catalogue,
+            min_distance=space.operators.min_distance,
+            stop_early=True,
+        )
+        for seed in range(SEEDS + self.first, SEEDS + self.first + self.count):
+            if time.monotonic() - began > self.seconds:
+                break
+            evaluator.seed = seed
+            scene = worded(space.sample(np.random.default_rng([seed, *self.task.encode()])), space, seed)
+            (outcome,) = evaluator.evaluate([scene])
+            tried += outcome.verdict >= Verdict.PASSED
+            if outcome.verdict is Verdict.PASSED:
+                kept += 1
+                steps += [step | {"text": scene.instruction, "episode": seed} for step in demonstrator.steps]
+        self._write(steps)
+        return {"task": self.task, "tried": tried, "kept": kept, "frames": len(steps)}
+
+    def _write(self, steps: Sequence[dict[str, Any]]) -> None:
+        folder = self.out / f"{self.task}-{self.number:02d}"
+        folder.mkdir(parents=True, exist_ok=True)
+        np.save(folder / "frames.npy", np.stack([step["frame"] for step in steps]))
+        texts = sorted({step["text"] for step in steps})
+        index = {text: number for number, text in enumerate(texts)}
+        table: dict[str, Any] = {
+            key: np.stack([step[key] for step in steps]).astype(np.float32)
+            for key in ("state", "label", "gripper", "places", "pixels")
+        }
+        table["texts"] = np.array(texts)
+        table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
+        table["targets"] = np.full(len(steps), TASKS[self.task].targets, dtype=np.int8)
+        table["episode"] = np.array([step["episode"] for step in steps])
+        np.savez(folder / "steps.npz", **table)
+
+
+def worded(scene: Scene, space: SearchSpace, seed: int) -> Scene:
+    """The scene, said in one of the wordings that are for training."""
+    rng = np.random.default_rng([seed, 2])
+    number = 0 if rng.random() < NOMINAL else int(rng.integers(1, WORDINGS))
+    spoken = [space.catalogue[target.object].spoken for target in scene.targets]
+    return replace(scene, instruction=say(load_wordings()[scene.task][number], spoken))
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument(
+        "--episodes", type=int, nargs=4, default=[4500, 4500, 5500, 5500], metavar="N", help="a task"
+    )
+    parser.add_argument("--workers", type=int, nargs=4, default=[1, 1, 1, 1], metavar="N", help="a task")
+    parser.add_argument("--seconds", type=float, default=1e9, help="most that a job may take")
+    parser.add_argument("--first", type=int, default=0, help="number of the first episode")
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    options = parser.parse_args()
+    began = time.monotonic()
+    jobs = [
+        Job(
+            task,
+            number,
+            options.first + number * (count // workers),
+            count // workers,
+            options.seconds,
+            options.out,
+        )
+        for task, count, workers in zip(TASKS, options.episodes, options.workers, strict=True)
+        for number in range(workers)
+    ]
+    with get_context("spawn").Pool(sum(options.workers), maxtasksperchild=1) as pool:
+        for done in pool.imap_unordered(Job.run, jobs):
+            print(json.dumps(done | {"seconds": round(time.monotonic() - began)}), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,277 @@
+#!/usr/bin/env python
+"""Train `mini` on the demonstrations of make_demos.py; writes weights and the model card.
+
+Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and where a, b and the hand are
+as auxiliary tasks. A GPU takes minutes; --updates and --seconds bound it, whichever comes first ends the
+schedule. --init goes on from weights of an earlier round.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+from torch.nn import functional
+
+from vlafuzz.subjects.mini import words
+from vlafuzz.subjects.mini.actions import BINS, HORIZON, LONG, decode, proprioception, to_bins
+from vlafuzz.subjects.mini.model import WATCHED, Network
+from vlafuzz.subjects.mini.subject import CARD, WEIGHTS
+
+HELD_OUT = 50  # one episode in so many is for validation
+SOFT = 1.0  # bins, standard deviation of a label
+LATER = 0.25  # weight of the later steps of a chunk
+RATE, DECAY, WARM_UP, AVERAGED = 1e-3, 0.05, 300, 0.999
+VERSION = "1"
+
+
+@dataclass
+class Data:
+    """All steps on one device. ``frames`` (n, 128, 128, 3) uint8; see ``load`` for the others."""
+
+    frames: Tensor
+    tokens: Tensor
+    state: Tensor
+    moves: Tensor
+    gripper: Tensor
+    weights: Tensor
+    places: Tensor
+    pixels: Tensor
+    shown: Tensor
+    rest: dict[str, Any]
+
+
+def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
+    """Everything below a folder, chunked: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
+
+    ``known``: the vocabulary of weights to go on from; by default that of the texts.
+    """
+    parts = [dict(np.load(path)) for path in sorted(folder.glob("*/steps.npz"))]
+    frames = [torch.from_numpy(np.load(path)) for path in sorted(folder.glob("*/frames.npy"))]
+    texts = [str(text) for part in parts for text in part["texts"]]
+    known = known or words.vocabulary(texts)
+    tables = [np.stack([words.encode(str(text), known) for text in part["texts"]]) for part in parts]
+    joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0] if key != "texts"}
+    source = np.repeat(np.arange(len(parts)), [len(part["text"]) for part in parts])
+    episodes = np.unique(np.stack([source, joined["episode"]], axis=1), axis=0, return_inverse=True)[
+        1
+    ].reshape(-1)
+    label, opening = joined["label"], joined["state"][:, 6]
+    same = np.append(False, episodes[1:] == episodes[:-1])
+    before = np.where(same, np.roll(opening, 1), opening)
+    state = proprioception(joined["state"], before, since_change(joined["gripper"], same))
+    index = np.minimum(np.arange(len(label))[:, None] + np.arange(HORIZON), len(label) - 1)
+    inside = episodes[index] == episodes[:, None]
+    weights = np.where(inside, np.where(np.arange(HORIZON) == 0, 1.0, LATER), 0.0)
+    pixels = joined["pixels"]
+    shown = np.all((pixels > 0) & (pixels < 1), axis=-1)
+    shown[:, 1] &= joined["targets"] > 1
+    digest = hashlib.sha256()
+    for part in frames:
+        digest.update(part.numpy()[:: max(len(part) // 50, 1)].tobytes())
+    digest.update(label.tobytes())
+    rest = {
+        "words": known,
+        "hash": digest.hexdigest()[:20],
+        "episodes": int(episodes.max()) + 1,
+        "frames": len(label),
+        "held_out": torch.from_numpy(episodes % HELD_OUT == 0).to(device),
+    }
+    tensor = {
+        "tokens": np.concatenate([t[part["text"]] for t, part in zip(tables, parts, strict=True)]),
+        "state": state,
+        "moves": label[index][..., :6].astype(np.float32),
+        "gripper": (label[index][..., 6] > 0).astype(np.float32),
+        "weights": weights.astype(np.float32),
+        "places": joined["places"],
+        "pixels": pixels,
+        "shown": shown,
+    }
+    on_device = {
+        name: torch.from_numpy(np.ascontiguousarray(value)).to(device) for name, value in tensor.items()
+    }
+    return Data(torch.cat([part.to(device) for part in frames]), **on_device, rest=rest)
+
+
+def since_change(commands: NDArray[np.float32], same: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Steps since the gripper got another command, as `mini` counts them; ``same``: episode as one before."""
+    since, last = np.empty(len(commands), dtype=np.int64), 1.0
+    for index, inside in enumerate(same):
+        if not inside:
+            since[index], last = LONG, 1.0
+            continue
+        command = np.sign(commands[index - 1])
+        since[index] = since[index - 1] + 1 if command == last else 1
+        last = command
+    return since
+
+
+def jitter(pictures: Tensor) -> Tensor:
+    """Another brightness, contrast and saturation each, slightly."""
+    count, device = len(pictures), pictures.device
+    gain, contrast, colour = (1 + 0.2 * (torch.rand(3, count, 1, 1, 1, device=device) * 2 - 1)).unbind()
+    grey = pictures.mean(1, keepdim=True)
+    pictures = grey + (pictures - grey) * colour
+    mean = pictures.mean((1, 2, 3), keepdim=True)
+    return ((mean + (pictures - mean) * contrast) * gain).clamp(0, 1)
+
+
+def loss_of(found: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+    weights = data.weights[index]
+    wanted = to_bins(data.moves[index])[..., None]
+    soft = (-0.5 * ((torch.arange(BINS, device=wanted.device) - wanted) / SOFT) ** 2).softmax(-1)
+    moves = -(soft * found["moves"].float().log_softmax(-1)).sum(-1).mean(-1)
+    grip = functional.binary_cross_entropy_with_logits(
+        found["gripper"].float(), data.gripper[index], reduction="none"
+    )
+    shown = data.shown[index]
+    points = (found["points"][:, :WATCHED].float() - data.pixels[index]).abs().sum(-1)
+    there = torch.stack([torch.ones_like(shown[:, 1]), shown[:, 1]], dim=1)
+    places = (found["places"].float() - data.places[index]).abs().sum(-1)
+    parts = {
+        "moves": (moves * weights).sum() / weights.sum(),
+        "grip": (grip * weights).sum() / weights.sum(),
+        "points": (points * shown).sum() / shown.sum(),
+        "places": (places * there).sum() / there.sum(),
+    }
+    return parts["moves"] + parts["grip"] + 2 * parts["points"] + 2 * parts["places"], parts
+
+
+def validate(network: torch.nn.Module, data: Data, device: str) -> dict[str, float]:
+    """Mean figures over the held-out steps, and how far the first action is off, in millimetres."""
+    index = data.rest["held_out"].nonzero()[:, 0][:8192]
+    sums: dict[str, float] = {}
+    with torch.inference_mode():
+        for part in index.split(1024):
+            pictures = data.frames[part].permute(0, 3, 1, 2).float() / 255
+            found = network(pictures, data.tokens[part], data.state[part])
+            _, parts = loss_of(found, data, part)
+            off = (decode(found["moves"].float())[:, 0, :3] - data.moves[part][:, 0, :3]).norm(dim=-1)
+            right = ((found["gripper"][:, 0] > 0) == (data.gripper[part][:, 0] > 0)).float()
+            for name, value in {**parts, "off_mm": 1e3 * off.mean(), "gripper_right": right.mean()}.items():
+                sums[name] = sums.get(name, 0.0) + float(value) * len(part) / len(index)
+    return {name: round(value, 4) for name, value in sums.items()}
+
+
+def train(data: Data, options: argparse.Namespace, device: str) -> tuple[Network, list[dict[str, float]]]:
+    torch.manual_seed(options.seed)
+    torch.set_float32_matmul_precision("high")
+    network = Network().to(device)
+    if options.init:
+        network.load_state_dict({name: v.float() for name, v in load_file(options.init / WEIGHTS).items()})
+    average = {name: value.clone() for name, value in network.state_dict().items()}
+    fast = torch.compile(network) if device == "cuda" else network
+    optimizer = torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=DECAY)
+    own = (~data.rest["held_out"]).nonzero()[:, 0]
+    began, curve, update = time.monotonic(), [], 0
+    while True:
+        done = max(update / options.updates, (time.monotonic() - began) / options.seconds)
+        if done >= 1:
+            break
+        rate = options.rate * min(1.0, (update + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * done))
+        for group in optimizer.param_groups:
+            group["lr"] = rate
+        index = own[torch.randint(len(own), (options.batch,), device=device)]
+        pictures = jitter(data.frames[index].permute(0, 3, 1, 2).float() / 255)
+        with torch.autocast(device, dtype=torch.bfloat16, enabled=device == "cuda"):
+            found = fast(pictures, data.tokens[index], data.state[index])
+        loss, _ = loss_of(found, data, index)
+        optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimizer.step()
+        kept = min(AVERAGED, (1 + update) / (10 + update))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(average.values()), list(network.state_dict().values()), 1 - kept)
+        update += 1
+        if update % options.every == 0:
+            known = {name: value.clone() for name, value in network.state_dict().items()}
+            network.load_state_dict(average)
+            figures = validate(network.eval(), data, device)
+            network.train()
+            network.load_state_dict(known)
+            curve.append({"update": update, "seconds": round(time.monotonic() - began), **figures})
+            print(json.dumps(curve[-1]), flush=True)
+    network.load_state_dict(average)
+    return network, [*curve, {"update": update, "seconds": round(time.monotonic() - began)}]
+
+
+def write(network: Network, data: Data, curve: list[dict[str, float]], options: argparse.Namespace) -> None:
+    options.out.mkdir(parents=True, exist_ok=True)
+    half = {name: value.detach().half().cpu().contiguous() for name, value in network.state_dict().items()}
+    save_file(half, options.out / WEIGHTS)
+    content = hashlib.sha256((options.out / WEIGHTS).read_bytes()).hexdigest()[:20]
+    before = json.loads((options.init / CARD).read_text())["rounds"] if options.init else []
+    card = {
+        "name": "mini",
+        "version": VERSION,
+        "note": "A demonstration subject, trained by us in this simulator with little randomisation. "
+        "It is not evidence about OpenVLA, pi0 or any other model.",
+        "weights": content,
+        "parameters": sum(value.numel() for value in half.values()),
+        "rounds": [*before, _round(data, curve, options)],
+        "words": list(data.rest["words"]),
+    }
+    (options.out / CARD).write_text(json.dumps(card, indent=1) + "\n")
+
+
+def _round(data: Data, curve: list[dict[str, float]], options: argparse.Namespace) -> dict[str, Any]:
+    """One training: on what, how, and how it went."""
+    return {
+        "data": {key: data.rest[key] for key in ("hash", "episodes", "frames")},
+        "recipe": {
+            "updates": curve[-1]["update"],
+            "batch": options.batch,
+            "rate": options.rate,
+            "weight_decay": DECAY,
+            "averaged": AVERAGED,
+            "seed": options.seed,
+        },
+        "curve": curve,
+    }
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("demos", type=Path, help="folder that make_demos.py wrote")
+    parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
+    parser.add_argument("--init", type=Path, help="folder of weights and card to go on from")
+    parser.add_argument("--rate", type=float, default=RATE, help="learning rate")
+    parser.add_argument("--updates", type=int, default=7500)
+    parser.add_argument("--seconds", type=float, default=1e9)
+    parser.add_argument("--batch", type=int, default=1024)
+    parser.add_argument("--every", type=int, default=1000, help="updates between validations")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    began = time.monotonic()
+    known = tuple(json.loads((options.init / CARD).read_text())["words"]) if options.init else ()
+    data = load(options.demos, device, known)
+    print(
+        json.dumps(
+            {
+                "frames": data.rest["frames"],
+                "episodes": data.rest["episodes"],
+                "loaded": round(time.monotonic() - began),
+            }
+        ),
+        flush=True,
+    )
+    network, curve = train(data, options, device)
+    write(network, data, curve, options)
+
+
+if __name__ == "__main__":
+    main()

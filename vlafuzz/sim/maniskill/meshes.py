@@ -1,0 +1,97 @@
+"""A robot whose looks are simplified: its meshes have 399,000 vertices, most of a frame's time on a CPU.
+
+Joints, masses and collision shapes stay what they are. What is made lies in the user's cache, named by the
+content of all files that it was made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+from vlafuzz import shipped
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
+VERSION = 1  # raise it when the same files would give other meshes
+FACES = 0.055  # share that is kept: at 128 pixels a picture looks the same, see scripts/bench_render.py
+FEWEST = 40  # faces of a part: the small ones stay recognisable
+SHARP = 0.6  # radians between two faces from which on the edge between them stays visible
+
+
+def light_robot(urdf: Path) -> Path:
+    """A URDF of the same robot with simplified looks, made at the first call."""
+    folder = shipped.cache_dir() / "robots" / f"{urdf.stem}-{_fingerprint(urdf)}"
+    made = folder / urdf.name
+    if not made.is_file():
+        _fill(urdf, folder)
+    return made
+
+
+def _fingerprint(urdf: Path) -> str:
+    digest = hashlib.sha256(f"{VERSION} {FACES} {FEWEST} {SHARP} {urdf}".encode())
+    digest.update(urdf.read_bytes())
+    for element in _visuals(ElementTree.parse(urdf)):
+        digest.update((urdf.parent / element.attrib["filename"]).read_bytes())
+    return digest.hexdigest()[:20]
+
+
+def _visuals(tree: ElementTree.ElementTree[ElementTree.Element]) -> Iterator[ElementTree.Element]:
+    return tree.iterfind(".//visual/geometry/mesh")
+
+
+def _fill(urdf: Path, folder: Path) -> None:
+    """The folder appears complete or not at all: processes may make it at the same time."""
+    tree = ElementTree.parse(urdf)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
+        draft = Path(space) / "robot"
+        draft.mkdir()
+        for element in tree.iterfind(".//collision/geometry/mesh"):
+            element.set("filename", str(urdf.parent / element.attrib["filename"]))
+        for element in _visuals(tree):
+            source = urdf.parent / element.attrib["filename"]
+            if not (draft / source.name).exists():
+                _simplify(source, draft / source.name)
+            element.set("filename", source.name)
+        tree.write(draft / urdf.name)
+        srdf = urdf.with_suffix(".srdf")  # which links may touch each other: SAPIEN looks for it beside
+        if srdf.is_file():
+            shutil.copy(srdf, draft / srdf.name)
+        try:
+            draft.rename(folder)
+        except OSError:
+            if not (folder / urdf.name).is_file():  # else another process was faster, with the same
+                raise
+
+
+def _simplify(source: Path, target: Path) -> None:
+    import trimesh
+
+    scene = trimesh.load_scene(source)
+    for mesh in scene.geometry.values():
+        assert isinstance(mesh, trimesh.Trimesh)
+    light = {name: _lighter(mesh) for name, mesh in scene.geometry.items()}
+    scene.geometry.clear()
+    scene.geometry.update(light)
+    target.write_bytes(scene.export(file_type="glb", include_normals=True))
+
+
+def _lighter(mesh: Trimesh) -> Trimesh:
+    """With a share of the faces, smooth but for sharp edges, in the same material."""
+    import trimesh
+
+    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    whole.merge_vertices(merge_norm=True, merge_tex=True)
+    wanted = max(int(FACES * len(whole.faces)), FEWEST)
+    coarse = whole.simplify_quadric_decimation(face_count=wanted) if wanted < len(whole.faces) else whole
+    smooth: Trimesh = trimesh.graph.smooth_shade(coarse, angle=SHARP)
+    assert isinstance(mesh.visual, trimesh.visual.TextureVisuals)
+    smooth.visual = trimesh.visual.TextureVisuals(material=mesh.visual.material)
+    return smooth

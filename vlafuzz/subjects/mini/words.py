@@ -1,0 +1,38 @@
+"""Instructions as numbers: a closed vocabulary, and buckets for words that training has never seen."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+LENGTH = 24  # words; longer instructions are cut
+KNOWN, BUCKETS = 192, 64  # most words with a number of their own, and numbers that unknown words share
+SIZE = 1 + KNOWN + BUCKETS  # 0 is the end
+_WORD = re.compile(r"[a-z0-9]+")
+
+
+def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
+    """All words of these texts, in alphabetical order.
+
+    Raises:
+        ValueError: more words than there are numbers.
+    """
+    words = sorted({word for text in texts for word in _WORD.findall(text.lower())})
+    if len(words) > KNOWN:
+        raise ValueError(f"{len(words)} words, at most {KNOWN}")
+    return tuple(words)
+
+
+def encode(text: str, words: Sequence[str]) -> NDArray[np.int64]:
+    """``(LENGTH,)`` numbers of the text's words, then zeros."""
+    index = {word: number for number, word in enumerate(words, start=1)}
+    found = [index.get(word) or _bucket(word) for word in _WORD.findall(text.lower())][:LENGTH]
+    return np.array(found + [0] * (LENGTH - len(found)), dtype=np.int64)
+
+
+def _bucket(word: str) -> int:
+    return 1 + KNOWN + zlib.crc32(word.encode()) % BUCKETS
