@@ -1,0 +1,84 @@
+"""Subjects that fail exactly when planted conditions hold, judged without a simulator."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.operators import OPERATORS
+from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.way import GROUPS
+from vlafuzz.validity import check_static
+
+STAGES = ("grasp", "lift", "success")
+CATALOGUE = load_catalogue()
+SPACE = SearchSpace(load_operators().only(list(OPERATORS)), CATALOGUE, "pick-up")
+
+Condition = Callable[[Scene], bool]
+
+# Of each operator several conditions that do not hold at nominal.
+CONDITIONS: dict[str, tuple[Condition, ...]] = {
+    "target-position": (
+        lambda scene: scene.targets[0].x > 0.02,
+        lambda scene: scene.targets[0].y < -0.08,
+        lambda scene: abs(scene.targets[0].y) > 0.1 and scene.targets[0].x < -0.08,
+    ),
+    "target-orientation": (
+        lambda scene: abs(scene.targets[0].yaw) > 40,
+        lambda scene: scene.targets[0].rest != SPACE.nominal(like=scene).targets[0].rest,
+    ),
+    "confounders": (
+        lambda scene: len(scene.confounders) > 0,
+        lambda scene: len(scene.confounders) > 1,
+        lambda scene: any(each.y > 0.1 for each in scene.confounders),
+    ),
+    "light": (lambda scene: scene.light.intensity < 0.4, lambda scene: scene.light.intensity > 3),
+    "camera-position": (lambda scene: scene.camera.distance > 0.02,),
+    "camera-orientation": (
+        lambda scene: scene.camera.yaw > 2.5,
+        lambda scene: scene.camera.roll < -1 and scene.camera.pitch > 1.05,
+    ),
+    "wording": (lambda scene: scene.instruction != SPACE.nominal(like=scene).instruction,),
+}
+assert CONDITIONS.keys() == GROUPS.keys()
+
+
+@dataclass
+class Planted:
+    """A judge: loses the grasp when all conditions hold. It counts, and notes what was not fair."""
+
+    conditions: Sequence[Condition]
+    lost: str = "grasp"
+    asked: list[Scene] = field(default_factory=list)
+    rollouts: int = 0
+
+    def __call__(self, scenes: Sequence[Scene]) -> list[Judged]:
+        self.asked += scenes
+        return [self.judged(scene) for scene in scenes]
+
+    def judged(self, scene: Scene) -> Judged:
+        if check_static(scene, CATALOGUE, SPACE.operators.min_distance):
+            return Judged(Verdict.INVALID)
+        self.rollouts += 1
+        if self.fails(scene):
+            return Judged(Verdict.FAILED, self.lost, 1)
+        return Judged(Verdict.PASSED, None, 1)
+
+    def fails(self, scene: Scene) -> bool:
+        return all(condition(scene) for condition in self.conditions)
+
+    def bench(self, scene: Scene, most: int = 200) -> Bench:
+        return Bench(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), most=most)
+
+    def finding(self, seed: int) -> Scene:
+        """A random scene in which it fails."""
+        rng = np.random.default_rng(seed)
+        return next(scene for scene in iter(lambda: SPACE.sample(rng), None) if self.fails(scene))
+
+
+def fair(scene: Scene) -> bool:
+    return check_static(scene, CATALOGUE, SPACE.operators.min_distance) is None

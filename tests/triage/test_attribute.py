@@ -1,0 +1,73 @@
+from collections.abc import Callable
+
+import pytest
+
+from tests.triage.planted import SPACE, Condition, Planted
+from vlafuzz.scene import Scene
+from vlafuzz.triage.attribute import Attribution, Threshold, attribute, signature
+from vlafuzz.triage.shrink import shrink
+
+
+def causes(*conditions: Condition, seed: int = 0) -> tuple[Attribution, Planted]:
+    judge = Planted(conditions)
+    found = judge.finding(seed)
+    bench = judge.bench(found)
+    return attribute(shrink(found, bench, SPACE), bench, SPACE), judge
+
+
+@pytest.mark.parametrize(
+    ("condition", "operator", "value", "says"),
+    [
+        (lambda s: s.camera.yaw > 2.5, "camera-orientation", 2.6, "fails from yaw 2.6° on"),
+        (lambda s: s.camera.roll < -1, "camera-orientation", -1.1, "fails from roll -1.1° on"),
+        (lambda s: s.camera.distance > 0.02, "camera-position", 0.021, "fails from distance 0.021 m on"),
+        (lambda s: s.targets[0].x > 0.02, "target-position", 0.021, "fails from x 0.021 m on"),
+        (lambda s: s.light.intensity < 0.4, "light", 0.39, "fails from intensity × 0.39 on"),
+        (lambda s: s.targets[0].yaw < -30, "target-orientation", -31, "fails from yaw -31° on"),
+    ],
+)
+def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, says):
+    found, _ = causes(condition)
+    (threshold,) = found.thresholds
+    assert threshold.operator == operator
+    assert threshold.value == pytest.approx(value, rel=0.03)
+    if operator != "light":
+        assert str(threshold) == f"{operator}: {says}"
+
+
+def test_several_values_of_an_operator_have_a_share_of_the_way():
+    found, _ = causes(lambda s: s.camera.yaw + s.camera.roll > 3 and s.camera.yaw > 1 and s.camera.roll > 1)
+    (threshold,) = found.thresholds
+    assert (threshold.gene, threshold.value) == (None, None)
+    assert 0.7 < threshold.share <= 1
+    assert str(threshold).startswith("camera-orientation: fails from ")
+
+
+def test_of_two_that_are_necessary_neither_is_enough():
+    found, _ = causes(lambda s: s.camera.yaw > 2.5, lambda s: s.light.intensity < 0.4)
+    assert found.necessary == ("light", "camera-orientation")
+    assert found.sufficient == ()
+    assert [threshold.operator for threshold in found.thresholds] == ["light", "camera-orientation"]
+
+
+def test_thresholds_of_pairs_are_within_a_grid_step():
+    conditions: list[tuple[Callable[[Scene], bool], str, float]] = [
+        (lambda s: s.camera.yaw > 2.5, "camera.yaw", 2.6),
+        (lambda s: s.camera.pitch < -1.5, "camera.pitch", -1.6),
+        (lambda s: s.targets[0].y > 0.1, "targets.0.y", 0.101),
+    ]
+    for seed, (a, b) in enumerate([(0, 2), (1, 2), (2, 0)]):
+        found, _ = causes(conditions[a][0], conditions[b][0], seed=seed)
+        values = {each.gene: each.value for each in found.thresholds}
+        assert values == {path: pytest.approx(value) for _, path, value in (conditions[a], conditions[b])}
+
+
+def test_a_signature_names_task_stage_and_operators():
+    assert signature("pick-up", "grasp", ["light", "camera-orientation"]) == (
+        "pick-up|grasp|camera-orientation+light"
+    )
+    assert signature("put-on", "move", []) == "put-on|move|base"
+
+
+def test_a_share_is_said_in_per_cent():
+    assert str(Threshold("light", None, None, 0.25)) == "light: fails from 25% of the way on"

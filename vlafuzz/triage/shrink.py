@@ -1,0 +1,181 @@
+"""Shrink: take from a failing scene whatever does not matter, until every operator left is necessary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from typing import TypeVar
+
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.operators import ConfounderCount
+from vlafuzz.space.params import Gene
+from vlafuzz.triage.bench import Bench
+from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
+
+K = TypeVar("K")
+BEYOND = 2  # grid steps past its threshold at which a value stops, so that no finding sits on an edge
+_ROUNDING = 1e-12  # severities are sums of square roots
+
+
+@dataclass(frozen=True)
+class Shrunk:
+    """What is left of a failing scene.
+
+    Attributes:
+        operators: those left, the confounders' as one.
+        counterparts: by operator, the scene without it, in which the subject passes.
+        unresolved: operators left for which there is none: without it the scene is not fair, fails at a
+            later stage, or was not tried.
+        base: the nominal scene of the same objects fails, too; nothing was shrunk.
+        complete: ``max_rollouts`` cut nothing short.
+    """
+
+    scene: Scene
+    lost: str
+    operators: tuple[str, ...]
+    counterparts: Mapping[str, Scene] = field(default_factory=dict)
+    unresolved: tuple[str, ...] = ()
+    base: bool = False
+    complete: bool = True
+
+    @property
+    def minimal(self) -> bool:
+        """Whether every operator left is shown to be necessary."""
+        return bool(self.operators) and not self.base and not self.unresolved
+
+
+def shrink(scene: Scene, bench: Bench, space: SearchSpace) -> Shrunk:
+    """Make a failing scene as nominal as it gets while it still fails, the targets' types kept.
+
+    Raises:
+        SceneError: the scene has something that is not a value of any operator.
+    """
+    nominal = space.nominal(like=scene)
+    judged = bench.ask([nominal])[0]
+    if judged is not None and judged.verdict is Verdict.FAILED:
+        assert judged.lost is not None
+        return Shrunk(nominal, judged.lost, (), base=True)
+    shrinker = _Shrinker(space, bench, scene)
+    shrinker.run()
+    return shrinker.result()
+
+
+@dataclass
+class _Shrinker:
+    space: SearchSpace
+    bench: Bench
+    best: Scene
+
+    def run(self) -> None:
+        while self._drop_operators() and self._is_blocked():
+            pass  # what stood in the way of a fair scene may be gone
+        while True:
+            before = self.best
+            self._thin_confounders()
+            self._drop_values()
+            for name in deviating(self.space, self.best):
+                for gene in free_genes(self.space, self.best, GROUPS[name]):
+                    self._lessen(gene)
+            if not self._drop_operators() and (self.best == before or not self._is_blocked()):
+                return
+
+    def result(self) -> Shrunk:
+        left = deviating(self.space, self.best)
+        without = {name: self.space.reset(self.best, GROUPS[name]) for name in left}
+        judged = dict(zip(left, self.bench.ask(list(without.values())), strict=True))
+        passing = {name for name, each in judged.items() if each and each.verdict is Verdict.PASSED}
+        return Shrunk(
+            self.best,
+            self.bench.lost(self.best),
+            tuple(left),
+            {name: without[name] for name in left if name in passing},
+            tuple(name for name in left if name not in passing),
+            complete=not self.bench.exhausted,
+        )
+
+    def _drop_operators(self) -> bool:
+        return self._drop(
+            deviating(self.space, self.best),
+            lambda names: self._reset([one for name in names for one in GROUPS[name]]),
+        )
+
+    def _is_blocked(self) -> bool:
+        """Whether an operator is left only because the scene without it is not fair."""
+        without = [self._reset(GROUPS[name]) for name in deviating(self.space, self.best)]
+        known = [self.bench.known(scene) for scene in without]
+        return any(judged is None or judged.verdict is Verdict.INVALID for judged in known)
+
+    def _thin_confounders(self) -> None:
+        self._drop(range(len(self.best.confounders)), self._without_confounders)
+
+    def _drop_values(self) -> None:
+        """Reset values one by one, the confounders' by operator first: together they have twenty."""
+        left = deviating(self.space, self.best)
+        if CONFOUNDERS in left:
+            parts = [name for name in GROUPS[CONFOUNDERS] if name != ConfounderCount.name]
+            self._drop([name for name in parts if self._reset([name]) != self.best], self._reset)
+        operators = [one for name in left for one in GROUPS[name]]
+        genes = free_genes(self.space, self.best, operators)
+        self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
+
+    def _lessen(self, gene: Gene) -> None:
+        """Bring a value to two steps past where the failure begins."""
+        way = Way(self.space, self.best, [gene])
+        if gene.kind == "count" or way.length <= 1:
+            return
+        passes, fails = 0, way.length
+        while fails - passes > 1 and self.bench.room > len(GROUPS):
+            middle = (passes + fails) // 2
+            if self._fails([way.at(middle)])[0]:
+                fails = middle
+            else:
+                passes = middle
+        beyond = min(fails + BEYOND, way.length)
+        if fails - passes == 1 and self._fails([way.at(beyond)])[0]:
+            fails = beyond
+        self.best = way.at(fails)
+
+    def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
+        """Take away all that can go; whether that was anything.
+
+        Each alone first, in one batch; then at once all that could go alone, else one after the other.
+        """
+        failing = self._fails([without([key]) for key in keys])
+        loose = [key for key, still in zip(keys, failing, strict=True) if still]
+        if not loose:
+            return False
+        if self._fails([without(loose)])[0]:
+            gone = loose
+        else:
+            gone = loose[:1]
+            for key in loose[1:]:
+                if self._fails([without([*gone, key])])[0]:
+                    gone.append(key)
+        self.best = without(gone)
+        return True
+
+    def _fails(self, scenes: Sequence[Scene]) -> list[bool]:
+        """Whether each still fails and is no more severe than the best so far."""
+        severity = self.space.severity(self.best) + _ROUNDING
+        milder = [scene for scene in scenes if self.space.severity(scene) <= severity]
+        failing = dict(zip(milder, self.bench.fails(milder), strict=True))
+        return [failing.get(scene, False) for scene in scenes]
+
+    def _reset(self, operators: Sequence[str]) -> Scene:
+        return self.space.reset(self.best, operators)
+
+    def _without_confounders(self, gone: Sequence[int]) -> Scene:
+        """The others move up, in the order that is least severe if their own is severer than before."""
+        kept = [each for index, each in enumerate(self.best.confounders) if index not in gone]
+        orders = (replace(self.best, confounders=order) for order in permutations(kept))
+        severity, first = self.space.severity(self.best), next(orders)
+        if self.space.severity(first) <= severity:
+            return first
+        return min(orders, key=self.space.severity, default=first)
+
+    def _without_values(self, genes: Sequence[Gene]) -> Scene:
+        nominal = {gene.path: gene.grid.nominal for gene in genes}
+        return self.space.composer.compose(self.space.values(self.best) | nominal)
