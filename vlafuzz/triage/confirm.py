@@ -1,0 +1,56 @@
+"""Confirm: whether a scene fails again. Of a stochastic subject, by Wald's sequential test."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vlafuzz.outcome import Verdict
+
+RARELY, MOSTLY = 0.2, 0.8  # failure rates that are told apart
+WRONG = 0.05  # probability of taking either for the other
+MOST = 20  # repeats
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What repeats of a finding came to.
+
+    Attributes:
+        repeats: that could be judged.
+        failures: of them.
+        confirmed: it fails again, and mostly; else it is flaky, with ``rate``.
+    """
+
+    repeats: int
+    failures: int
+    confirmed: bool
+
+    @property
+    def rate(self) -> float | None:
+        """Share of failures; None when no repeat could be judged."""
+        return self.failures / self.repeats if self.repeats else None
+
+
+def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirmation:
+    """Repeat a finding until it is clear whether it mostly fails; a deterministic subject once.
+
+    Args:
+        repeat: the verdict of the n-th repeat, from 0, in an environment that has seen no other scene of
+            the run. A crash or an unfair scene says nothing and is not counted.
+    """
+    evidence, failures, judged = 0.0, 0, 0
+    step = math.log(MOSTLY / RARELY)  # the other way for a pass: the two rates are each other's complement
+    bound = math.log((1 - WRONG) / WRONG)
+    for number in range(1 if deterministic else MOST):
+        verdict = repeat(number)
+        if verdict < Verdict.PASSED:
+            continue
+        judged += 1
+        failures += verdict is Verdict.FAILED
+        evidence += step if verdict is Verdict.FAILED else -step
+        if abs(evidence) >= bound:
+            break
+    confirmed = judged == failures == 1 if deterministic else evidence >= bound
+    return Confirmation(judged, failures, confirmed)
