@@ -17,10 +17,13 @@ class Expert:
 
     Args:
         fluent: as ``Hands``: for demonstrations.
+
+    Attributes:
+        attempt: the grasp that rollouts begin with, from the best one on.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:
-        self._fluent = fluent
+        self._fluent, self.attempt = fluent, 0
         self.spec = SubjectSpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
         self._hands: dict[str, Hands | None] = {}
         self._tasks: dict[str, str] = {}
@@ -46,7 +49,10 @@ class Expert:
         hands = self._hands.get(observation.episode)
         if hands is None:
             hands = self._hands[observation.episode] = Hands(
-                self._tasks[observation.episode], rig(known.scene.robot), fluent=self._fluent
+                self._tasks[observation.episode],
+                rig(known.scene.robot),
+                fluent=self._fluent,
+                attempt=self.attempt,
             )
         return ActionChunk(hands.act(_belief(known))[None])
 

@@ -53,12 +53,13 @@ class Hands:
     Args:
         fluent: wait for nothing, and go down the more the better the hand is in place: what to do then hardly
             depends on what was done before, and who only sees the present can learn it.
+        attempt: the grasp to begin with, from the best one on.
     """
 
-    def __init__(self, task: str, rig: Rig, *, fluent: bool = False) -> None:
+    def __init__(self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0) -> None:
         self._task, self._rig, self._fluent = task, rig, fluent
         self._phase: Callable[[Belief], Array] = self._approach
-        self.attempt = 0
+        self.attempt = attempt
         self._waited = 0
         self._plan: Reach | None = None
         self._planned_for: Array = np.zeros(3)

@@ -1,0 +1,83 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.doubles import STAGES, failed, passed, rollout, scene
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.subjects.base import Observation
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.triage.witness import Player, find_witness
+
+
+def test_the_first_solution_that_can_be_played_again_is_the_witness():
+    solved = Outcome.of((replace(rollout(), states_hash="a" * 32),), STAGES)
+    search = find_witness(scene(), lambda *_: solved, lambda *_: passed())
+    assert search.witness is not None
+    assert (search.rollouts, search.witness.grasp, search.witness.states_hash) == (2, 0, "5" * 32)
+
+
+def test_where_the_expert_fails_it_begins_with_other_grasps():
+    search = find_witness(scene(), lambda _, grasp: passed() if grasp == 2 else failed(), lambda *_: passed())
+    assert search.witness is not None
+    assert (search.witness.grasp, search.rollouts) == (2, 4)
+
+
+def test_without_a_solution_there_is_no_witness():
+    search = find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3)
+    assert (search.witness, search.rollouts) == (None, 3)
+
+
+def test_a_solution_that_fails_when_played_again_is_none():
+    search = find_witness(scene(), lambda *_: passed(), lambda *_: failed(), tries=3)
+    assert (search.witness, search.rollouts) == (None, 6)
+
+
+def test_a_player_executes_its_actions_and_then_stays():
+    player = Player(Expert().spec)
+    player.actions = np.arange(14, dtype=np.float32).reshape(2, 7)
+    acted = [chunk.actions[0] for step in range(3) for chunk in player.act([Observation("e", step, "")])]
+    assert [list(action) for action in acted] == [
+        [0, 1, 2, 3, 4, 5, 6],
+        [7, 8, 9, 10, 11, 12, 13],
+        [0, 0, 0, 0, 0, 0, 13],
+    ]
+    assert player.spec.action == Expert().spec.action
+
+
+@pytest.mark.parametrize("task", ["pick-up", "put-on"])
+def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task):
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+    expert = Expert()
+    player = Player(expert.spec)
+    experts = ManiSkillEvaluator(task, expert, CATALOGUE, min_distance=0.15)
+    players = ManiSkillEvaluator(task, player, CATALOGUE, min_distance=0.15)
+
+    def play(scene, actions):
+        player.actions = actions
+        return players.evaluate([scene])[0]
+
+    search = find_witness(nominal(task), lambda scene, grasp: experts.evaluate([scene])[0], play)
+    assert search.witness is not None
+    assert search.rollouts == 2
+    again = play(nominal(task), search.witness.actions)
+    assert again.verdict is Verdict.PASSED
+    assert again.rollouts[0].states_hash == search.witness.states_hash
+    experts.close()
+    players.close()
+
+
+def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+    expert = Expert()
+    evaluator = ManiSkillEvaluator("pick-up", expert, CATALOGUE, min_distance=0.15)
+    ways = []
+    for attempt in range(2):
+        expert.attempt = attempt
+        outcome = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.0, 30.0))])[0]
+        ways.append(outcome.rollouts[0].actions[:4])
+    evaluator.close()
+    assert not np.allclose(*ways)

@@ -1,0 +1,94 @@
+"""Witness: proof that a scene can be solved: actions of the expert that solve it when played open loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
+
+TRIES = 4  # grasps that the expert begins with, before it gives up
+
+Actions = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """A solution.
+
+    Attributes:
+        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to where the hand is.
+        states_hash: of the trajectory that they made when played again.
+        grasp: which of its grasps the expert began with, from 0.
+    """
+
+    actions: Actions
+    states_hash: str
+    grasp: int
+
+
+@dataclass(frozen=True)
+class Search:
+    """The witness, if one was found, and the expert's rollouts and replays that it took."""
+
+    witness: Witness | None
+    rollouts: int
+
+
+def find_witness(
+    scene: Scene,
+    solve: Callable[[Scene, int], Outcome],
+    play: Callable[[Scene, Actions], Outcome],
+    tries: int = TRIES,
+) -> Search:
+    """Let the expert solve a scene, with another grasp each time, until a replay of it succeeds, too.
+
+    Args:
+        solve: what comes of the scene when the expert begins with its n-th grasp.
+        play: what comes of it when these actions are executed from the same initial state.
+    """
+    rollouts = 0
+    for grasp in range(tries):
+        solved = solve(scene, grasp)
+        rollouts += len(solved.rollouts)
+        if solved.verdict is not Verdict.PASSED:
+            continue
+        actions = solved.rollouts[0].actions
+        played = play(scene, actions)
+        rollouts += len(played.rollouts)
+        if played.verdict is Verdict.PASSED:
+            return Search(Witness(actions, played.rollouts[0].states_hash, grasp), rollouts)
+    return Search(None, rollouts)
+
+
+class Player:
+    """A subject that executes given actions, whatever it sees; after the last one the hand stays.
+
+    Attributes:
+        actions: ``(steps, 7)``, to be set before a rollout.
+    """
+
+    def __init__(self, like: SubjectSpec) -> None:
+        self.spec = SubjectSpec("witness", action=like.action)
+        self.actions: Actions = np.zeros((0, 7), dtype=np.float32)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Nothing to prepare: an observation says which step it is."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """The action of that step."""
+        return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def _at(self, step: int) -> NDArray[np.float64]:
+        if step < len(self.actions):
+            return np.array(self.actions[step], dtype=np.float64)
+        gripper = float(self.actions[-1, 6]) if len(self.actions) else 1.0
+        return np.array([0.0] * 6 + [gripper])
