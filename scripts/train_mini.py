@@ -13,6 +13,8 @@ import hashlib
 import json
 import math
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,38 +61,40 @@ def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
     """
     parts = [dict(np.load(path)) for path in sorted(folder.glob("*/steps.npz"))]
     frames = [torch.from_numpy(np.load(path)) for path in sorted(folder.glob("*/frames.npy"))]
-    texts = [str(text) for part in parts for text in part["texts"]]
-    known = known or words.vocabulary(texts)
-    tables = [np.stack([words.encode(str(text), known) for text in part["texts"]]) for part in parts]
+    known = known or words.vocabulary([str(text) for part in parts for text in part["texts"]])
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0] if key != "texts"}
     source = np.repeat(np.arange(len(parts)), [len(part["text"]) for part in parts])
-    episodes = np.unique(np.stack([source, joined["episode"]], axis=1), axis=0, return_inverse=True)[
-        1
-    ].reshape(-1)
-    label, opening = joined["label"], joined["state"][:, 6]
+    pairs = np.stack([source, joined["episode"]], axis=1)
+    episodes = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
+    tables = tabulate(joined, episodes)
+    tables["tokens"] = np.concatenate(
+        [np.stack([words.encode(str(t), known) for t in part["texts"]])[part["text"]] for part in parts]
+    )
+    on_device = {
+        name: torch.from_numpy(np.ascontiguousarray(table)).to(device) for name, table in tables.items()
+    }
+    rest = {
+        "words": known,
+        "hash": fingerprint(frames, joined["label"]),
+        "episodes": int(episodes.max()) + 1,
+        "frames": len(episodes),
+        "held_out": torch.from_numpy(episodes % HELD_OUT == 0).to(device),
+    }
+    return Data(torch.cat([part.to(device) for part in frames]), **on_device, rest=rest)
+
+
+def tabulate(joined: dict[str, Any], episodes: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    """What belongs to each step, as ``Data`` has it, but for frames and words."""
+    label, opening, pixels = joined["label"], joined["state"][:, 6], joined["pixels"]
     same = np.append(False, episodes[1:] == episodes[:-1])
     before = np.where(same, np.roll(opening, 1), opening)
-    state = proprioception(joined["state"], before, since_change(joined["gripper"], same))
     index = np.minimum(np.arange(len(label))[:, None] + np.arange(HORIZON), len(label) - 1)
     inside = episodes[index] == episodes[:, None]
     weights = np.where(inside, np.where(np.arange(HORIZON) == 0, 1.0, LATER), 0.0)
-    pixels = joined["pixels"]
     shown = np.all((pixels > 0) & (pixels < 1), axis=-1)
     shown[:, 1] &= joined["targets"] > 1
-    digest = hashlib.sha256()
-    for part in frames:
-        digest.update(part.numpy()[:: max(len(part) // 50, 1)].tobytes())
-    digest.update(label.tobytes())
-    rest = {
-        "words": known,
-        "hash": digest.hexdigest()[:20],
-        "episodes": int(episodes.max()) + 1,
-        "frames": len(label),
-        "held_out": torch.from_numpy(episodes % HELD_OUT == 0).to(device),
-    }
-    tensor = {
-        "tokens": np.concatenate([t[part["text"]] for t, part in zip(tables, parts, strict=True)]),
-        "state": state,
+    return {
+        "state": proprioception(joined["state"], before, since_change(joined["gripper"], same)),
         "moves": label[index][..., :6].astype(np.float32),
         "gripper": (label[index][..., 6] > 0).astype(np.float32),
         "weights": weights.astype(np.float32),
@@ -98,10 +102,15 @@ def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
         "pixels": pixels,
         "shown": shown,
     }
-    on_device = {
-        name: torch.from_numpy(np.ascontiguousarray(value)).to(device) for name, value in tensor.items()
-    }
-    return Data(torch.cat([part.to(device) for part in frames]), **on_device, rest=rest)
+
+
+def fingerprint(frames: Sequence[Tensor], label: NDArray[np.float32]) -> str:
+    """Of the demonstrations: all labels, and some fifty frames of each part."""
+    digest = hashlib.sha256()
+    for part in frames:
+        digest.update(part.numpy()[:: max(len(part) // 50, 1)].tobytes())
+    digest.update(label.tobytes())
+    return digest.hexdigest()[:20]
 
 
 def since_change(commands: NDArray[np.float32], same: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -148,7 +157,7 @@ def loss_of(found: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor
     return parts["moves"] + parts["grip"] + 2 * parts["points"] + 2 * parts["places"], parts
 
 
-def validate(network: torch.nn.Module, data: Data, device: str) -> dict[str, float]:
+def validate(network: torch.nn.Module, data: Data) -> dict[str, float]:
     """Mean figures over the held-out steps, and how far the first action is off, in millimetres."""
     index = data.rest["held_out"].nonzero()[:, 0][:8192]
     sums: dict[str, float] = {}
@@ -164,47 +173,69 @@ def validate(network: torch.nn.Module, data: Data, device: str) -> dict[str, flo
     return {name: round(value, 4) for name, value in sums.items()}
 
 
-def train(data: Data, options: argparse.Namespace, device: str) -> tuple[Network, list[dict[str, float]]]:
+class Learner:
+    """A network, the mean of its weights over time, and what makes it learn."""
+
+    def __init__(self, options: argparse.Namespace, device: str) -> None:
+        self.options, self.device = options, device
+        self.network = Network().to(device)
+        if options.init:
+            known = load_file(options.init / WEIGHTS).items()
+            self.network.load_state_dict({name: value.float() for name, value in known})
+        self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
+        self._fast = torch.compile(self.network) if device == "cuda" else self.network
+        self._optimizer = torch.optim.AdamW(self.network.parameters(), lr=options.rate, weight_decay=DECAY)
+        self.updates = 0
+
+    def learn(self, data: Data, index: Tensor, done: float) -> None:
+        """One update from these steps; ``done`` in [0, 1] is how far the schedule is."""
+        warm = min(1.0, (self.updates + 1) / WARM_UP)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.options.rate * warm * 0.5 * (1 + math.cos(math.pi * done))
+        pictures = jitter(data.frames[index].permute(0, 3, 1, 2).float() / 255)
+        with torch.autocast(self.device, dtype=torch.bfloat16, enabled=self.device == "cuda"):
+            found = self._fast(pictures, data.tokens[index], data.state[index])
+        loss, _ = loss_of(found, data, index)
+        self._optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        kept = min(AVERAGED, (1 + self.updates) / (10 + self.updates))
+        with torch.no_grad():
+            torch._foreach_lerp_(
+                list(self.average.values()), list(self.network.state_dict().values()), 1 - kept
+            )
+        self.updates += 1
+
+    @contextmanager
+    def averaged(self) -> Iterator[Network]:
+        """The network with its mean weights, for as long as the block lasts."""
+        own = {name: value.clone() for name, value in self.network.state_dict().items()}
+        self.network.load_state_dict(self.average)
+        yield self.network.eval()
+        self.network.load_state_dict(own)
+        self.network.train()
+
+
+def train(data: Data, options: argparse.Namespace, device: str) -> None:
+    """Learn until the budget is spent; writes at every validation, so that a stop loses little."""
     torch.manual_seed(options.seed)
     torch.set_float32_matmul_precision("high")
-    network = Network().to(device)
-    if options.init:
-        network.load_state_dict({name: v.float() for name, v in load_file(options.init / WEIGHTS).items()})
-    average = {name: value.clone() for name, value in network.state_dict().items()}
-    fast = torch.compile(network) if device == "cuda" else network
-    optimizer = torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=DECAY)
+    learner = Learner(options, device)
     own = (~data.rest["held_out"]).nonzero()[:, 0]
-    began, curve, update = time.monotonic(), [], 0
-    while True:
-        done = max(update / options.updates, (time.monotonic() - began) / options.seconds)
-        if done >= 1:
-            break
-        rate = options.rate * min(1.0, (update + 1) / WARM_UP) * 0.5 * (1 + math.cos(math.pi * done))
-        for group in optimizer.param_groups:
-            group["lr"] = rate
-        index = own[torch.randint(len(own), (options.batch,), device=device)]
-        pictures = jitter(data.frames[index].permute(0, 3, 1, 2).float() / 255)
-        with torch.autocast(device, dtype=torch.bfloat16, enabled=device == "cuda"):
-            found = fast(pictures, data.tokens[index], data.state[index])
-        loss, _ = loss_of(found, data, index)
-        optimizer.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        optimizer.step()
-        kept = min(AVERAGED, (1 + update) / (10 + update))
-        with torch.no_grad():
-            torch._foreach_lerp_(list(average.values()), list(network.state_dict().values()), 1 - kept)
-        update += 1
-        if update % options.every == 0:
-            known = {name: value.clone() for name, value in network.state_dict().items()}
-            network.load_state_dict(average)
-            figures = validate(network.eval(), data, device)
-            network.train()
-            network.load_state_dict(known)
-            curve.append({"update": update, "seconds": round(time.monotonic() - began), **figures})
+    began = time.monotonic()
+    curve: list[dict[str, float]] = []
+    done = 0.0
+    while done < 1:
+        learner.learn(data, own[torch.randint(len(own), (options.batch,), device=device)], done)
+        seconds = time.monotonic() - began
+        done = max(learner.updates / options.updates, seconds / options.seconds)
+        if learner.updates % options.every == 0 or done >= 1:
+            with learner.averaged() as network:
+                figures = validate(network, data)
+                curve.append({"update": learner.updates, "seconds": round(seconds), **figures})
+                write(network, data, curve, options)
             print(json.dumps(curve[-1]), flush=True)
-    network.load_state_dict(average)
-    return network, [*curve, {"update": update, "seconds": round(time.monotonic() - began)}]
 
 
 def write(network: Network, data: Data, curve: list[dict[str, float]], options: argparse.Namespace) -> None:
@@ -269,8 +300,7 @@ def main() -> None:
         ),
         flush=True,
     )
-    network, curve = train(data, options, device)
-    write(network, data, curve, options)
+    train(data, options, device)
 
 
 if __name__ == "__main__":
