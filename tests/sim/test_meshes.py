@@ -1,0 +1,144 @@
+"""The simplified robot: another look, and nothing else."""
+
+from multiprocessing import get_context
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+from mani_skill.agents.robots.panda import Panda
+
+from vlafuzz.sim.maniskill import meshes
+from vlafuzz.sim.maniskill.meshes import light_robot
+
+STOCK = Path(Panda.urdf_path)
+MOST_VERTICES = 10_000
+PIXEL = 0.007  # metres on the table, in a picture of 128 pixels
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory) -> Path:
+    """Made anew, in a cache of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("VLAFUZZ_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield light_robot(STOCK)
+
+
+def root(urdf: Path) -> ElementTree.Element:
+    return ElementTree.parse(urdf).getroot()
+
+
+def files(urdf: Path, kind: str) -> list[Path]:
+    """Of all visual or collision meshes, in the robot's order."""
+    found = root(urdf).iterfind(f".//{kind}/geometry/mesh")
+    return [(urdf.parent / each.attrib["filename"]).resolve() for each in found]
+
+
+def without_looks(urdf: Path) -> str:
+    robot = root(urdf)
+    for link in robot.iterfind("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    for mesh in robot.iterfind(".//mesh"):
+        mesh.set("filename", Path(mesh.attrib["filename"]).name)
+    return ElementTree.canonicalize(ElementTree.tostring(robot, "unicode"), strip_text=True)
+
+
+def placed_visuals(urdf: Path) -> list[tuple[dict[str, str], str]]:
+    """Where each visual sits on its link, and its mesh's name."""
+    return [
+        (getattr(visual.find("origin"), "attrib", {}), Path(visual.find(".//mesh").attrib["filename"]).name)
+        for visual in root(urdf).iterfind(".//visual")
+    ]
+
+
+def test_joints_links_masses_and_collision_shapes_are_stocks(light):
+    assert without_looks(light) == without_looks(STOCK)
+    assert files(light, "collision") == files(STOCK, "collision")
+    assert all(file.is_file() for file in files(light, "collision"))
+
+
+def test_every_visual_is_where_it_was(light):
+    assert placed_visuals(light) == placed_visuals(STOCK)
+    assert not set(files(light, "visual")) & set(files(STOCK, "visual"))
+
+
+def test_it_has_few_vertices(light):
+    def vertices(urdf: Path) -> int:
+        parts = (trimesh.load_scene(file).geometry.values() for file in files(urdf, "visual"))
+        return sum(len(mesh.vertices) for meshes in parts for mesh in meshes)
+
+    assert vertices(light) < MOST_VERTICES < vertices(STOCK) / 20
+
+
+@pytest.mark.parametrize("number", range(len(files(STOCK, "visual"))))
+def test_a_part_keeps_its_size_to_a_pixel(light, number):
+    ours, stock = (trimesh.load_scene(files(urdf, "visual")[number]).bounds for urdf in (light, STOCK))
+    assert np.abs(ours - stock).max() < PIXEL
+
+
+def test_a_part_keeps_its_colours(light):
+    def colours(file: Path) -> list[list[int]]:
+        return [
+            mesh.visual.material.main_color.tolist() for mesh in trimesh.load_scene(file).geometry.values()
+        ]
+
+    for ours, stock in zip(files(light, "visual"), files(STOCK, "visual"), strict=True):
+        assert colours(ours) == colours(stock)
+
+
+def test_which_links_may_touch_is_kept(light):
+    ours, stock = light.with_suffix(".srdf"), STOCK.with_suffix(".srdf")
+    assert ours.read_bytes() == stock.read_bytes()
+
+
+@pytest.fixture
+def no_work(light, monkeypatch):
+    """Fails whoever makes a mesh: all must come from the cache."""
+    monkeypatch.setattr(meshes, "_simplify", lambda *_: pytest.fail("made again"))
+
+
+def test_it_is_made_once(light, no_work):
+    before = light.stat().st_mtime_ns
+    assert light_robot(STOCK) == light
+    assert light.stat().st_mtime_ns == before
+
+
+def shapes(urdf: Path) -> list[np.ndarray]:
+    """Everything of the visuals' geometry. Nodes of a file have random names."""
+    parts = [mesh for file in files(urdf, "visual") for mesh in trimesh.load_scene(file).geometry.values()]
+    return [array for mesh in parts for array in (mesh.vertices, mesh.faces, mesh.vertex_normals)]
+
+
+@pytest.mark.parametrize("missing", ["hand.glb", "panda_v2.urdf"])
+def test_what_lacks_a_file_is_made_again_just_the_same(light, missing):
+    before, names = shapes(light), {file.name for file in light.parent.iterdir()}
+    (light.parent / missing).unlink()
+    assert light_robot(STOCK) == light
+    assert all(map(np.array_equal, shapes(light), before))
+    assert {file.name for file in light.parent.iterdir()} == names
+    assert [each.name for each in light.parent.parent.iterdir()] == [light.parent.name]  # no drafts left
+
+
+def test_other_meshes_are_another_robot(light, tmp_path):
+    urdf = tmp_path / "one.urdf"
+    mesh = '<link name="a"><visual><geometry><mesh filename="a.glb"/></geometry></visual></link>'
+    urdf.write_text(f'<robot name="one">{mesh}</robot>')
+    made = []
+    for radius in (0.1, 0.2):
+        ball = trimesh.creation.icosphere(radius=radius)
+        ball.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial())
+        ball.export(tmp_path / "a.glb")
+        made.append(light_robot(urdf))
+    sizes = [trimesh.load_scene(files(each, "visual")[0]).extents.max() for each in made]
+    assert sizes == pytest.approx([0.2, 0.4], abs=0.01)
+
+
+def test_processes_may_make_it_at_the_same_time(light, tmp_path, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    with get_context("spawn").Pool(2) as pool:
+        one, other = pool.map(light_robot, [STOCK, STOCK], chunksize=1)
+    assert one == other
+    assert all(map(np.array_equal, shapes(one), shapes(light)))
+    assert [each.name for each in one.parent.parent.iterdir()] == [one.parent.name]
