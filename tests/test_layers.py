@@ -18,7 +18,7 @@ ROWS = (
     "scene objects",
     "rig",
     "tasks outcome",
-    "validity scoring",
+    "validity scoring evidence",
     "space",  # generates fair scenes: asks validity
     "search subjects",
     "sim",

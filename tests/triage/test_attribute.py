@@ -3,12 +3,13 @@ from collections.abc import Callable
 import pytest
 
 from tests.triage.planted import SPACE, Condition, Planted
+from vlafuzz.evidence import Causes, Threshold, signature
 from vlafuzz.scene import Scene
-from vlafuzz.triage.attribute import Attribution, Threshold, attribute, signature
+from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.shrink import shrink
 
 
-def causes(*conditions: Condition, seed: int = 0) -> tuple[Attribution, Planted]:
+def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
     judge = Planted(conditions)
     found = judge.finding(seed)
     bench = judge.bench(found)

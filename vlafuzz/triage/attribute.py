@@ -2,72 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-
+from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.triage.bench import Bench
 from vlafuzz.triage.shrink import BEYOND, Shrunk
 from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, free_genes
 
-BASE = "base"  # in a signature: even the nominal scene fails
 SHARES = 32  # steps of a way that several values go together
 
 
-@dataclass(frozen=True)
-class Threshold:
-    """From where on an operator makes the subject fail, all else as in the minimal scene.
-
-    Attributes:
-        gene: where the value stands in a scene, if it is one value; else several move together.
-        value: the one nearest to nominal that fails; None for several.
-        share: of the way from nominal to the minimal scene, in (0, 1].
-    """
-
-    operator: str
-    gene: str | None
-    value: float | None
-    share: float
-
-    def __str__(self) -> str:
-        if self.gene is None or self.value is None:
-            return f"{self.operator}: fails from {self.share:.0%} of the way on"
-        slot, _, name = self.gene.rpartition(".")
-        of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-        return f"{self.operator}: fails from {name}{of} {_with_unit(name, self.value)} on"
-
-
-@dataclass(frozen=True)
-class Attribution:
-    """Causes of a failure, as its minimal scene shows them.
-
-    Attributes:
-        necessary: without one of them the subject passes.
-        sufficient: put alone onto the nominal scene, they make it fail.
-    """
-
-    necessary: tuple[str, ...] = ()
-    sufficient: tuple[str, ...] = ()
-    thresholds: tuple[Threshold, ...] = ()
-
-
-def attribute(shrunk: Shrunk, bench: Bench, space: SearchSpace) -> Attribution:
+def attribute(shrunk: Shrunk, bench: Bench, space: SearchSpace) -> Causes:
     """Causes of what is left of a finding, with the bench that it was shrunk on."""
     left = shrunk.operators
     alone = {name: _alone(space, shrunk.scene, name) for name in left}
     failing = bench.fails(list(alone.values()))
     thresholds = [_threshold(shrunk.scene, name, bench, space) for name in left if name != CONFOUNDERS]
-    return Attribution(
+    return Causes(
         tuple(shrunk.counterparts),
         tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
         tuple(found for found in thresholds if found),
     )
-
-
-def signature(task: str, lost: str, operators: Iterable[str]) -> str:
-    """Which bug it is, readable: ``pick-up|grasp|camera-orientation+light``."""
-    return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
 
 
 def _alone(space: SearchSpace, scene: Scene, name: str) -> Scene:
@@ -110,9 +65,3 @@ def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
         else:
             passes = middle
     return step(fails)
-
-
-def _with_unit(name: str, value: float) -> str:
-    if name == "intensity":
-        return f"× {value:g}"
-    return f"{value:g} m" if name in ("x", "y", "distance") else f"{value:g}°"

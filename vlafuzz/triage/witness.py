@@ -8,28 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.evidence import Actions, Witness
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
 
 TRIES = 4  # grasps that the expert begins with, before it gives up
-
-Actions = NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class Witness:
-    """A solution.
-
-    Attributes:
-        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to where the hand is.
-        states_hash: of the trajectory that they made when played again.
-        grasp: which of its grasps the expert began with, from 0.
-    """
-
-    actions: Actions
-    states_hash: str
-    grasp: int
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,85 @@
+"""Planted causes in the real simulator, physics only: an expert that does not move where they hold."""
+
+from statistics import median
+
+import numpy as np
+import pytest
+
+from tests.triage.planted import CATALOGUE, CONDITIONS, SPACE, STAGES, Planted
+from tests.triage.test_shrink import CASES
+from vlafuzz.outcome import Verdict
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.subjects.base import ActionChunk
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.triage.attribute import attribute
+from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.shrink import shrink
+
+STAY = ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]]))
+
+
+class Afraid(Expert):
+    """Stays where it is when all conditions hold, else does the task."""
+
+    conditions = ()
+
+    def act(self, observations):
+        return [STAY if self._afraid(each) else super(Afraid, self).act([each])[0] for each in observations]
+
+    def _afraid(self, observation):
+        return all(condition(observation.privileged.scene) for condition in self.conditions)
+
+
+@pytest.fixture(scope="module")
+def evaluator():
+    made = ManiSkillEvaluator(
+        "pick-up", Afraid(), CATALOGUE, min_distance=SPACE.operators.min_distance, stop_early=True
+    )
+    yield made
+    made.close()
+
+
+def triaged(evaluator, conditions, seed):
+    """(operators, necessary, thresholds, rollouts) of a random scene in which the conditions hold."""
+    evaluator._subject.conditions = conditions
+    rng = np.random.default_rng(seed)
+    holds = Planted(conditions).fails
+    while True:
+        found = next(scene for scene in iter(lambda: SPACE.sample(rng), None) if holds(scene))
+        judged = Judged.of(evaluator.evaluate([found])[0])
+        if judged.verdict is Verdict.FAILED:
+            break
+
+    def judge(scenes):
+        return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
+
+    bench = Bench(judge, STAGES, (found, judged), most=100)
+    shrunk = shrink(found, bench, SPACE)
+    causes = attribute(shrunk, bench, SPACE)
+    return set(shrunk.operators), set(causes.necessary), causes.thresholds, bench.spent
+
+
+QUICK = [("camera-orientation",), ("confounders",), ("light", "camera-position")]
+
+
+@pytest.mark.parametrize("operators", QUICK, ids=lambda operators: "+".join(operators))
+def test_planted_operators_are_found_by_rollouts(evaluator, operators):
+    conditions = [CONDITIONS[name][0] for name in operators]
+    left, necessary, _, rollouts = triaged(evaluator, conditions, seed=1)
+    assert left == necessary == set(operators)
+    assert rollouts <= 60
+
+
+def test_a_threshold_is_where_it_was_planted(evaluator):
+    _, _, (threshold,), _ = triaged(evaluator, CONDITIONS["camera-orientation"][:1], seed=2)
+    assert str(threshold) == "camera-orientation: fails from yaw 2.6° on"
+
+
+@pytest.mark.slow
+def test_of_35_planted_cases_at_least_95_per_cent_are_found_in_40_rollouts(evaluator):
+    found = [triaged(evaluator, conditions, seed) for seed, (_, conditions) in enumerate(CASES)]
+    right = [
+        left == necessary == set(case[0]) for case, (left, necessary, *_) in zip(CASES, found, strict=True)
+    ]
+    assert np.mean(right) >= 0.95
+    assert median(rollouts for *_, rollouts in found) <= 40
