@@ -257,12 +257,13 @@ def test_an_older_store_is_brought_up_to_date_even_to_read(path: Path, monkeypat
     def add_a_column(connection: sqlite3.Connection) -> None:
         connection.execute("ALTER TABLE finding ADD COLUMN note TEXT")
 
+    newest = len(migrations.MIGRATIONS) + 1
     monkeypatch.setattr(migrations, "MIGRATIONS", [*migrations.MIGRATIONS, add_a_column])
     monkeypatch.setattr("vlafuzz.corpus.database.MIGRATIONS", migrations.MIGRATIONS)
     with Corpus.open(path) as corpus:
         assert len(corpus.findings()) == 30
     raw = sqlite3.connect(path)
-    assert raw.execute("PRAGMA user_version").fetchone() == (2,)
+    assert raw.execute("PRAGMA user_version").fetchone() == (newest,)
     assert raw.execute("SELECT DISTINCT note FROM finding").fetchall() == [(None,)]
     raw.close()
 
@@ -280,3 +281,12 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
     monkeypatch.undo()
     with Corpus.open(path, "write") as corpus:
         assert len(corpus.findings()) == 30
+
+
+def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("vlafuzz.corpus.database.MIGRATIONS", migrations.MIGRATIONS[:1])
+    monkeypatch.setattr(migrations, "MIGRATIONS", migrations.MIGRATIONS[:1])
+    written(path)
+    monkeypatch.undo()
+    with Corpus.open(path, "write") as corpus:
+        assert (len(corpus.findings()), corpus.triaged()) == (30, [])

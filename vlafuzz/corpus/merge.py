@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.corpus.database import WriterLock, connect_to_read, connect_to_write, explained
-from vlafuzz.corpus.records import EVIDENCE
+from vlafuzz.corpus.records import EVIDENCE, EVIDENCE_OF
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import CorpusError
 
@@ -21,14 +21,19 @@ NUMBERS: dict[str, dict[str, str]] = {
     "trial": {"id": "trial", "run": "run"},
     "rollout": {"trial": "trial"},
     "finding": {"run": "run", "trial": "trial"},
+    "triage": {},
 }
 _RANK = "CASE {}.evidence " + " ".join(f"WHEN '{name}' THEN {n}" for n, name in enumerate(EVIDENCE)) + " END"
+_RANKS = " ".join(f"WHEN '{bucket}' THEN {EVIDENCE.index(name)}" for bucket, name in EVIDENCE_OF.items())
+_BUCKET_RANK = f"CASE {{}}.bucket {_RANKS} END"
 _CONFLICT = {
     "scene": "ON CONFLICT DO NOTHING",
     # Known in both stores: kept once, as the store with more evidence has it.
     "finding": "ON CONFLICT (scene, subject_key) DO UPDATE SET"
     " run = excluded.run, trial = excluded.trial, evidence = excluded.evidence, cell = excluded.cell"
     f" WHERE {_RANK.format('excluded')} > {_RANK.format('finding')}",
+    "triage": "ON CONFLICT (scene, subject_key) DO UPDATE SET {all}"
+    f" WHERE {_BUCKET_RANK.format('excluded')} > {_BUCKET_RANK.format('triage')}",
 }
 
 
@@ -104,9 +109,11 @@ def _copy_table(
         f'"{column}" + {shift[column]}' if column in shift else f'"{column}"' for column in columns
     )
     marks = ", ".join("?" * len(columns))
+    everything = ", ".join(f'"{column}" = excluded."{column}"' for column in columns)
+    conflict = _CONFLICT.get(table, "").replace("{all}", everything)
     order = "" if table == "rollout" else " ORDER BY rowid"
     target.executemany(
-        f"INSERT INTO {table} ({names}) VALUES ({marks}) {_CONFLICT.get(table, '')}",
+        f"INSERT INTO {table} ({names}) VALUES ({marks}) {conflict}",
         source.execute(f"SELECT {values} FROM {table}{order}"),
     )
 

@@ -93,12 +93,49 @@ _FIRST = (
 )
 
 
+# JSON where several things are kept: lists of operators, counterparts by operator, thresholds.
+_TRIAGE = """
+    CREATE TABLE triage (
+        scene TEXT NOT NULL REFERENCES scene,
+        subject_key TEXT NOT NULL,
+        bucket TEXT NOT NULL CHECK (bucket IN ('minimal', 'witnessed', 'base', 'unproven', 'flaky')),
+        detail TEXT NOT NULL,
+        repeats INTEGER NOT NULL,
+        failures INTEGER NOT NULL,
+        deviating TEXT NOT NULL,
+        shrunk TEXT REFERENCES scene,
+        lost_stage TEXT,
+        operators TEXT NOT NULL,
+        necessary TEXT NOT NULL,
+        sufficient TEXT NOT NULL,
+        thresholds TEXT NOT NULL,
+        counterparts TEXT NOT NULL,
+        unresolved TEXT NOT NULL,
+        signature TEXT,
+        witness_actions BLOB,
+        witness_hash TEXT,
+        witness_grasp INTEGER,
+        complete INTEGER NOT NULL CHECK (complete IN (0, 1)),
+        shrink_rollouts INTEGER NOT NULL,
+        subject_rollouts INTEGER NOT NULL,
+        expert_rollouts INTEGER NOT NULL,
+        seconds REAL NOT NULL,
+        ended TEXT NOT NULL,
+        PRIMARY KEY (scene, subject_key)
+    ) STRICT
+    """
+
+
 def _first(connection: sqlite3.Connection) -> None:
     for statement in _FIRST:
         connection.execute(statement)
 
 
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first]
+def _triage(connection: sqlite3.Connection) -> None:
+    connection.execute(_TRIAGE)
+
+
+MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

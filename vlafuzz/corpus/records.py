@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
+from vlafuzz.evidence import Causes, Witness
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Genome
@@ -15,6 +16,15 @@ from vlafuzz.search.base import Genome
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running
 EVIDENCE = ("observed", "confirmed", "witnessed", "minimal")  # from the least to the most
+Bucket = Literal["minimal", "witnessed", "base", "unproven", "flaky"]
+# How far the evidence goes for a finding that triage left in a bucket.
+EVIDENCE_OF: Mapping[Bucket, str] = {
+    "minimal": "minimal",
+    "witnessed": "witnessed",
+    "base": "witnessed",
+    "unproven": "confirmed",
+    "flaky": "observed",
+}
 
 # What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
 _DECISIVE = (
@@ -111,3 +121,50 @@ class Finding:
     proposal: int
     evidence: str
     cell: str
+
+
+@dataclass(frozen=True, eq=False)
+class Triaged:
+    """What triage made of a finding.
+
+    Attributes:
+        bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even
+            the nominal scene fails; ``unproven``, the expert fails, too; ``flaky``, it does not mostly fail.
+        repeats: that confirmed it or did not, ``failures`` of them failed.
+        deviating: operators that were not nominal, the confounders' as one.
+        shrunk: what is left of the scene; None where it was not shrunk.
+        lost_stage: in what is left.
+        operators: left in it.
+        counterparts: by operator left, the scene without it, in which the subject passes.
+        unresolved: operators left without a counterpart.
+        signature: which bug it is.
+        witness: of what is left when it is ``minimal``, else of the finding.
+        complete: the bound on rollouts cut nothing short.
+        shrink_rollouts: of the subject, to shrink and attribute; ``subject_rollouts`` are all.
+    """
+
+    scene: Scene
+    subject_key: str
+    bucket: Bucket
+    repeats: int
+    failures: int
+    deviating: tuple[str, ...]
+    shrunk: Scene | None = None
+    lost_stage: str | None = None
+    operators: tuple[str, ...] = ()
+    causes: Causes = field(default_factory=Causes)
+    counterparts: Mapping[str, Scene] = field(default_factory=dict)
+    unresolved: tuple[str, ...] = ()
+    signature: str | None = None
+    witness: Witness | None = None
+    complete: bool = True
+    shrink_rollouts: int = 0
+    subject_rollouts: int = 0
+    expert_rollouts: int = 0
+    seconds: float = 0.0
+    detail: str = ""
+
+    @property
+    def evidence(self) -> str:
+        """How far it goes, one of ``EVIDENCE``."""
+        return EVIDENCE_OF[self.bucket]

@@ -6,13 +6,15 @@ import json
 import math
 import sqlite3
 import zlib
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.corpus.records import Finding, Manifest, Run, Trial
+from vlafuzz.corpus.records import Finding, Manifest, Run, Triaged, Trial
+from vlafuzz.evidence import Causes, Threshold, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 
@@ -147,4 +149,62 @@ def to_finding(row: sqlite3.Row) -> Finding:
         row["proposal"],
         row["evidence"],
         row["cell"],
+    )
+
+
+def triage_row(kept: Triaged) -> Row:
+    """Columns of ``triage``; of scenes the digests."""
+    causes, witness = kept.causes, kept.witness
+    without = {name: scene.digest for name, scene in kept.counterparts.items()}
+    return {
+        "scene": kept.scene.digest,
+        "subject_key": kept.subject_key,
+        "bucket": kept.bucket,
+        "detail": kept.detail,
+        "repeats": kept.repeats,
+        "failures": kept.failures,
+        "deviating": json.dumps(kept.deviating),
+        "shrunk": kept.shrunk.digest if kept.shrunk else None,
+        "lost_stage": kept.lost_stage,
+        "operators": json.dumps(kept.operators),
+        "necessary": json.dumps(causes.necessary),
+        "sufficient": json.dumps(causes.sufficient),
+        "thresholds": json.dumps([asdict(threshold) for threshold in causes.thresholds]),
+        "counterparts": json.dumps(without),
+        "unresolved": json.dumps(kept.unresolved),
+        "signature": kept.signature,
+        "witness_actions": pack(witness.actions) if witness else None,
+        "witness_hash": witness.states_hash if witness else None,
+        "witness_grasp": witness.grasp if witness else None,
+        "complete": int(kept.complete),
+        "shrink_rollouts": kept.shrink_rollouts,
+        "subject_rollouts": kept.subject_rollouts,
+        "expert_rollouts": kept.expert_rollouts,
+        "seconds": number(kept.seconds) or 0.0,
+    }
+
+
+def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
+    """A row of ``triage``; ``scene`` gives the scene of a digest."""
+    causes = Causes(
+        tuple(json.loads(row["necessary"])),
+        tuple(json.loads(row["sufficient"])),
+        tuple(Threshold(**each) for each in json.loads(row["thresholds"])),
+    )
+    witness = None
+    if row["witness_hash"] is not None:
+        actions = unpack(row["witness_actions"], -1, _ACTION)
+        witness = Witness(actions, row["witness_hash"], row["witness_grasp"])
+    same = ("subject_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds")
+    costs = ("shrink_rollouts", "subject_rollouts", "expert_rollouts")
+    plain: Row = {name: row[name] for name in (*same, *costs)}
+    plain |= {name: tuple(json.loads(row[name])) for name in ("deviating", "operators", "unresolved")}
+    return Triaged(
+        scene=scene(row["scene"]),
+        **plain,
+        shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
+        causes=causes,
+        counterparts={name: scene(each) for name, each in json.loads(row["counterparts"]).items()},
+        witness=witness,
+        complete=bool(row["complete"]),
     )

@@ -12,7 +12,7 @@ from typing import Literal, Self
 
 from vlafuzz.corpus import rows
 from vlafuzz.corpus.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
-from vlafuzz.corpus.records import UNFINISHED, Finding, Manifest, Run, Status, Trial
+from vlafuzz.corpus.records import UNFINISHED, Finding, Manifest, Run, Status, Triaged, Trial
 from vlafuzz.errors import CorpusError
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
@@ -95,12 +95,24 @@ class Corpus:
     def add(self, run: int, trial: Trial) -> None:
         """Keep a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
         with self._transaction():
-            self._insert("scene", {"digest": trial.scene.digest, "json": trial.scene.to_json()}, "OR IGNORE")
+            self._insert_scene(trial.scene)
             number = self._insert("trial", rows.trial_row(run, trial))
             for index, rollout in enumerate(() if trial.duplicate else trial.outcome.rollouts):
                 self._insert("rollout", rows.rollout_row(number, index, rollout))
             if trial.outcome.verdict is Verdict.FAILED:
                 self._insert("finding", self._finding_row(run, number, trial), "OR IGNORE")
+
+    def settle(self, triaged: Triaged) -> None:
+        """Keep what triage made of a finding, with all its scenes, and how far its evidence now goes."""
+        with self._transaction():
+            for scene in (triaged.shrunk, *triaged.counterparts.values()):
+                if scene is not None:
+                    self._insert_scene(scene)
+            self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
+            self._connection.execute(
+                "UPDATE finding SET evidence = ? WHERE scene = ? AND subject_key = ?",
+                (triaged.evidence, triaged.scene.digest, triaged.subject_key),
+            )
 
     def finish(self, run: int, status: Status, seconds: float) -> None:
         """The run is over, after so many seconds."""
@@ -173,6 +185,11 @@ class Corpus:
             found = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
         return [rows.to_finding(row) for row in found]
 
+    def triaged(self) -> list[Triaged]:
+        """What triage made of findings, in the order in which it did."""
+        found = self._select("SELECT * FROM triage ORDER BY rowid")
+        return [rows.to_triaged(row, self._scene) for row in found]
+
     def known(self, scene: Scene, subject_key: str) -> Outcome | None:
         """The outcome of that scene under that key, from any run; None when it is to be (re)tried.
 
@@ -216,6 +233,9 @@ class Corpus:
             with self._connection:
                 yield
 
+    def _insert_scene(self, scene: Scene) -> None:
+        self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
+
     def _insert(self, table: str, row: rows.Row, conflict: str = "") -> int:
         names = ", ".join(f'"{name}"' for name in row)
         marks = ", ".join(f":{name}" for name in row)
@@ -230,6 +250,10 @@ class Corpus:
     def _select(self, query: str, *values: str | int) -> list[sqlite3.Row]:
         with explained(self.path):
             return self._connection.execute(query, values).fetchall()
+
+    def _scene(self, digest: str) -> Scene:
+        (row,) = self._select("SELECT json FROM scene WHERE digest = ?", digest)
+        return Scene.from_json(row["json"])
 
     def _rollouts(self, trial: int) -> tuple[Rollout, ...]:
         found = self._select("SELECT * FROM rollout WHERE trial = ? ORDER BY number", trial)
