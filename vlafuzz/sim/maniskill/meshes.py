@@ -29,9 +29,19 @@ def light_robot(urdf: Path) -> Path:
     """A URDF of the same robot with simplified looks, made at the first call."""
     folder = shipped.cache_dir() / "robots" / f"{urdf.stem}-{_fingerprint(urdf)}"
     made = folder / urdf.name
-    if not made.is_file():
+    if not _complete(made):
+        shutil.rmtree(folder, ignore_errors=True)
         _fill(urdf, folder)
     return made
+
+
+def _complete(made: Path) -> bool:
+    """SAPIEN only logs a missing mesh."""
+    if not made.is_file():
+        return False
+    return all(
+        (made.parent / each.attrib["filename"]).is_file() for each in _visuals(ElementTree.parse(made))
+    )
 
 
 def _fingerprint(urdf: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ from vlafuzz import shipped
 
 # What SAPIEN's own shader pack says of a table of reflectances, which takes 6 s to compute on a CPU. It tells
 # how surroundings are mirrored, and there are none: without it the same picture comes out.
+_NAME = "samplerBRDFLUT"
 _TABLE = re.compile(r"^layout\(.*\) uniform sampler2D samplerBRDFLUT;$", re.MULTILINE)
 _LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
 _FORMATS = {
@@ -66,22 +68,32 @@ def _config(pack: Path) -> ShaderConfig:
 def _shader_pack() -> Path:
     """SAPIEN's fastest pack without the reflectance table, in the user's cache."""
     source = Path(sapien.__file__).parent / "vulkan_shader"
-    files = sorted(file for name in ("minimal", "common") for file in (source / name).iterdir())
-    digest = hashlib.sha256(b"1".join(file.read_bytes() for file in files)).hexdigest()[:20]
+    shaders = {
+        f"{name}/{file.name}": _without_table(file.read_text(encoding="utf-8"))
+        for name in ("minimal", "common")
+        for file in sorted((source / name).iterdir())
+    }
+    digest = hashlib.sha256(json.dumps(shaders).encode()).hexdigest()[:20]
     folder = shipped.cache_dir() / "shaders" / digest
-    if not folder.is_dir():
-        _fill(source, folder)
+    if not all((folder / name).is_file() for name in shaders):
+        shutil.rmtree(folder, ignore_errors=True)
+        _fill(shaders, folder)
     return folder / "minimal"
 
 
-def _fill(source: Path, folder: Path) -> None:
+def _without_table(shader: str) -> str:
+    """A shader as it is, where SAPIEN writes about the table in another way: slow at first, and right."""
+    without = _LOOKUP.sub("vec2(0)", _TABLE.sub("", shader))
+    return shader if _NAME in without else without
+
+
+def _fill(shaders: dict[str, str], folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
         draft = Path(space) / "shaders"
-        for name in ("minimal", "common"):
-            shutil.copytree(source / name, draft / name)
-        for file in (draft / "minimal").glob("*.frag"):
-            file.write_text(_LOOKUP.sub("vec2(0)", _TABLE.sub("", file.read_text())))
+        for name, text in shaders.items():
+            (draft / name).parent.mkdir(parents=True, exist_ok=True)
+            (draft / name).write_text(text, encoding="utf-8")
         try:
             draft.rename(folder)
         except OSError:
