@@ -24,9 +24,9 @@ ROWS = (
     "sim",
     "execute corpus triage",
     "report",
-    "campaign",
+    "campaign findings",
     "compare studies",
-    "integrations config",
+    "integrations config desk",
     "cli",
     "__main__",
 )

@@ -12,11 +12,12 @@ from typing import Any
 from vlafuzz import campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
+from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
-from vlafuzz.errors import CorpusError, SceneError, UsageError, suggestion
+from vlafuzz.errors import SceneError, UsageError, suggestion
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.renderer import probe
@@ -25,7 +26,7 @@ from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, strategy_factory
 from vlafuzz.sim.base import Evaluator
-from vlafuzz.space import OPERATORS, OperatorSet, SearchSpace, load_operators
+from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.subjects.base import Subject
 from vlafuzz.subjects.registry import check_subject_name, make_subject
 from vlafuzz.tasks.base import Task
@@ -139,7 +140,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in _STORED}
     known = RunConfig(**stored, scenes=asked.scenes, store=store)
-    made = plan(known, _stored_operators(store, run.manifest))
+    made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
 
@@ -251,7 +252,7 @@ def _manifest(
         criteria=config.criteria,
         stop_early=config.stop_early,
         min_distance=operators.min_distance,
-        operators=_operators_json(operators),
+        operators=operators_json(operators),
         operators_digest=operators.digest,
         catalogue_digest=space.catalogue.digest,
         simulator="/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien")),
@@ -259,27 +260,6 @@ def _manifest(
         commit=provenance.commit(),
         command=config.command,
     )
-
-
-def _operators_json(operators: OperatorSet) -> str:
-    ranges = {name: operator.model_dump(mode="json") for name, operator in operators.operators.items()}
-    varied = sorted(operators.varied)
-    return json.dumps(
-        {"min_distance": operators.min_distance, "varied": varied, "operators": ranges}, sort_keys=True
-    )
-
-
-def _stored_operators(store: Path, manifest: Manifest) -> OperatorSet:
-    """Those of a manifest: what ``_operators_json`` wrote, read back."""
-    try:
-        found = json.loads(manifest.operators)
-        operators = {name: kind.model_validate(found["operators"][name]) for name, kind in OPERATORS.items()}
-        return OperatorSet(store, found["min_distance"], operators, frozenset(found["varied"]), {})
-    except (KeyError, ValueError) as error:
-        raise CorpusError(
-            f"{store}: its operators are those of another version: {' '.join(str(error).split())}",
-            hint="go on with the version that began the run",
-        ) from None
 
 
 def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:

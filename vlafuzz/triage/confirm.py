@@ -38,14 +38,16 @@ def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirm
 
     Args:
         repeat: the verdict of the n-th repeat, from 0, in an environment that has seen no other scene of
-            the run. A crash or an unfair scene says nothing and is not counted.
+            the run. A crash says nothing and is not counted; an unfair scene ends it.
     """
     evidence, failures, judged = 0.0, 0, 0
     step = math.log(MOSTLY / RARELY)  # the other way for a pass: the two rates are each other's complement
     bound = math.log((1 - WRONG) / WRONG)
     for number in range(1 if deterministic else MOST):
         verdict = repeat(number)
-        if verdict < Verdict.PASSED:
+        if verdict is Verdict.INVALID:
+            break
+        if verdict is Verdict.ERROR:
             continue
         judged += 1
         failures += verdict is Verdict.FAILED

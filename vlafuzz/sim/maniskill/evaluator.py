@@ -71,6 +71,10 @@ class ManiSkillEvaluator:
         """One outcome a scene, in order."""
         return [self._evaluate(scene) for scene in scenes]
 
+    def renew(self) -> None:
+        """The next scene gets an environment that has seen no other."""
+        self._drop_env()
+
     def close(self) -> None:
         """Let go of simulator and subject."""
         self._drop_env()

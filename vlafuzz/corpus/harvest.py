@@ -1,0 +1,81 @@
+"""Harvest: what triage of a store has come to, the JSON of ``triage --json``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import get_args
+
+from vlafuzz.corpus.records import Bucket, Triaged
+from vlafuzz.corpus.store import Corpus
+
+
+@dataclass(frozen=True)
+class Harvest:
+    """All that was triaged in a store, in numbers.
+
+    Attributes:
+        findings: of the store, ``triaged`` of them.
+        buckets: findings by bucket.
+        confirmed: failed again: all that are not flaky.
+        witnessed: of these, solved by the expert.
+        distinct_cells: in which the findings lie, before triage.
+        signatures: findings by bug, after triage; without ``base``.
+        deviating_before: operators that were not nominal, median over those that were shrunk.
+        deviating_after: operators left in them.
+        shrink_rollouts: median over those that were shrunk.
+        subject_rollouts: all, to confirm, shrink and attribute.
+        expert_rollouts: all, replays included.
+        seconds: wall time of it.
+    """
+
+    store: str
+    findings: int
+    triaged: int
+    buckets: dict[str, int]
+    confirmed: int
+    witnessed: int
+    distinct_cells: int
+    distinct_signatures: int
+    signatures: dict[str, int]
+    deviating_before: float | None
+    deviating_after: float | None
+    shrink_rollouts: float | None
+    subject_rollouts: int
+    expert_rollouts: int
+    seconds: float
+
+
+def harvest(corpus: Corpus) -> Harvest:
+    """Count what is there."""
+    findings, triaged = corpus.findings(), corpus.triaged()
+    buckets = Counter(each.bucket for each in triaged)
+    shrunk = [each for each in triaged if each.shrunk and each.bucket != "base"]
+    bugs = Counter(each.signature for each in shrunk if each.signature)
+    return Harvest(
+        store=str(corpus.path),
+        findings=len(findings),
+        triaged=len(triaged),
+        buckets={name: buckets[name] for name in get_args(Bucket)},
+        confirmed=len(triaged) - buckets["flaky"],
+        witnessed=sum(each.witness is not None for each in triaged),
+        distinct_cells=len({finding.cell for finding in findings}),
+        distinct_signatures=len(bugs),
+        signatures=dict(bugs.most_common()),
+        deviating_before=_median([len(each.deviating) for each in shrunk]),
+        deviating_after=_median([len(each.operators) for each in shrunk]),
+        shrink_rollouts=_median([each.shrink_rollouts for each in shrunk]),
+        subject_rollouts=_total(triaged, "subject_rollouts"),
+        expert_rollouts=_total(triaged, "expert_rollouts"),
+        seconds=sum(each.seconds for each in triaged),
+    )
+
+
+def _median(numbers: Sequence[int]) -> float | None:
+    return float(median(numbers)) if numbers else None
+
+
+def _total(triaged: Sequence[Triaged], name: str) -> int:
+    return sum(getattr(each, name) for each in triaged)

@@ -1,0 +1,73 @@
+"""SimulatorDesk: what the findings of a run are triaged with: the subject, the expert and the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from vlafuzz.corpus.ranges import stored_operators
+from vlafuzz.corpus.records import Run
+from vlafuzz.evidence import Actions
+from vlafuzz.execute.local import evaluate_safely
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.subjects.base import Subject
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.registry import make_subject
+from vlafuzz.triage.witness import Player
+
+
+class SimulatorDesk:
+    """See ``findings.Desk``. From here on, seconds go by."""
+
+    def __init__(self, store: Path, run: Run) -> None:
+        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+        manifest, catalogue = run.manifest, load_catalogue()
+        self.space = SearchSpace(stored_operators(store, manifest), catalogue, manifest.task)
+        self.stages = self.space.task.stage_names
+        subject, self._expert = make_subject(manifest.subject), Expert()
+        self._player = Player(self._expert.spec)
+        self.deterministic = subject.spec.deterministic
+        self._seed = manifest.seed
+
+        def evaluator(of: Subject, *, checked: bool = True) -> ManiSkillEvaluator:
+            return ManiSkillEvaluator(
+                manifest.task,
+                of,
+                catalogue,
+                min_distance=manifest.min_distance,
+                seed=manifest.seed,
+                criteria=manifest.criteria,
+                stop_early=manifest.stop_early,
+                checked=checked,
+            )
+
+        self._subjects, self._experts = evaluator(subject), evaluator(self._expert)
+        self._players = evaluator(self._player, checked=False)  # the expert's rollout was
+
+    def renew(self) -> None:
+        """See ``findings.Desk``."""
+        self._subjects.renew()
+
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        """See ``findings.Desk``."""
+        self._subjects.seed = self._seed + number
+        return evaluate_safely(self._subjects, scenes)
+
+    def solve(self, scene: Scene, grasp: int) -> Outcome:
+        """See ``findings.Desk``."""
+        self._expert.attempt = grasp
+        return evaluate_safely(self._experts, [scene])[0]
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """See ``findings.Desk``."""
+        self._player.actions = actions
+        return evaluate_safely(self._players, [scene])[0]
+
+    def close(self) -> None:
+        """Let go of simulator and subject."""
+        for each in (self._subjects, self._experts, self._players):
+            each.close()

@@ -1,0 +1,227 @@
+"""triage: the place where a store's findings, the subject and the expert meet. It imports no simulator."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from itertools import groupby
+from typing import NamedTuple, Protocol
+
+from vlafuzz.corpus.records import Finding, Run, Triaged
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import SceneError
+from vlafuzz.evidence import Actions, signature
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.triage.attribute import attribute
+from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.confirm import MOST, Confirmation, confirm
+from vlafuzz.triage.shrink import Shrunk, shrink
+from vlafuzz.triage.way import deviating
+from vlafuzz.triage.witness import find_witness
+
+MAX_ROLLOUTS = 100  # of the subject, to shrink and attribute one finding
+
+
+class Desk(Protocol):
+    """What the findings of one run are worked on with. Nothing of it raises for what a scene does."""
+
+    @property
+    def space(self) -> SearchSpace:
+        """In which the scenes are; with the operators of the run."""
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Of the task."""
+
+    @property
+    def deterministic(self) -> bool:
+        """Whether the subject is."""
+
+    def renew(self) -> None:
+        """The next scene gets an environment that has seen no other."""
+
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        """The n-th rollout of the subject in each scene; all are the same where it is deterministic."""
+
+    def solve(self, scene: Scene, grasp: int) -> Outcome:
+        """One rollout of the expert, which begins with its n-th grasp."""
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """What comes of it when the robot executes these actions."""
+
+    def close(self) -> None:
+        """No more scenes."""
+
+
+class Progress(NamedTuple):
+    """Where triage is: findings done of all, and rollouts so far."""
+
+    done: int
+    findings: int
+    rollouts: int
+
+
+def triage(
+    corpus: Corpus,
+    desk: Callable[[Run], Desk],
+    *,
+    max_rollouts: int = MAX_ROLLOUTS,
+    limit: int | None = None,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> int:
+    """Work on every finding that was not triaged yet; each is stored as soon as it is done.
+
+    Args:
+        desk: makes what the findings of a run are worked on with.
+        max_rollouts: of the subject, to shrink and attribute one finding.
+        limit: most findings to work on.
+        watch: hears of every step.
+
+    Returns:
+        How many could not be judged, as the subject broke or the scene is no longer fair: they stay as they
+        are, and are tried again the next time.
+    """
+    done = {(each.scene.digest, each.subject_key) for each in corpus.triaged()}
+    todo = [each for each in corpus.findings() if (each.scene.digest, each.subject_key) not in done][:limit]
+    runs = {run.id: run for run in corpus.runs()}
+    unjudged, number, rollouts = 0, 0, 0
+    watch(Progress(0, len(todo), 0))
+    for run, findings in groupby(sorted(todo, key=lambda finding: finding.run), lambda each: each.run):
+        with closing(desk(runs[run])) as tools:
+            triager = _Triager(tools, max_rollouts)
+            for finding in findings:
+                triaged = triager.triage(finding)
+                if triaged is None:
+                    unjudged += 1
+                else:
+                    corpus.settle(triaged)
+                    rollouts += triaged.subject_rollouts + triaged.expert_rollouts
+                number += 1
+                watch(Progress(number, len(todo), rollouts))
+    return unjudged
+
+
+@dataclass
+class _Triager:
+    desk: Desk
+    max_rollouts: int
+    known: dict[Scene, Judged] = field(default_factory=dict)
+
+    def triage(self, finding: Finding) -> Triaged | None:
+        began = time.monotonic()
+        self.desk.renew()
+        confirmation, judged = self._repeat(finding.scene)
+        if not confirmation.repeats:
+            return None
+        triaged = Triaged(
+            finding.scene,
+            finding.subject_key,
+            "flaky",
+            repeats=confirmation.repeats,
+            failures=confirmation.failures,
+            deviating=self._deviating(finding.scene) or (),
+            subject_rollouts=judged.rollouts,
+            detail=f"{confirmation.failures} of {confirmation.repeats} repeats failed",
+        )
+        if confirmation.confirmed:
+            triaged = self._prove(triaged, judged)
+        return replace(triaged, seconds=time.monotonic() - began)
+
+    def _prove(self, triaged: Triaged, judged: Judged) -> Triaged:
+        """Witness, shrink and attribute a failure that is confirmed."""
+        search = find_witness(triaged.scene, self.desk.solve, self.desk.play)
+        triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=judged.lost, detail="")
+        if search.witness is None:
+            return replace(triaged, bucket="unproven", detail="the expert fails, too")
+        triaged = replace(triaged, bucket="witnessed", witness=search.witness)
+        if self._deviating(triaged.scene) is None:
+            told = "it has something that is not a value of any operator, and was not shrunk"
+            return replace(triaged, detail=told)
+        return self._shrink(triaged, judged)
+
+    def _shrink(self, triaged: Triaged, judged: Judged) -> Triaged:
+        desk = self.desk
+        bench = Bench(
+            self._judge,
+            desk.stages,
+            (triaged.scene, judged),
+            most=self.max_rollouts,
+            each=1 if desk.deterministic else MOST,
+        )
+        shrunk = shrink(triaged.scene, bench, desk.space)
+        if not shrunk.base:
+            triaged = replace(triaged, causes=attribute(shrunk, bench, desk.space))
+        triaged = replace(
+            triaged,
+            shrunk=shrunk.scene,
+            lost_stage=shrunk.lost,
+            operators=shrunk.operators,
+            counterparts=shrunk.counterparts,
+            unresolved=shrunk.unresolved,
+            signature=signature(triaged.scene.task, shrunk.lost, shrunk.operators),
+            complete=shrunk.complete,
+            shrink_rollouts=bench.spent,
+            subject_rollouts=triaged.subject_rollouts + bench.spent,
+        )
+        if shrunk.base:
+            return replace(triaged, bucket="base", detail="even the nominal scene of the same objects fails")
+        if not shrunk.minimal:
+            return replace(triaged, detail=_why_not(shrunk))
+        return self._crown(triaged, shrunk.scene)
+
+    def _crown(self, triaged: Triaged, scene: Scene) -> Triaged:
+        """What is left is minimal when it has a witness of its own."""
+        if scene == triaged.scene:
+            return replace(triaged, bucket="minimal")
+        search = find_witness(scene, self.desk.solve, self.desk.play)
+        triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
+        if search.witness is None:
+            return replace(triaged, detail="the expert solves the finding, but not what is left of it")
+        return replace(triaged, bucket="minimal", witness=search.witness)
+
+    def _judge(self, scenes: Sequence[Scene]) -> list[Judged]:
+        """What comes of candidates; those that another finding had too cost nothing."""
+        fresh = [scene for scene in scenes if scene not in self.known]
+        if self.desk.deterministic:
+            judged = [Judged.of(outcome) for outcome in self.desk.evaluate(fresh, 0)]
+        else:
+            judged = [self._repeat(scene)[1] for scene in fresh]
+        answers = dict(zip(fresh, judged, strict=True))
+        self.known |= {scene: each._replace(rollouts=0) for scene, each in answers.items()}
+        return [answers.get(scene, self.known[scene]) for scene in scenes]
+
+    def _repeat(self, scene: Scene) -> tuple[Confirmation, Judged]:
+        """Whether a scene fails again, and what mostly comes of it."""
+        seen: list[Judged] = []
+
+        def repeat(number: int) -> Verdict:
+            seen.append(Judged.of(self.desk.evaluate([scene], number)[0]))
+            return seen[-1].verdict
+
+        found = confirm(repeat, deterministic=self.desk.deterministic)
+        rollouts = sum(judged.rollouts for judged in seen)
+        lost = Counter(judged.lost for judged in seen if judged.lost is not None)
+        if found.confirmed:
+            return found, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
+        verdict = Verdict.PASSED if found.repeats else seen[-1].verdict
+        return found, Judged(verdict, None, rollouts)
+
+    def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
+        """The operators that are not nominal; None for a scene that the space cannot put together."""
+        space = self.desk.space
+        try:
+            return tuple(deviating(space, scene)) if space.reset(scene, []) == scene else None
+        except SceneError:
+            return None
+
+
+def _why_not(shrunk: Shrunk) -> str:
+    """Why what is left of a finding is not shown to be minimal."""
+    if not shrunk.complete:
+        return "the bound on rollouts cut shrinking short"
+    return f"no fair scene without {' or '.join(shrunk.unresolved)} passes"
