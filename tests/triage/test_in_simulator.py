@@ -7,13 +7,17 @@ import pytest
 
 from tests.triage.planted import CATALOGUE, CONDITIONS, SPACE, STAGES, Planted
 from tests.triage.test_shrink import CASES
+from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Verdict
+from vlafuzz.scene import write_scenes
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.subjects.base import ActionChunk
 from vlafuzz.subjects.expert import Expert
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.bench import Bench, Judged
 from vlafuzz.triage.shrink import shrink
+from vlafuzz.triage.witness import Player
 
 STAY = ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]]))
 
@@ -28,6 +32,12 @@ class Afraid(Expert):
 
     def _afraid(self, observation):
         return all(condition(observation.privileged.scene) for condition in self.conditions)
+
+
+def make_tilted(**_):
+    subject = Afraid()
+    subject.conditions = CONDITIONS["camera-orientation"][:1]
+    return subject
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +83,25 @@ def test_planted_operators_are_found_by_rollouts(evaluator, operators):
 def test_a_threshold_is_where_it_was_planted(evaluator):
     _, _, (threshold,), _ = triaged(evaluator, CONDITIONS["camera-orientation"][:1], seed=2)
     assert str(threshold) == "camera-orientation: fails from yaw 2.6° on"
+
+
+def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    subject = "python:tests.triage.test_in_simulator:make_tilted"
+    write_scenes(tmp_path / "scenes.jsonl", [Planted(CONDITIONS["camera-orientation"][:1]).finding(4)])
+    assert main(["run", "--scenes", "scenes.jsonl", "--subject", subject, "--store", "a.db", "--json"]) == 0
+    assert main(["triage", "a.db"]) == 0
+    with Corpus.open(tmp_path / "a.db") as corpus:
+        (found,) = corpus.triaged()
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
+    assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
+    player = Player(Expert().spec)
+    player.actions = found.witness.actions
+    fresh = ManiSkillEvaluator("pick-up", player, CATALOGUE, min_distance=SPACE.operators.min_distance)
+    again = fresh.evaluate([found.shrunk])[0]
+    fresh.close()
+    assert again.verdict is Verdict.PASSED
+    assert again.rollouts[0].states_hash == found.witness.states_hash
 
 
 @pytest.mark.slow

@@ -1,0 +1,81 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest
+from tests.triage.desks import PlantedDesk
+from tests.triage.planted import CONDITIONS, Planted
+from vlafuzz import desk
+from vlafuzz.cli import main
+from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.scene import write_scenes
+
+TILTED = CONDITIONS["camera-orientation"][0]
+
+
+@pytest.fixture(autouse=True)
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three findings of a subject that fails where the camera is tilted; there is no simulator."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: PlantedDesk([TILTED]))
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run = corpus.begin(manifest())
+        for seed in range(3):
+            corpus.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+    return tmp_path / "a.db"
+
+
+def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
+    assert main(["triage", "a.db", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["triaged"], printed["unjudged"]) == (3, 0)
+    assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
+    assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
+
+
+def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixture[str]):
+    assert main(["triage", "a.db"]) == 0
+    printed = capsys.readouterr().out
+    assert "3 (100%)" in printed
+    assert "pick-up|grasp|camera-orientation" in printed
+
+
+def test_it_goes_on_where_it_ended(capsys: pytest.CaptureFixture[str]):
+    for limit, done in ((2, 2), (2, 3), (2, 3)):
+        assert main(["triage", "a.db", "--limit", str(limit), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["triaged"] == done
+
+
+def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], store: Path
+):
+    class Interrupted(PlantedDesk):
+        def renew(self) -> None:
+            super().renew()
+            if self.renewed == 2:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: Interrupted([TILTED]))
+    assert main(["triage", "a.db"]) == 130
+    assert "hint: go on with `vlafuzz triage a.db`" in capsys.readouterr().err
+    with Corpus.open(store) as corpus:
+        assert len(corpus.triaged()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.db"], "error: none.db: no such store"),
+        (["scenes.jsonl"], "error: scenes.jsonl: is not a store of vlafuzz"),
+        (["a.db", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
+        (["a.db", "--max-rollouts", "0"], "error: --max-rollouts: expected at least 1, got 0"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys: pytest.CaptureFixture[str]):
+    write_scenes(Path("scenes.jsonl"), [Planted([TILTED]).finding(0)])
+    assert main(["triage", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(said)
+    assert "\nhint: " in error

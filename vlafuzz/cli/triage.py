@@ -1,0 +1,106 @@
+"""``vlafuzz triage``."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vlafuzz.cli.output import print_json, print_rows, progress, stderr
+from vlafuzz.errors import UsageError
+
+if TYPE_CHECKING:
+    from vlafuzz.corpus.harvest import Harvest
+    from vlafuzz.findings import Progress
+
+
+def command(
+    store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
+    max_rollouts: Annotated[
+        int, typer.Option(help="Most subject rollouts to shrink and attribute one finding.")
+    ] = 100,
+    limit: Annotated[
+        int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say which failures can be trusted, and what they are due to.
+
+    Every finding is confirmed, solved by the expert, shrunk to the operators that it takes, and attributed to
+    them. Findings that were triaged before are left as they are.
+    """
+    for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit)):
+        if value is not None and value < 1:
+            raise UsageError(f"{name}: expected at least 1, got {value}", hint=f"give {name} 1 or more")
+    if not store.is_file():
+        raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
+    found, unjudged = _triage(store, max_rollouts, limit)
+    if json:
+        print_json(asdict(found) | {"unjudged": unjudged})
+    else:
+        _print(found)
+    if unjudged:
+        told = f"{unjudged} findings could not be judged: the subject broke, or they are no longer fair"
+        stderr().print(f"{told}\nhint: they are tried again the next time", soft_wrap=True)
+
+
+def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest, int]:
+    """Do it, with a bar: what the store then holds, and how many findings could not be judged."""
+    from vlafuzz import desk
+    from vlafuzz.corpus.harvest import harvest
+    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.findings import triage
+
+    with Corpus.open(store, "write") as corpus:
+        with progress() as bar:
+            task = bar.add_task("findings", total=None)
+
+            def watch(now: Progress) -> None:
+                said = f"findings, {now.rollouts} rollouts"
+                bar.update(task, completed=now.done, total=now.findings, description=said)
+
+            try:
+                unjudged = triage(
+                    corpus,
+                    partial(desk.SimulatorDesk, store),
+                    max_rollouts=max_rollouts,
+                    limit=limit,
+                    watch=watch,
+                )
+            except KeyboardInterrupt:
+                bar.stop()
+                again = shlex.join(["vlafuzz", "triage", str(store)])
+                stderr().print(f"interrupted: what is done is stored\nhint: go on with `{again}`")
+                raise typer.Exit(130) from None
+        return harvest(corpus), unjudged
+
+
+def _print(found: Harvest) -> None:
+    shares = {name: _share(count, found.triaged) for name, count in found.buckets.items()}
+    rows = {
+        "findings": found.findings,
+        "triaged": found.triaged,
+        "confirmed": _share(found.confirmed, found.triaged),
+        "witnessed": _share(found.witnessed, found.triaged),
+        **{f"in bucket {name}": share for name, share in shares.items()},
+        "distinct cells before": found.distinct_cells,
+        "distinct signatures after": found.distinct_signatures,
+        "operators not nominal before, median": found.deviating_before,
+        "operators left, median": found.deviating_after,
+        "rollouts to shrink one, median": found.shrink_rollouts,
+        "subject rollouts": found.subject_rollouts,
+        "expert rollouts": found.expert_rollouts,
+        "seconds": round(found.seconds, 1),
+    }
+    print_rows([{"what": name, "value": value} for name, value in rows.items()], title=found.store)
+    if found.signatures:
+        bugs = [{"signature": name, "findings": count} for name, count in found.signatures.items()]
+        print_rows(bugs, title="bugs")
+
+
+def _share(count: int, of: int) -> str:
+    return f"{count} ({count / of:.0%})" if of else "0"
