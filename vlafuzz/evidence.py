@@ -18,22 +18,19 @@ class Threshold:
     """From where on an operator makes the subject fail, all else as in the minimal scene.
 
     Attributes:
-        gene: where the value stands in a scene, if it is one value; else several move together.
-        value: the one nearest to nominal that fails; None for several.
+        at: the values nearest to nominal that fail, each with where it stands in a scene; several moved
+            together.
         share: of the way from nominal to the minimal scene, in (0, 1].
     """
 
     operator: str
-    gene: str | None
-    value: float | None
+    at: tuple[tuple[str, float], ...]
     share: float
 
     def __str__(self) -> str:
-        if self.gene is None or self.value is None:
-            return f"{self.operator}: fails from {self.share:.0%} of the way on"
-        slot, _, name = self.gene.rpartition(".")
-        of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-        return f"{self.operator}: fails from {name}{of} {_with_unit(name, self.value)} on"
+        values = ", ".join(_said(path, value) for path, value in self.at)
+        way = "" if len(self.at) == 1 else f" ({self.share:.0%} of the way)"
+        return f"{self.operator}: fails from {values}{way} on"
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,9 @@ def signature(task: str, lost: str, operators: Iterable[str]) -> str:
     return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
 
 
-def _with_unit(name: str, value: float) -> str:
+def _said(path: str, value: float) -> str:
+    slot, _, name = path.rpartition(".")
+    of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
     if name == "intensity":
-        return f"× {value:g}"
-    return f"{value:g} m" if name in ("x", "y", "distance") else f"{value:g}°"
+        return f"{name} × {value:g}"
+    return f"{name}{of} {value:g}{' m' if name in ('x', 'y', 'distance') else '°'}"

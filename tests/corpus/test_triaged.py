@@ -22,7 +22,7 @@ MINIMAL = Triaged(
     shrunk=scene(light=0.5),
     lost_stage="grasp",
     operators=("light",),
-    causes=Causes(("light",), ("light",), (Threshold("light", "light.intensity", 0.5, 0.25),)),
+    causes=Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.5),), 0.25),)),
     counterparts={"light": scene()},
     signature="pick-up|grasp|light",
     witness=WITNESS,

@@ -31,7 +31,8 @@ def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, s
     found, _ = causes(condition)
     (threshold,) = found.thresholds
     assert threshold.operator == operator
-    assert threshold.value == pytest.approx(value, rel=0.03)
+    ((_, first),) = threshold.at
+    assert first == pytest.approx(value, rel=0.03)
     if operator != "light":
         assert str(threshold) == f"{operator}: {says}"
 
@@ -39,9 +40,8 @@ def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, s
 def test_several_values_of_an_operator_have_a_share_of_the_way():
     found, _ = causes(lambda s: s.camera.yaw + s.camera.roll > 3 and s.camera.yaw > 1 and s.camera.roll > 1)
     (threshold,) = found.thresholds
-    assert (threshold.gene, threshold.value) == (None, None)
+    assert [path for path, _ in threshold.at] == ["camera.roll", "camera.yaw"]
     assert 0.7 < threshold.share <= 1
-    assert str(threshold).startswith("camera-orientation: fails from ")
 
 
 def test_of_two_that_are_necessary_neither_is_enough():
@@ -59,7 +59,7 @@ def test_thresholds_of_pairs_are_within_a_grid_step():
     ]
     for seed, (a, b) in enumerate([(0, 2), (1, 2), (2, 0)]):
         found, _ = causes(conditions[a][0], conditions[b][0], seed=seed)
-        values = {each.gene: each.value for each in found.thresholds}
+        values = {path: value for each in found.thresholds for path, value in each.at}
         assert values == {path: pytest.approx(value) for _, path, value in (conditions[a], conditions[b])}
 
 
@@ -70,5 +70,8 @@ def test_a_signature_names_task_stage_and_operators():
     assert signature("put-on", "move", []) == "put-on|move|base"
 
 
-def test_a_share_is_said_in_per_cent():
-    assert str(Threshold("light", None, None, 0.25)) == "light: fails from 25% of the way on"
+def test_a_threshold_is_said_with_units():
+    both = Threshold("camera-orientation", (("camera.roll", 1.1), ("camera.yaw", -2.0)), 0.25)
+    assert str(both) == "camera-orientation: fails from roll 1.1°, yaw -2° (25% of the way) on"
+    second = Threshold("target-position", (("targets.1.x", 0.02),), 1.0)
+    assert str(second) == "target-position: fails from x of object 2 0.02 m on"

@@ -189,7 +189,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     causes = Causes(
         tuple(json.loads(row["necessary"])),
         tuple(json.loads(row["sufficient"])),
-        tuple(Threshold(**each) for each in json.loads(row["thresholds"])),
+        tuple(map(_to_threshold, json.loads(row["thresholds"]))),
     )
     witness = None
     if row["witness_hash"] is not None:
@@ -208,3 +208,8 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
         witness=witness,
         complete=bool(row["complete"]),
     )
+
+
+def _to_threshold(stored: Row) -> Threshold:
+    at = tuple((path, value) for path, value in stored["at"])
+    return Threshold(stored["operator"], at, stored["share"])

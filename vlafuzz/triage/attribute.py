@@ -36,9 +36,8 @@ def _threshold(scene: Scene, name: str, bench: Bench, space: SearchSpace) -> Thr
     first = _first_failing(way, bench, parts=way.length if len(genes) == 1 else SHARES)
     if first is None:
         return None
-    gene = genes[0] if len(genes) == 1 else None
-    value = space.values(way.at(first))[gene.path] if gene else None
-    return Threshold(name, gene.path if gene else None, value, first / way.length)
+    values = space.values(way.at(first))
+    return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / way.length)
 
 
 def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
