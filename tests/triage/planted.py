@@ -82,3 +82,15 @@ class Planted:
 
 def fair(scene: Scene) -> bool:
     return check_static(scene, CATALOGUE, SPACE.operators.min_distance) is None
+
+
+# Conditions on one value each: operator, where it stands, its first value that fails, a grid step.
+EDGES: tuple[tuple[str, str, float, float, Condition], ...] = (
+    ("camera-orientation", "camera.yaw", 2.6, 0.1, lambda scene: scene.camera.yaw > 2.5),
+    ("camera-orientation", "camera.pitch", -1.6, 0.1, lambda scene: scene.camera.pitch < -1.5),
+    ("camera-position", "camera.distance", 0.021, 0.001, lambda scene: scene.camera.distance > 0.02),
+    ("target-position", "targets.0.x", 0.021, 0.001, lambda scene: scene.targets[0].x > 0.02),
+    ("target-position", "targets.0.y", -0.081, 0.001, lambda scene: scene.targets[0].y < -0.08),
+    ("target-orientation", "targets.0.yaw", 41, 1, lambda scene: scene.targets[0].yaw > 40),
+    ("light", "light.intensity", 2**-1.35, 2**-1.35 / 25, lambda scene: scene.light.intensity < 0.4),
+)

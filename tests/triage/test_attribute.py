@@ -1,10 +1,9 @@
-from collections.abc import Callable
+from itertools import combinations
 
 import pytest
 
-from tests.triage.planted import SPACE, Condition, Planted
+from tests.triage.planted import EDGES, SPACE, Condition, Planted
 from vlafuzz.evidence import Causes, Threshold, signature
-from vlafuzz.scene import Scene
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.shrink import shrink
 
@@ -51,16 +50,16 @@ def test_of_two_that_are_necessary_neither_is_enough():
     assert [threshold.operator for threshold in found.thresholds] == ["light", "camera-orientation"]
 
 
-def test_thresholds_of_pairs_are_within_a_grid_step():
-    conditions: list[tuple[Callable[[Scene], bool], str, float]] = [
-        (lambda s: s.camera.yaw > 2.5, "camera.yaw", 2.6),
-        (lambda s: s.camera.pitch < -1.5, "camera.pitch", -1.6),
-        (lambda s: s.targets[0].y > 0.1, "targets.0.y", 0.101),
-    ]
-    for seed, (a, b) in enumerate([(0, 2), (1, 2), (2, 0)]):
-        found, _ = causes(conditions[a][0], conditions[b][0], seed=seed)
+def test_thresholds_of_single_operators_and_pairs_are_within_a_grid_step():
+    pairs = [(a, b) for a, b in combinations(EDGES, 2) if a[0] != b[0]]
+    right = []
+    for seed, edges in enumerate([*((edge,) for edge in EDGES), *pairs]):
+        found, _ = causes(*(edge[-1] for edge in edges), seed=seed)
         values = {path: value for each in found.thresholds for path, value in each.at}
-        assert values == {path: pytest.approx(value) for _, path, value in (conditions[a], conditions[b])}
+        for _, path, first, step, _ in edges:
+            right.append(path in values and abs(values[path] - first) < 1.01 * step)
+    assert len(right) >= 25
+    assert sum(right) >= 0.9 * len(right)
 
 
 def test_a_signature_names_task_stage_and_operators():

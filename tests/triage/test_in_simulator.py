@@ -5,7 +5,7 @@ from statistics import median
 import numpy as np
 import pytest
 
-from tests.triage.planted import CATALOGUE, CONDITIONS, SPACE, STAGES, Planted
+from tests.triage.planted import CATALOGUE, CONDITIONS, EDGES, SPACE, STAGES, Planted
 from tests.triage.test_shrink import CASES
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
@@ -112,3 +112,13 @@ def test_of_35_planted_cases_at_least_95_per_cent_are_found_in_40_rollouts(evalu
     ]
     assert np.mean(right) >= 0.95
     assert median(rollouts for *_, rollouts in found) <= 40
+
+
+@pytest.mark.slow
+def test_thresholds_are_within_a_grid_step_in_90_per_cent(evaluator):
+    right = []
+    for seed, (_, path, first, step, condition) in enumerate(EDGES * 2):
+        _, _, thresholds, _ = triaged(evaluator, [condition], seed)
+        values = {where: value for each in thresholds for where, value in each.at}
+        right.append(path in values and abs(values[path] - first) < 1.01 * step)
+    assert sum(right) >= 0.9 * len(right)
