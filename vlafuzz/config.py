@@ -255,7 +255,7 @@ def _manifest(
         operators=operators_json(operators),
         operators_digest=operators.digest,
         catalogue_digest=space.catalogue.digest,
-        simulator="/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien")),
+        simulator=provenance.simulator(versions),
         versions=versions,
         commit=provenance.commit(),
         command=config.command,

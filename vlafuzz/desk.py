@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
+from vlafuzz.corpus import provenance
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Run
 from vlafuzz.evidence import Actions
@@ -20,7 +23,11 @@ from vlafuzz.triage.witness import Player
 
 
 class SimulatorDesk:
-    """See ``findings.Desk``. From here on, seconds go by."""
+    """See ``findings.Desk``. From here on, seconds go by.
+
+    Attributes:
+        changed: what decides over outcomes and is not as it was in the run, by its name in the manifest.
+    """
 
     def __init__(self, store: Path, run: Run) -> None:
         from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -32,6 +39,13 @@ class SimulatorDesk:
         self._player = Player(self._expert.spec)
         self.deterministic = subject.spec.deterministic
         self._seed = manifest.seed
+        here = {
+            "spec": json.dumps(asdict(subject.spec), sort_keys=True),
+            "catalogue_digest": catalogue.digest,
+            "simulator": provenance.simulator(provenance.versions()),
+            "commit": provenance.commit(),
+        }
+        self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
 
         def evaluator(of: Subject, *, checked: bool = True) -> ManiSkillEvaluator:
             return ManiSkillEvaluator(

@@ -64,6 +64,17 @@ def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
         assert len(corpus.triaged()) == 1
 
 
+def test_findings_of_another_version_are_said_to_be_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    class Newer(PlantedDesk):
+        changed = ("commit", "simulator")
+
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: Newer([TILTED]))
+    assert main(["triage", "a.db"]) == 0
+    assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

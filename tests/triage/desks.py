@@ -16,7 +16,7 @@ class PlantedDesk:
     ``solvable`` says of a scene whether the expert solves it.
     """
 
-    space, stages = SPACE, STAGES
+    space, stages, changed = SPACE, STAGES, ()
 
     def __init__(
         self,

@@ -15,7 +15,8 @@ from vlafuzz.errors import UsageError
 
 if TYPE_CHECKING:
     from vlafuzz.corpus.harvest import Harvest
-    from vlafuzz.findings import Progress
+    from vlafuzz.corpus.records import Run
+    from vlafuzz.findings import Desk, Progress
 
 
 def command(
@@ -50,7 +51,6 @@ def command(
 
 def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest, int]:
     """Do it, with a bar: what the store then holds, and how many findings could not be judged."""
-    from vlafuzz import desk
     from vlafuzz.corpus.harvest import harvest
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.findings import triage
@@ -66,7 +66,7 @@ def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest,
             try:
                 unjudged = triage(
                     corpus,
-                    partial(desk.SimulatorDesk, store),
+                    partial(_desk, store),
                     max_rollouts=max_rollouts,
                     limit=limit,
                     watch=watch,
@@ -77,6 +77,17 @@ def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest,
                 stderr().print(f"interrupted: what is done is stored\nhint: go on with `{again}`")
                 raise typer.Exit(130) from None
         return harvest(corpus), unjudged
+
+
+def _desk(store: Path, run: Run) -> Desk:
+    """What a run's findings are worked on with; says when it is no longer what they were found with."""
+    from vlafuzz import desk
+
+    made = desk.SimulatorDesk(store, run)
+    if made.changed:
+        told = f"note: run {run.id} was made by another version: its {', '.join(made.changed)} differ"
+        stderr().print(f"{told}; what no longer fails will count as flaky", soft_wrap=True)
+    return made
 
 
 def _print(found: Harvest) -> None:

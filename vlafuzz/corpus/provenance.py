@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 
@@ -20,6 +21,11 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+def simulator(versions: Mapping[str, str]) -> str:
+    """What scenes are run in."""
+    return "/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien"))
 
 
 def commit() -> str | None:
