@@ -1,0 +1,81 @@
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import manifest
+from tests.sim.scenes import CATALOGUE, nominal
+from vlafuzz.corpus import provenance
+from vlafuzz.corpus.ranges import operators_json
+from vlafuzz.corpus.records import Run
+from vlafuzz.desk import SimulatorDesk
+from vlafuzz.outcome import Verdict
+from vlafuzz.space import load_operators
+from vlafuzz.subjects.base import SubjectSpec
+from vlafuzz.subjects.controls import Frozen
+
+SEEDS: list[int] = []
+
+
+class Dice(Frozen):
+    """Never moves, says that it is stochastic, and notes its seeds."""
+
+    def __init__(self) -> None:
+        self.spec = SubjectSpec("dice", deterministic=False)
+
+    def reset(self, episodes):
+        SEEDS.extend(episode.seed for episode in episodes)
+
+
+def make_dice(**_):
+    return Dice()
+
+
+def make_frozen(**_):
+    subject = Frozen()
+    subject.reset = lambda episodes: SEEDS.extend(episode.seed for episode in episodes)
+    return subject
+
+
+def run(factory: str, **changes: object) -> Run:
+    operators = operators_json(load_operators())
+    kept = manifest(subject=f"python:tests.test_desk:{factory}", seed=7, operators=operators, **changes)
+    return Run(1, kept, "finished", "")
+
+
+@pytest.mark.parametrize(
+    ("factory", "repeats", "seeds", "deterministic"),
+    [("make_dice", 1, [8, 10], False), ("make_frozen", 3, [10, 12], False), ("make_frozen", 1, [7, 9], True)],
+)
+def test_a_stochastic_subject_gets_seeds_that_its_run_did_not_have(factory, repeats, seeds, deterministic):
+    SEEDS.clear()
+    desk = SimulatorDesk(Path("a.db"), run(factory, repeats=repeats))
+    for number in (0, 2):
+        (outcome,) = desk.evaluate([nominal()], number)
+        assert outcome.verdict is Verdict.FAILED
+    desk.close()
+    assert (seeds, desk.deterministic) == (SEEDS, deterministic)
+
+
+def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal():
+    desk = SimulatorDesk(Path("a.db"), run("make_frozen"))
+    solved = desk.solve(nominal(), 0)
+    desk.renew()
+    played = [desk.play(nominal(), solved.rollouts[0].actions) for _ in range(2)]
+    desk.close()
+    assert [each.verdict for each in (solved, *played)] == [Verdict.PASSED] * 3
+    assert played[0].rollouts[0].states_hash == played[1].rollouts[0].states_hash
+
+
+def test_it_names_what_changed_since_the_run():
+    here = {
+        "spec": json.dumps(asdict(Frozen().spec), sort_keys=True),
+        "catalogue_digest": CATALOGUE.digest,
+        "simulator": provenance.simulator(provenance.versions()),
+        "commit": provenance.commit(),
+    }
+    for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",))):
+        desk = SimulatorDesk(Path("a.db"), run("make_frozen", **(here | changes)))
+        desk.close()
+        assert desk.changed == expected
