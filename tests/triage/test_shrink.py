@@ -75,6 +75,17 @@ def test_the_bound_on_rollouts_holds_and_the_best_so_far_is_kept(case, seed, mos
     assert SPACE.severity(shrunk.scene) <= SPACE.severity(found) + 1e-9
 
 
+@pytest.mark.parametrize("most", [12, 16, 20, 25])
+def test_what_a_bound_cuts_short_is_shown_to_take_its_operators_all_the_same(most):
+    judge = Planted(PAIRS[-1][1])
+    found = judge.finding(3)
+    bench = judge.bench(found, most)
+    shrunk = shrink(found, bench, SPACE)
+    assert {*shrunk.counterparts} == {*shrunk.operators} - {*shrunk.unresolved}
+    assert shrunk.minimal or most < 16
+    assert bench.spent <= most
+
+
 def test_no_scene_is_asked_for_twice():
     judge = Planted(PAIRS[3][1])
     found = judge.finding(1)

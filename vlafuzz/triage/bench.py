@@ -59,20 +59,20 @@ class Bench:
         """Scenes that can be judged for certain."""
         return (self._most - self.spent) // self._each
 
-    def ask(self, scenes: Sequence[Scene]) -> list[Judged | None]:
-        """What comes of each; None where the bound leaves no room for it."""
+    def ask(self, scenes: Sequence[Scene], keep: int = 0) -> list[Judged | None]:
+        """What comes of each; None where the bound, with room for ``keep`` scenes left, has none for it."""
         fresh = [scene for scene in dict.fromkeys(scenes) if scene not in self._known]
-        while fresh and self.room > 0:
-            chunk, fresh = fresh[: self.room], fresh[self.room :]
+        while fresh and (room := self.room - keep) > 0:
+            chunk, fresh = fresh[:room], fresh[room:]
             for scene, judged in zip(chunk, self._judge(chunk), strict=True):
                 self._known[scene] = judged
                 self.spent += judged.rollouts
         self.exhausted = self.exhausted or bool(fresh)
         return [self._known.get(scene) for scene in scenes]
 
-    def fails(self, scenes: Sequence[Scene]) -> list[bool]:
+    def fails(self, scenes: Sequence[Scene], keep: int = 0) -> list[bool]:
         """Whether each still fails. What is not fair, crashed or was not tried does not."""
-        return [self._still(judged) for judged in self.ask(scenes)]
+        return [self._still(judged) for judged in self.ask(scenes, keep)]
 
     def known(self, scene: Scene) -> Judged | None:
         """What came of a scene, if it was asked for."""

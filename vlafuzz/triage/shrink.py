@@ -17,6 +17,7 @@ from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
 
 K = TypeVar("K")
 BEYOND = 2  # grid steps past its threshold at which a value stops, so that no finding sits on an edge
+KEPT = len(GROUPS)  # rollouts for the last step, that shows each operator to be necessary
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
@@ -127,7 +128,7 @@ class _Shrinker:
         if gene.kind == "count" or way.length <= 1:
             return
         passes, fails = 0, way.length
-        while fails - passes > 1 and self.bench.room > len(GROUPS):
+        while fails - passes > 1 and self.bench.room > KEPT:
             middle = (passes + fails) // 2
             if self._fails([way.at(middle)])[0]:
                 fails = middle
@@ -161,7 +162,7 @@ class _Shrinker:
         """Whether each still fails and is no more severe than the best so far."""
         severity = self.space.severity(self.best) + _ROUNDING
         milder = [scene for scene in scenes if self.space.severity(scene) <= severity]
-        failing = dict(zip(milder, self.bench.fails(milder), strict=True))
+        failing = dict(zip(milder, self.bench.fails(milder, KEPT), strict=True))
         return [failing.get(scene, False) for scene in scenes]
 
     def _reset(self, operators: Sequence[str]) -> Scene:
