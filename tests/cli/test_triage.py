@@ -33,6 +33,8 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
     assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
+    assert {crop["bucket"] for crop in printed["crops"]} == {"minimal"}
+    assert printed["crops"][0]["causes"] == ["camera-orientation: fails from yaw 2.6° on"]
 
 
 def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixture[str]):

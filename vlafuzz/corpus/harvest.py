@@ -13,6 +13,45 @@ from vlafuzz.corpus.store import Corpus
 
 
 @dataclass(frozen=True)
+class Crop:
+    """One finding after triage, in names and sentences. Scenes are digests.
+
+    Attributes:
+        scene: the finding; ``shrunk`` what is left of it.
+        causes: from where on its operators make the subject fail.
+    """
+
+    scene: str
+    bucket: str
+    signature: str | None
+    shrunk: str | None
+    necessary: tuple[str, ...]
+    sufficient: tuple[str, ...]
+    causes: tuple[str, ...]
+    failures: int
+    repeats: int
+    shrink_rollouts: int
+    detail: str
+
+    @staticmethod
+    def of(triaged: Triaged) -> Crop:
+        """What there is to say about it."""
+        return Crop(
+            triaged.scene.digest,
+            triaged.bucket,
+            triaged.signature,
+            triaged.shrunk.digest if triaged.shrunk else None,
+            triaged.causes.necessary,
+            triaged.causes.sufficient,
+            tuple(map(str, triaged.causes.thresholds)),
+            triaged.failures,
+            triaged.repeats,
+            triaged.shrink_rollouts,
+            triaged.detail,
+        )
+
+
+@dataclass(frozen=True)
 class Harvest:
     """All that was triaged in a store, in numbers.
 
@@ -29,6 +68,7 @@ class Harvest:
         subject_rollouts: all, to confirm, shrink and attribute.
         expert_rollouts: all, replays included.
         seconds: wall time of it.
+        crops: one a finding, in the order in which they were triaged.
     """
 
     store: str
@@ -46,6 +86,7 @@ class Harvest:
     subject_rollouts: int
     expert_rollouts: int
     seconds: float
+    crops: tuple[Crop, ...]
 
 
 def harvest(corpus: Corpus) -> Harvest:
@@ -70,6 +111,7 @@ def harvest(corpus: Corpus) -> Harvest:
         subject_rollouts=_total(triaged, "subject_rollouts"),
         expert_rollouts=_total(triaged, "expert_rollouts"),
         seconds=sum(each.seconds for each in triaged),
+        crops=tuple(map(Crop.of, triaged)),
     )
 
 
