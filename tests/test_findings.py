@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest
+from tests.doubles import failed, manifest, rollout
 from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from vlafuzz.corpus.harvest import harvest
 from vlafuzz.corpus.records import Triaged, Trial
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.findings import Progress, triage
-from vlafuzz.outcome import Outcome
+from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
@@ -93,6 +93,19 @@ def test_a_bound_on_rollouts_is_kept_and_said(store):
     (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedDesk([TILTED, DARK]), max_rollouts=5)
     assert (found.bucket, found.complete, found.shrink_rollouts) == ("witnessed", False, 5)
     assert found.detail == "the bound on rollouts cut shrinking short"
+
+
+def test_why_what_is_left_is_not_minimal_is_said(store):
+    class Later(PlantedDesk):
+        def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, number)
+            lit = Outcome.of((rollout(0.5, ("grasp",)),), self.stages)
+            pairs = zip(outcomes, scenes, strict=True)
+            return [lit if each.verdict is Verdict.PASSED and TILTED(seen) else each for each, seen in pairs]
+
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), Later([TILTED, DARK]))
+    assert (found.bucket, found.unresolved) == ("witnessed", ("light",))
+    assert found.detail == "without light the scene fails at lift"
 
 
 def test_a_scene_off_the_operators_is_witnessed_and_not_shrunk(store):

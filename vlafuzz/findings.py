@@ -162,7 +162,7 @@ class _Triager:
             lost_stage=shrunk.lost,
             operators=shrunk.operators,
             counterparts=shrunk.counterparts,
-            unresolved=shrunk.unresolved,
+            unresolved=tuple(shrunk.unresolved),
             signature=signature(triaged.scene.task, shrunk.lost, shrunk.operators),
             complete=shrunk.complete,
             shrink_rollouts=bench.spent,
@@ -224,4 +224,4 @@ def _why_not(shrunk: Shrunk) -> str:
     """Why what is left of a finding is not shown to be minimal."""
     if not shrunk.complete:
         return "the bound on rollouts cut shrinking short"
-    return f"no fair scene without {' or '.join(shrunk.unresolved)} passes"
+    return "; ".join(f"without {name} the scene {outcome}" for name, outcome in shrunk.unresolved.items())

@@ -12,7 +12,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.operators import ConfounderCount
 from vlafuzz.space.params import Gene
-from vlafuzz.triage.bench import Bench
+from vlafuzz.triage.bench import Bench, Judged
 from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
 
 K = TypeVar("K")
@@ -28,8 +28,7 @@ class Shrunk:
     Attributes:
         operators: those left, the confounders' as one.
         counterparts: by operator, the scene without it, in which the subject passes.
-        unresolved: operators left for which there is none: without it the scene is not fair, fails at a
-            later stage, or was not tried.
+        unresolved: operators left for which there is none, and what comes of the scene without it.
         base: the nominal scene of the same objects fails, too; nothing was shrunk.
         complete: ``max_rollouts`` cut nothing short.
     """
@@ -38,7 +37,7 @@ class Shrunk:
     lost: str
     operators: tuple[str, ...]
     counterparts: Mapping[str, Scene] = field(default_factory=dict)
-    unresolved: tuple[str, ...] = ()
+    unresolved: Mapping[str, str] = field(default_factory=dict)
     base: bool = False
     complete: bool = True
 
@@ -93,7 +92,7 @@ class _Shrinker:
             self.bench.lost(self.best),
             tuple(left),
             {name: without[name] for name in left if name in passing},
-            tuple(name for name in left if name not in passing),
+            {name: _outcome(each) for name, each in judged.items() if name not in passing},
             complete=not self.bench.exhausted,
         )
 
@@ -180,3 +179,11 @@ class _Shrinker:
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
         nominal = {gene.path: gene.grid.nominal for gene in genes}
         return self.space.composer.compose(self.space.values(self.best) | nominal)
+
+
+def _outcome(judged: Judged | None) -> str:
+    """What came of a scene that did not pass, in words."""
+    if judged is None:
+        return "was not tried"
+    said = {Verdict.INVALID: "is not fair", Verdict.ERROR: "crashed"}
+    return said.get(judged.verdict, f"fails at {judged.lost}")
