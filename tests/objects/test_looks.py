@@ -9,6 +9,7 @@ from vlafuzz import shipped
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.schema import read_file
 from vlafuzz.objects.textures import paint
+from vlafuzz.sim.maniskill.rendering import use_shaders
 
 pytestmark = pytest.mark.render
 SIDE = 128
@@ -16,6 +17,7 @@ SIDE = 128
 
 @pytest.fixture(scope="module")
 def photograph():
+    use_shaders()  # SAPIEN's are global: whatever ran before in this process
     scene = sapien.Scene([sapien.render.RenderSystem()])
     scene.set_ambient_light([1.0, 1.0, 1.0])
     camera = scene.add_camera("camera", SIDE, SIDE, np.radians(8), 0.05, 5.0)
@@ -29,7 +31,7 @@ def photograph():
         scene.update_render()
         camera.take_picture()
         scene.remove_entity(entity)
-        return np.clip(camera.get_picture("Color")[..., :3], 0, 1)
+        return camera.get_picture("Color")[..., :3] / 255
 
     return shoot
 
