@@ -1,5 +1,6 @@
 """What is left of a failing scene is what was planted, operator by operator."""
 
+from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from tests.triage.planted import CONDITIONS, SPACE, Planted, fair
 from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Placement
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.bench import Judged
 from vlafuzz.triage.shrink import shrink
@@ -147,3 +149,16 @@ def test_what_is_not_fair_or_crashes_counts_as_not_failing(verdict):
     shrunk = shrink(found, bench, SPACE)
     assert (shrunk.scene, shrunk.counterparts) == (found, {})
     assert bench.spent == (len(judge.asked) if verdict is Verdict.ERROR else 0)
+
+
+def test_target_and_confounder_that_stand_in_each_others_nominal_place_go_there_together():
+    nominal = SPACE.nominal()
+    target = replace(nominal.targets[0], x=0.08, y=-0.14)
+    other = Placement("apple", "resting", -0.05, 0.08)
+    found = replace(nominal, targets=(target,), confounders=(other,))
+    judge = Planted([CONDITIONS["confounders"][0]])
+    assert fair(found)
+    assert not fair(SPACE.reset(found, ["target-position"]))
+    assert not fair(SPACE.reset(found, ["confounder-position"]))
+    shrunk = shrink(found, judge.bench(found), SPACE)
+    assert (shrunk.operators, shrunk.minimal) == (("confounders",), True)

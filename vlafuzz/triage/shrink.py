@@ -10,7 +10,7 @@ from typing import TypeVar
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.space.operators import ConfounderCount
+from vlafuzz.space.operators import ConfounderCount, ConfounderPosition, TargetPosition
 from vlafuzz.space.params import Gene
 from vlafuzz.triage.bench import Bench, Judged
 from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
@@ -72,6 +72,8 @@ class _Shrinker:
     def run(self) -> None:
         while self._drop_operators() and self._is_blocked():
             pass  # what stood in the way of a fair scene may be gone
+        if self._is_blocked():
+            self._unblock()
         while True:
             before = self.best
             self._thin_confounders()
@@ -107,6 +109,13 @@ class _Shrinker:
         without = [self._reset(GROUPS[name]) for name in deviating(self.space, self.best)]
         known = [self.bench.known(scene) for scene in without]
         return any(judged is None or judged.verdict is Verdict.INVALID for judged in known)
+
+    def _unblock(self) -> None:
+        """A confounder may stand where a target belongs, and the target where that confounder does."""
+        if CONFOUNDERS in deviating(self.space, self.best):
+            places = self._reset([TargetPosition.name, ConfounderPosition.name])
+            if self._fails([places])[0]:
+                self.best = places
 
     def _thin_confounders(self) -> None:
         self._drop(range(len(self.best.confounders)), self._without_confounders)
