@@ -1,6 +1,5 @@
 """What is left of a failing scene is what was planted, operator by operator."""
 
-from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 
 from tests.triage.planted import CONDITIONS, SPACE, Planted, fair
 from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Placement
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.bench import Judged
 from vlafuzz.triage.shrink import shrink
@@ -151,14 +149,10 @@ def test_what_is_not_fair_or_crashes_counts_as_not_failing(verdict):
     assert bench.spent == (len(judge.asked) if verdict is Verdict.ERROR else 0)
 
 
-def test_target_and_confounder_that_stand_in_each_others_nominal_place_go_there_together():
-    nominal = SPACE.nominal()
-    target = replace(nominal.targets[0], x=0.08, y=-0.14)
-    other = Placement("apple", "resting", -0.05, 0.08)
-    found = replace(nominal, targets=(target,), confounders=(other,))
-    judge = Planted([CONDITIONS["confounders"][0]])
-    assert fair(found)
-    assert not fair(SPACE.reset(found, ["target-position"]))
-    assert not fair(SPACE.reset(found, ["confounder-position"]))
+@pytest.mark.parametrize(("confounded", "tilted", "seed"), [(0, 0, 7), (0, 1, 1), (1, 0, 7), (1, 1, 5)])
+def test_a_target_and_a_confounder_that_block_each_other_go_to_their_places_together(confounded, tilted, seed):
+    operators = ("confounders", "camera-orientation")
+    judge = Planted([CONDITIONS[operators[0]][confounded], CONDITIONS[operators[1]][tilted]])
+    found = judge.finding(seed)
     shrunk = shrink(found, judge.bench(found), SPACE)
-    assert (shrunk.operators, shrunk.minimal) == (("confounders",), True)
+    assert (shrunk.operators, shrunk.minimal) == (operators, True)
