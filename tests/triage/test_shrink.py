@@ -150,7 +150,7 @@ def test_what_is_not_fair_or_crashes_counts_as_not_failing(verdict):
 
 
 @pytest.mark.parametrize(("confounded", "tilted", "seed"), [(0, 0, 7), (0, 1, 1), (1, 0, 7), (1, 1, 5)])
-def test_a_target_and_a_confounder_that_block_each_other_go_to_their_places_together(confounded, tilted, seed):
+def test_a_target_and_a_confounder_that_block_each_other_are_moved_together(confounded, tilted, seed):
     operators = ("confounders", "camera-orientation")
     judge = Planted([CONDITIONS[operators[0]][confounded], CONDITIONS[operators[1]][tilted]])
     found = judge.finding(seed)
