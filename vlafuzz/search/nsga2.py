@@ -23,8 +23,8 @@ from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.nursery import Nursery
 from vlafuzz.search.variation import Variation
 
-GENERATIONS = 15  # of a whole run, at least, but for the smallest population
-SMALLEST, LARGEST = 8, 64  # populations
+GENERATIONS, FEWEST = 15, 10  # of a whole run: at least, and at least for a small budget
+TINIEST, SMALLEST, LARGEST = 4, 8, 64  # populations; of less than 8 only where the budget is small
 BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
 GUIDED = 0.1  # and after it: there may be failures elsewhere
 CROSSED = 0.7  # share of children that have two parents
@@ -46,7 +46,8 @@ class Nsga2:
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
-        self._size = min(max((budget or 10**9) // GENERATIONS, SMALLEST), LARGEST)
+        rollouts = budget or 10**9
+        self._size = min(max(rollouts // GENERATIONS, SMALLEST), max(rollouts // FEWEST, TINIEST), LARGEST)
         self.about = f"population of {self._size}"
         if budget is not None:
             self.about += f", {budget // self._size} generations"
