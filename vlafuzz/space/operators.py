@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
@@ -41,17 +42,17 @@ class Operator(Strict):
     name: ClassVar[str]
     says: ClassVar[str]
 
+    @abstractmethod
     def genes(self, layout: Layout) -> Iterator[Gene]:
         """Its genes, slot by slot."""
-        raise NotImplementedError
 
+    @abstractmethod
     def ranges(self) -> str:
         """What it varies, for people."""
-        raise NotImplementedError
 
+    @abstractmethod
     def nominally(self) -> str:
         """Its nominal value, for people."""
-        raise NotImplementedError
 
     def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
         return Gene(self.name, path, kind, grid)
