@@ -1,15 +1,11 @@
-"""Built objects on disc: one folder an object, named by the hash of its entry and the builder's version.
-
-A folder appears complete or not at all (built beside it, then renamed), so that processes may build the same
-object at the same time.
-"""
+"""Built objects on disc: one folder an object, named by the hash of its entry and the builder's version."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shutil
-import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,30 +27,20 @@ def fingerprint(name: str, spec: ObjectSpec) -> str:
 
 def built(name: str, spec: ObjectSpec) -> ObjectModel:
     """The object from the cache, building it first where needed."""
-    folder = shipped.cache_dir() / "objects" / f"{name}-{fingerprint(name, spec)}"
-    if not (folder / NUMBERS).is_file():
-        _fill(name, spec, folder)
-    model = load(folder)
+    place = f"objects/{name}-{fingerprint(name, spec)}"
+    fill, whole = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
+    model = load(shipped.made_once(place, fill, whole))
     # SAPIEN only logs a missing mesh
-    if not all(file.is_file() for file in (model.visual, *model.collision)):
-        shutil.rmtree(folder, ignore_errors=True)
-        _fill(name, spec, folder)
-    return model
+    if all(file.is_file() for file in (model.visual, *model.collision)):
+        return model
+    shutil.rmtree(model.visual.parent, ignore_errors=True)
+    return load(shipped.made_once(place, fill, whole))
 
 
 def _fill(name: str, spec: ObjectSpec, folder: Path) -> None:
     from vlafuzz.objects.build import build  # loads trimesh and scipy, which a filled cache does not need
 
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
-        draft = Path(space) / "object"
-        draft.mkdir()
-        save(build(name, spec, draft), draft)
-        try:
-            draft.rename(folder)
-        except OSError:
-            if not (folder / NUMBERS).is_file():  # else another process was faster, with the same
-                raise
+    save(build(name, spec, folder), folder)
 
 
 def save(model: ObjectModel, folder: Path) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -27,21 +27,17 @@ SHARP = 0.6  # radians between two faces from which on the edge between them sta
 
 def light_robot(urdf: Path) -> Path:
     """A URDF of the same robot with simplified looks, made at the first call."""
-    folder = shipped.cache_dir() / "robots" / f"{urdf.stem}-{_fingerprint(urdf)}"
-    made = folder / urdf.name
-    if not _complete(made):
-        shutil.rmtree(folder, ignore_errors=True)
-        _fill(urdf, folder)
-    return made
+    name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
+    folder = shipped.made_once(name, partial(_fill, urdf), lambda folder: _is_whole(folder / urdf.name))
+    return folder / urdf.name
 
 
-def _complete(made: Path) -> bool:
+def _is_whole(made: Path) -> bool:
     """SAPIEN only logs a missing mesh."""
     if not made.is_file():
         return False
-    return all(
-        (made.parent / each.attrib["filename"]).is_file() for each in _visuals(ElementTree.parse(made))
-    )
+    meshes = _visuals(ElementTree.parse(made))
+    return all((made.parent / mesh.attrib["filename"]).is_file() for mesh in meshes)
 
 
 def _fingerprint(urdf: Path) -> str:
@@ -57,28 +53,18 @@ def _visuals(tree: ElementTree.ElementTree[ElementTree.Element]) -> Iterator[Ele
 
 
 def _fill(urdf: Path, folder: Path) -> None:
-    """The folder appears complete or not at all: processes may make it at the same time."""
     tree = ElementTree.parse(urdf)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
-        draft = Path(space) / "robot"
-        draft.mkdir()
-        for element in tree.iterfind(".//collision/geometry/mesh"):
-            element.set("filename", str(urdf.parent / element.attrib["filename"]))
-        for element in _visuals(tree):
-            source = urdf.parent / element.attrib["filename"]
-            if not (draft / source.name).exists():
-                _simplify(source, draft / source.name)
-            element.set("filename", source.name)
-        tree.write(draft / urdf.name)
-        srdf = urdf.with_suffix(".srdf")  # which links may touch each other: SAPIEN looks for it beside
-        if srdf.is_file():
-            shutil.copy(srdf, draft / srdf.name)
-        try:
-            draft.rename(folder)
-        except OSError:
-            if not (folder / urdf.name).is_file():  # else another process was faster, with the same
-                raise
+    for element in tree.iterfind(".//collision/geometry/mesh"):
+        element.set("filename", str(urdf.parent / element.attrib["filename"]))
+    for element in _visuals(tree):
+        source = urdf.parent / element.attrib["filename"]
+        if not (folder / source.name).exists():
+            _simplify(source, folder / source.name)
+        element.set("filename", source.name)
+    tree.write(folder / urdf.name)
+    srdf = urdf.with_suffix(".srdf")  # which links may touch each other: SAPIEN looks for it beside
+    if srdf.is_file():
+        shutil.copy(srdf, folder / srdf.name)
 
 
 def _simplify(source: Path, target: Path) -> None:

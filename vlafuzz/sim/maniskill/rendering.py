@@ -6,8 +6,6 @@ import hashlib
 import json
 import os
 import re
-import shutil
-import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -74,10 +72,11 @@ def _shader_pack() -> Path:
         for file in sorted((source / name).iterdir())
     }
     digest = hashlib.sha256(json.dumps(shaders).encode()).hexdigest()[:20]
-    folder = shipped.cache_dir() / "shaders" / digest
-    if not all((folder / name).is_file() for name in shaders):
-        shutil.rmtree(folder, ignore_errors=True)
-        _fill(shaders, folder)
+    folder = shipped.made_once(
+        f"shaders/{digest}",
+        lambda folder: _fill(shaders, folder),
+        lambda folder: all((folder / name).is_file() for name in shaders),
+    )
     return folder / "minimal"
 
 
@@ -88,14 +87,6 @@ def _without_table(shader: str) -> str:
 
 
 def _fill(shaders: dict[str, str], folder: Path) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
-        draft = Path(space) / "shaders"
-        for name, text in shaders.items():
-            (draft / name).parent.mkdir(parents=True, exist_ok=True)
-            (draft / name).write_text(text, encoding="utf-8")
-        try:
-            draft.rename(folder)
-        except OSError:
-            if not folder.is_dir():  # else another process was faster, with the same
-                raise
+    for name, text in shaders.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
