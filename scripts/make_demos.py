@@ -5,6 +5,10 @@ Scenes are generated with the operators of demos.yaml and checked as always; wor
 each task. Most episodes are disturbed (noise on what is executed, random first steps, a gripper that slips),
 the label is always what the expert would do. Episodes that do not succeed are left out. Each worker writes
 one folder of arrays: frames (n, size, size, 3) uint8, and in steps.npz what belongs to each of them.
+
+With --driver, weights of an earlier round drive the first steps of most episodes, and the expert takes over
+from there (as in DAgger, Ross et al., 2011): what such a policy runs into is shown the way out of. Steps that
+were driven are kept, as the gripper's clock needs them, but not `taught`.
 """
 
 from __future__ import annotations
@@ -30,6 +34,7 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
 from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.mini.subject import Mini
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -37,14 +42,16 @@ SIZE = 128
 WORDINGS = 4  # of each task's; the others stay unseen
 NOMINAL = 0.5  # share of episodes with the first wording
 DISTURBED = 0.75
+DRIVEN, LONGEST_DRIVE = 0.7, 45  # share of episodes that a driver begins, and its most steps
 SEEDS = 10**6  # demonstrations have seeds from here on; smaller ones are for tests
 
 
 class Demonstrator:
     """The expert, disturbed, with a notebook of what it saw and would have done."""
 
-    def __init__(self) -> None:
+    def __init__(self, driver: Path | None) -> None:
         self._expert = Expert(fluent=True)
+        self._driver = Mini(driver) if driver else None
         front = CameraRequest("front", SIZE, SIZE)
         self.spec = replace(self._expert.spec, cameras=(front,), state=True)
         self._expert.spec = self.spec
@@ -58,13 +65,18 @@ class Demonstrator:
         disturbed = self._rng.random() < DISTURBED
         self._sigma = self._rng.uniform(0.05, 0.3) if disturbed else 0.0
         self._wild = int(self._rng.integers(1, 5)) if disturbed and self._rng.random() < 0.5 else 0
+        driven = self._driver is not None and self._rng.random() < DRIVEN
+        self._driven = int(self._rng.integers(1, LONGEST_DRIVE)) if driven else 0
+        if self._driver:
+            self._driver.reset(episodes)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         (seen,) = observations
-        (chunk,) = self._expert.act(observations)
+        driven = seen.step < self._driven
+        (chunk,) = (self._driver if driven and self._driver else self._expert).act(observations)
         label = chunk.actions[0]
-        executed = self._disturbed(seen, label)
-        self.steps.append(_note(seen, label) | {"gripper": executed[6]})
+        executed = label if driven else self._disturbed(seen, label)
+        self.steps.append(_note(seen, label) | {"gripper": executed[6], "taught": not driven})
         return [ActionChunk(executed[None])]
 
     def close(self) -> None:
@@ -75,7 +87,7 @@ class Demonstrator:
             return label
         assert seen.privileged is not None
         action, rng = label.copy(), self._rng
-        if seen.step < self._wild:
+        if self._driven <= seen.step < self._driven + self._wild:
             action[:3] = rng.uniform((-0.08, -0.08, -0.06), (0.08, 0.08, 0.10))
             action[5] = rng.uniform(-0.5, 0.5)
             return action
@@ -114,6 +126,7 @@ class Job:
     first: int
     count: int
     seconds: float
+    driver: Path | None
     out: Path
 
     def run(self) -> dict[str, Any]:
@@ -123,7 +136,7 @@ class Job:
         space = SearchSpace(operators, load_catalogue(), self.task)
         steps: list[dict[str, Any]] = []
         tried = kept = 0
-        demonstrator = Demonstrator()
+        demonstrator = Demonstrator(self.driver)
         evaluator = ManiSkillEvaluator(
             self.task,
             demonstrator,
@@ -138,7 +151,7 @@ class Job:
             scene = worded(space.sample(np.random.default_rng([seed, *self.task.encode()])), space, seed)
             (outcome,) = evaluator.evaluate([scene])
             tried += outcome.verdict >= Verdict.PASSED
-            if outcome.verdict is Verdict.PASSED:
+            if outcome.verdict is Verdict.PASSED and any(step["taught"] for step in demonstrator.steps):
                 kept += 1
                 steps += [step | {"text": scene.instruction, "episode": seed} for step in demonstrator.steps]
         self._write(steps)
@@ -152,7 +165,7 @@ class Job:
         index = {text: number for number, text in enumerate(texts)}
         table: dict[str, Any] = {
             key: np.stack([step[key] for step in steps]).astype(np.float32)
-            for key in ("state", "label", "gripper", "places", "pixels")
+            for key in ("state", "label", "gripper", "taught", "places", "pixels")
         }
         table["texts"] = np.array(texts)
         table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
@@ -178,6 +191,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, nargs=4, default=[1, 1, 1, 1], metavar="N", help="a task")
     parser.add_argument("--seconds", type=float, default=1e9, help="most that a job may take")
     parser.add_argument("--first", type=int, default=0, help="number of the first episode")
+    parser.add_argument("--driver", type=Path, help="folder of weights that begin most episodes")
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args()
     began = time.monotonic()
@@ -188,6 +202,7 @@ def main() -> None:
             options.first + number * (count // workers),
             count // workers,
             options.seconds,
+            options.driver,
             options.out,
         )
         for task, count, workers in zip(TASKS, options.episodes, options.workers, strict=True)

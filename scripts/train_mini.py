@@ -77,8 +77,9 @@ def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
         "words": known,
         "hash": fingerprint(frames, joined["label"]),
         "episodes": int(episodes.max()) + 1,
-        "frames": len(episodes),
-        "held_out": torch.from_numpy(episodes % HELD_OUT == 0).to(device),
+        "frames": int(joined["taught"].sum()),
+        "own": torch.from_numpy((joined["taught"] > 0) & (episodes % HELD_OUT > 0)).to(device),
+        "held_out": torch.from_numpy((joined["taught"] > 0) & (episodes % HELD_OUT == 0)).to(device),
     }
     return Data(torch.cat([part.to(device) for part in frames]), **on_device, rest=rest)
 
@@ -222,7 +223,7 @@ def train(data: Data, options: argparse.Namespace, device: str) -> None:
     torch.manual_seed(options.seed)
     torch.set_float32_matmul_precision("high")
     learner = Learner(options, device)
-    own = (~data.rest["held_out"]).nonzero()[:, 0]
+    own = data.rest["own"].nonzero()[:, 0]
     began = time.monotonic()
     curve: list[dict[str, float]] = []
     done = 0.0

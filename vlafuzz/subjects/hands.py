@@ -75,6 +75,9 @@ class Hands:
     # phases, in their order
 
     def _approach(self, belief: Belief) -> Array:
+        if self._fluent and belief.held:  # somebody else took it
+            self._take(belief)
+            return self._lift(belief)
         reach = self._choose(belief)
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
         self._keep_clear(belief, over)
