@@ -8,7 +8,7 @@ from tests.doubles import manifest
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.ranges import operators_json
-from vlafuzz.corpus.records import Run
+from vlafuzz.corpus.records import Manifest
 from vlafuzz.desk import SimulatorDesk
 from vlafuzz.outcome import Verdict
 from vlafuzz.space import load_operators
@@ -38,10 +38,9 @@ def make_frozen(**_):
     return subject
 
 
-def run(factory: str, **changes: object) -> Run:
+def run(factory: str, **changes: object) -> Manifest:
     operators = operators_json(load_operators())
-    kept = manifest(subject=f"python:tests.test_desk:{factory}", seed=7, operators=operators, **changes)
-    return Run(1, kept, "finished", "")
+    return manifest(subject=f"python:tests.test_desk:{factory}", seed=7, operators=operators, **changes)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""SimulatorDesk: what the findings of a run are triaged with: the subject, the expert and the simulator."""
+"""SimulatorDesk: what scenes of a run are worked on with afterwards: subject, expert and simulator."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.ranges import stored_operators
-from vlafuzz.corpus.records import Run
+from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Outcome
+from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.subjects.base import Subject
@@ -21,47 +23,61 @@ from vlafuzz.subjects.expert import Expert
 from vlafuzz.subjects.registry import make_subject
 from vlafuzz.triage.witness import Player
 
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.video import Recording
+
 
 class SimulatorDesk:
     """See ``findings.Desk``. From here on, seconds go by.
+
+    Args:
+        source: store or corpus that the manifest is from, for messages.
+        subject: another one than the run's.
 
     Attributes:
         changed: what decides over outcomes and is not as it was in the run, by its name in the manifest.
     """
 
-    def __init__(self, store: Path, run: Run) -> None:
-        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-        manifest, catalogue = run.manifest, load_catalogue()
-        self.space = SearchSpace(stored_operators(store, manifest), catalogue, manifest.task)
+    def __init__(self, source: Path, manifest: Manifest, subject: str | None = None) -> None:
+        catalogue = load_catalogue()
+        self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task)
         self.stages = self.space.task.stage_names
-        subject, self._expert = make_subject(manifest.subject), Expert()
+        self._manifest, self._subject = manifest, make_subject(subject or manifest.subject)
+        self._expert = Expert()
         self._player = Player(self._expert.spec)
-        self.deterministic = subject.spec.deterministic and manifest.repeats == 1
+        spec = self._subject.spec
+        self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic subject the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
+        self.renderer = probe().name if spec.cameras else None
         here = {
-            "spec": json.dumps(asdict(subject.spec), sort_keys=True),
+            "spec": json.dumps(asdict(spec), sort_keys=True),
             "catalogue_digest": catalogue.digest,
             "simulator": provenance.simulator(provenance.versions()),
             "commit": provenance.commit(),
         }
         self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
+        self._subjects, self._experts = self._evaluator(self._subject), self._evaluator(self._expert)
+        self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
-        def evaluator(of: Subject, *, checked: bool = True) -> ManiSkillEvaluator:
-            return ManiSkillEvaluator(
-                manifest.task,
-                of,
-                catalogue,
-                min_distance=manifest.min_distance,
-                seed=manifest.seed,
-                criteria=manifest.criteria,
-                stop_early=manifest.stop_early,
-                checked=checked,
-            )
+    def _evaluator(
+        self, of: Subject, *, checked: bool = True, recording: Recording | None = None
+    ) -> ManiSkillEvaluator:
+        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
-        self._subjects, self._experts = evaluator(subject), evaluator(self._expert)
-        self._players = evaluator(self._player, checked=False)  # the expert's rollout was
+        manifest = self._manifest
+        return ManiSkillEvaluator(
+            manifest.task,
+            of,
+            self.space.catalogue,
+            min_distance=manifest.min_distance,
+            seed=manifest.seed,
+            criteria=manifest.criteria,
+            stop_early=manifest.stop_early,
+            checked=checked,
+            recording=recording,
+        )
 
     def renew(self) -> None:
         """See ``findings.Desk``."""

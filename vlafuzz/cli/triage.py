@@ -83,7 +83,7 @@ def _desk(store: Path, run: Run) -> Desk:
     """What a run's findings are worked on with; says when it is no longer what they were found with."""
     from vlafuzz import desk
 
-    made = desk.SimulatorDesk(store, run)
+    made = desk.SimulatorDesk(store, run.manifest)
     if made.changed:
         told = f"note: run {run.id} was made by another version: its {', '.join(made.changed)} differ"
         stderr().print(f"{told}; what no longer fails will count as flaky", soft_wrap=True)
