@@ -25,7 +25,7 @@ ROWS = (
     "execute corpus triage",
     "report",
     "campaign findings",
-    "compare studies",
+    "compare studies export regress",
     "integrations config desk",
     "cli",
     "__main__",
