@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Manifest
+from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.objects.catalogue import load_catalogue
@@ -25,6 +26,7 @@ from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.stills import Stills
     from vlafuzz.sim.maniskill.video import Recording
 
 
@@ -58,6 +60,7 @@ class SimulatorDesk:
             "commit": provenance.commit(),
         }
         self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
+        self._stills: Stills | None = None
         self._subjects, self._experts = self._evaluator(self._subject), self._evaluator(self._expert)
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
@@ -98,7 +101,20 @@ class SimulatorDesk:
         self._player.actions = actions
         return evaluate_safely(self._players, [scene])[0]
 
+    def picture(self, scene: Scene) -> bytes | None:
+        """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
+        if self._stills is None:
+            from vlafuzz.sim.maniskill.stills import Stills
+
+            self._stills = Stills(self._manifest.task, self.space.catalogue)
+        try:
+            return self._stills.png(scene)
+        except PrerequisiteError:
+            return None
+
     def close(self) -> None:
         """Let go of simulator and subject."""
+        if self._stills is not None:
+            self._stills.close()
         for each in (self._subjects, self._experts, self._players):
             each.close()

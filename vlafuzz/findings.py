@@ -115,7 +115,7 @@ class _Triager:
     def triage(self, finding: Finding) -> Triaged | None:
         began = time.monotonic()
         self.desk.renew()
-        confirmation, judged = self._repeat(finding.scene)
+        confirmation, judged = repeat(self.desk, finding.scene)
         if not confirmation.repeats:
             return None
         triaged = Triaged(
@@ -190,26 +190,10 @@ class _Triager:
         if self.desk.deterministic:
             judged = [Judged.of(outcome) for outcome in self.desk.evaluate(fresh, 0)]
         else:
-            judged = [self._repeat(scene)[1] for scene in fresh]
+            judged = [repeat(self.desk, scene)[1] for scene in fresh]
         answers = dict(zip(fresh, judged, strict=True))
         self.known |= {scene: each._replace(rollouts=0) for scene, each in answers.items()}
         return [answers.get(scene, self.known[scene]) for scene in scenes]
-
-    def _repeat(self, scene: Scene) -> tuple[Confirmation, Judged]:
-        """Whether a scene fails again, and what mostly comes of it."""
-        seen: list[Judged] = []
-
-        def repeat(number: int) -> Verdict:
-            seen.append(Judged.of(self.desk.evaluate([scene], number)[0]))
-            return seen[-1].verdict
-
-        found = confirm(repeat, deterministic=self.desk.deterministic)
-        rollouts = sum(judged.rollouts for judged in seen)
-        lost = Counter(judged.lost for judged in seen if judged.lost is not None)
-        if found.confirmed:
-            return found, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
-        verdict = Verdict.PASSED if found.repeats else seen[-1].verdict
-        return found, Judged(verdict, None, rollouts)
 
     def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
         """The operators that are not nominal; None for a scene that the space cannot put together."""
@@ -218,6 +202,23 @@ class _Triager:
             return tuple(deviating(space, scene)) if space.reset(scene, []) == scene else None
         except SceneError:
             return None
+
+
+def repeat(desk: Desk, scene: Scene) -> tuple[Confirmation, Judged]:
+    """Whether a scene fails again, and what mostly comes of it."""
+    seen: list[Judged] = []
+
+    def once(number: int) -> Verdict:
+        seen.append(Judged.of(desk.evaluate([scene], number)[0]))
+        return seen[-1].verdict
+
+    found = confirm(once, deterministic=desk.deterministic)
+    rollouts = sum(judged.rollouts for judged in seen)
+    lost = Counter(judged.lost for judged in seen if judged.lost is not None)
+    if found.confirmed:
+        return found, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
+    verdict = Verdict.PASSED if found.repeats else seen[-1].verdict
+    return found, Judged(verdict, None, rollouts)
 
 
 def _why_not(shrunk: Shrunk) -> str:

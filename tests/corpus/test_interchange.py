@@ -161,7 +161,7 @@ def test_ycb_files_have_meshes_of_their_own(tmp_path: Path) -> None:
             json.dumps({"0": two(0, 1, apple=other(0, 0)) | {"model_ids": ["mug"]}}),
             "0: there are no options for 'mug'",
         ),
-        (json.dumps({"0": grasp("apple", -0.3, 0.2, [0.5, 0.5, 0.5, 0.5])}), "0: apple: orientation"),
+        (json.dumps({"0": grasp("apple", -0.3, 0.2, [0.5, 0.5, -0.5, 0.5])}), "0: apple: orientation"),
     ],
 )
 def test_a_malformed_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: str, says: str) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.output import stderr
+from vlafuzz.cli.output import progress, stderr
 from vlafuzz.errors import UsageError
 
 if TYPE_CHECKING:
+    from vlafuzz.corpus.bundle import Bundle
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.scene import Scene
 
@@ -24,26 +26,94 @@ class Wanted(StrEnum):
     all = "all"
 
 
+class Format(StrEnum):
+    """How scenes are written."""
+
+    vlafuzz = "vlafuzz"
+    vlatest = "vlatest"
+
+
 def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
-    out: Annotated[Path, typer.Option(help="File to write, one JSON scene a line.")],
+    out: Annotated[Path, typer.Option(help="File to write; with --minimal a new folder.")],
     run: Annotated[int | None, typer.Option(help="Only this run.", show_default="all runs")] = None,
     verdict: Annotated[Wanted, typer.Option(help="Which scenes.")] = Wanted.failed,
+    minimal: Annotated[
+        bool, typer.Option("--minimal", help="A corpus: what is left of triaged findings, with proofs.")
+    ] = False,
+    format_: Annotated[
+        Format, typer.Option("--format", help="One JSON scene a line, or a scene file of VLATest.")
+    ] = Format.vlafuzz,
 ) -> None:
-    """Write the failing scenes of a store to a file, each of them once."""
+    """Write scenes of a store to a file, or its minimal failures to a folder.
+
+    With --minimal every failure is run once more with its witness and its passing counterparts, and only what
+    holds is written. `vlafuzz regress` and `vlafuzz report` read the folder.
+    """
+    if minimal and (verdict is not Wanted.failed or format_ is not Format.vlafuzz):
+        raise UsageError(
+            "--minimal goes with neither --verdict nor --format",
+            hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
+        )
+    if minimal:
+        _export(store, out, run)
+        return
     from vlafuzz.corpus.store import Corpus
-    from vlafuzz.scene import write_scenes
 
     with Corpus.open(store) as corpus:
         scenes = _scenes(corpus, run, verdict)
+    written = _write(out, scenes, format_)
+    stderr().print(f"{written} {'' if verdict is Wanted.all else verdict + ' '}scenes written to {out}")
+
+
+def _export(store: Path, out: Path, run: int | None) -> None:
+    """The minimal failures, checked once more, with a bar."""
+    from vlafuzz.cli.triage import make_desk
+    from vlafuzz.corpus.folder import write_bundle
+    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.export import export
+
+    if out.exists():
+        raise UsageError(f"{out}: is there already", hint="give --out a new folder")
+    with Corpus.open(store) as corpus, progress() as bar:
+        task = bar.add_task("minimal findings checked", total=None)
+        bundle = export(
+            corpus,
+            partial(make_desk, store),
+            name=out.name,
+            run=run,
+            watch=lambda done, of: bar.update(task, completed=done, total=of),
+        )
+    write_bundle(bundle, out)
+    _tell(bundle, out)
+
+
+def _tell(bundle: Bundle, out: Path) -> None:
+    bugs = len({case.signature for case in bundle.cases})
+    stderr().print(f"{len(bundle.cases)} minimal failures ({bugs} signatures) written to {out}")
+    for reason, count in bundle.evidence.left_out.items():
+        stderr().print(f"left out: {count}: {reason}")
+
+
+def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
+    """How many could be written."""
+    from vlafuzz.corpus.vlatest import write_vlatest
+    from vlafuzz.objects import load_catalogue
+    from vlafuzz.scene import write_scenes
+
     try:
-        write_scenes(out, scenes)
+        if format_ is Format.vlafuzz:
+            write_scenes(out, scenes)
+            return len(scenes)
+        unsaid = write_vlatest(out, scenes, load_catalogue())
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise UsageError(
             f"{out}: cannot be written: {reason}", hint="give --out in a folder that is there"
         ) from None
-    stderr().print(f"{len(scenes)} {'' if verdict is Wanted.all else verdict + ' '}scenes written to {out}")
+    for reason, count in unsaid.items():
+        stderr().print(f"left out: {count}: {reason}")
+    return len(scenes) - sum(unsaid.values())
 
 
 def _scenes(corpus: Corpus, run: int | None, wanted: Wanted) -> list[Scene]:

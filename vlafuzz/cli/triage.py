@@ -16,7 +16,8 @@ from vlafuzz.errors import UsageError
 if TYPE_CHECKING:
     from vlafuzz.corpus.harvest import Harvest
     from vlafuzz.corpus.records import Run
-    from vlafuzz.findings import Desk, Progress
+    from vlafuzz.desk import SimulatorDesk
+    from vlafuzz.findings import Progress
 
 
 def command(
@@ -66,7 +67,7 @@ def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest,
             try:
                 unjudged = triage(
                     corpus,
-                    partial(_desk, store),
+                    partial(make_desk, store),
                     max_rollouts=max_rollouts,
                     limit=limit,
                     watch=watch,
@@ -79,7 +80,7 @@ def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest,
         return harvest(corpus), unjudged
 
 
-def _desk(store: Path, run: Run) -> Desk:
+def make_desk(store: Path, run: Run) -> SimulatorDesk:
     """What a run's findings are worked on with; says when it is no longer what they were found with."""
     from vlafuzz import desk
 

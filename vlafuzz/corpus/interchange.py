@@ -67,7 +67,9 @@ class _Poses(_Strict):
     level: _Pose
 
 
-class _Counterpart(_Strict):
+class Counterpart(_Strict):
+    """What an object of theirs is among ours."""
+
     name: str
     poses: _Poses
 
@@ -77,11 +79,13 @@ class _Frame(_Strict):
     y: tuple[float, float]
 
 
-class _Table(_Strict):
+class Table(_Strict):
+    """operators/objects/vlatest.yaml."""
+
     frames: dict[str, _Frame]
     places: dict[str, str]
-    objects: dict[str, _Counterpart]
-    ycb: dict[str, _Counterpart]
+    objects: dict[str, Counterpart]
+    ycb: dict[str, Counterpart]
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     Raises:
         SceneError: the file is not one of its scene files; the message names file and key.
     """
-    table = _table()
+    table = vlatest_table()
     known = table.objects | (table.ycb if path.name.startswith("ycb_") else {})
     named = next((task for word, task in _FILE_NAMES.items() if word in path.name), None)
     missing: Counter[str] = Counter()
@@ -133,7 +137,7 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
         if absent:
             continue
         task = _task(table, targets, named)
-        move = _Move(table.frames[task], _our_box(), frame)
+        move = _Move(table.frames[task], our_box(), frame)
         placed = [_placement(path, key, thing, known[thing.model], move) for thing in targets + others]
         spoken = [catalogue[placement.object].spoken for placement in placed[: len(targets)]]
         instruction = say(load_wordings()[task][0], spoken)
@@ -160,21 +164,27 @@ class _Move:
 
 
 @cache
-def _table() -> _Table:
+def vlatest_table() -> Table:
+    """Its names, poses and boxes as ours.
+
+    Raises:
+        CatalogueError: the table is damaged.
+    """
     path = operators_dir() / "objects" / "vlatest.yaml"
     try:
-        return _Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        return Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except (OSError, yaml.YAMLError, ValidationError) as error:
         raise CatalogueError(f"{path}: {' '.join(str(error).split())}") from None
 
 
 @cache
-def _our_box() -> Box:
+def our_box() -> Box:
+    """Where our targets stand by default."""
     position = load_operators().get(TargetPosition)
     return Box(x=position.x, y=position.y)
 
 
-def _has(catalogue: Catalogue, counterpart: _Counterpart | None) -> bool:
+def _has(catalogue: Catalogue, counterpart: Counterpart | None) -> bool:
     return counterpart is not None and counterpart.name in catalogue
 
 
@@ -239,7 +249,7 @@ def _other(model: str, options: dict[str, _Other]) -> _Thing:
     return _Thing(model, options[model].init_xy, options[model].init_rot_quat)
 
 
-def _task(table: _Table, targets: list[_Thing], named: str | None) -> str:
+def _task(table: Table, targets: list[_Thing], named: str | None) -> str:
     """The task, from what the targets are; the file's name decides where that leaves it open."""
     if len(targets) == 1:
         return "pick-up"
@@ -247,17 +257,27 @@ def _task(table: _Table, targets: list[_Thing], named: str | None) -> str:
     return told or (named if named and TASKS[named].targets == 2 else "move-near")
 
 
-def _placement(path: Path, key: str, thing: _Thing, counterpart: _Counterpart, move: _Move) -> Placement:
+def _placement(path: Path, key: str, thing: _Thing, counterpart: Counterpart, move: _Move) -> Placement:
     w, x, y, z = thing.quaternion
     level = math.hypot(x, y) < 1e-3
-    yaw = 2 * math.degrees(math.atan2(z, w))
-    if not level and not (
-        math.isclose(abs(x), abs(w), abs_tol=1e-3) and w * x > 0 and math.hypot(y, z) < 1e-3
-    ):
+    yaw = 2 * math.atan2(z, w)
+    expected = quaternion(yaw, level=level)
+    if not level and abs(sum(a * b for a, b in zip(thing.quaternion, expected, strict=True))) < 1 - 1e-6:
         raise SceneError(
             f"{path}: {key}: {thing.model}: orientation {thing.quaternion} is neither upright nor level"
         )
     pose = counterpart.poses.level if level else counterpart.poses.turned
-    turned = (yaw if level else 0.0) + pose.yaw + 180.0
+    turned = math.degrees(yaw) + pose.yaw + 180.0
     wrapped = 180.0 - (180.0 - turned) % 360.0  # in (-180, 180]
     return Placement(counterpart.name, pose.rest, *move(thing.xy), round(wrapped, 4))
+
+
+def quaternion(yaw: float, *, level: bool) -> _Quaternion:
+    """(w, x, y, z): a quarter turn about x, or none, and then ``yaw`` radians about the vertical."""
+    half, lean = yaw / 2, 0.0 if level else math.pi / 4
+    return (
+        math.cos(half) * math.cos(lean),
+        math.cos(half) * math.sin(lean),
+        math.sin(half) * math.sin(lean),
+        math.sin(half) * math.cos(lean),
+    )

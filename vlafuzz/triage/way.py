@@ -46,6 +46,11 @@ def deviating(space: SearchSpace, scene: Scene) -> list[str]:
     return [name for name, operators in GROUPS.items() if space.reset(scene, operators) != scene]
 
 
+def nominal(space: SearchSpace, scene: Scene) -> Scene:
+    """The scene with nothing but its targets' types left."""
+    return space.reset(scene, [operator for group in GROUPS.values() for operator in group])
+
+
 def free_genes(space: SearchSpace, scene: Scene, operators: Sequence[str]) -> list[Gene]:
     """The genes of some operators that are not nominal in a scene, without those that make none severer."""
     values = space.values(scene)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Sequence
 from functools import partial
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -16,13 +14,13 @@ from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv, gym_id
+from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv
+from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.settle import check_dynamic
 from vlafuzz.sim.maniskill.video import Recording
-from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation, Privileged, Subject
+from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, Subject
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import task as task_named
@@ -169,29 +167,10 @@ class ManiSkillEvaluator:
     def _environment(self) -> TabletopEnv:
         if self._env is None:
             watching = self._recording.camera if self._recording else None
-            self._env = self._make(self._subject.spec.cameras + ((watching,) if watching else ()))
+            spec = self._subject.spec
+            cameras = spec.cameras + ((watching,) if watching else ())
+            self._env = make_env(self._task.name, self._catalogue, cameras, spec.action.hz)
         return self._env
-
-    def _make(self, cameras: tuple[CameraRequest, ...]) -> TabletopEnv:
-        try:
-            made = gymnasium.make(
-                gym_id(self._task.name),
-                catalogue=self._catalogue,
-                cameras=cameras,
-                control_hz=self._subject.spec.action.hz,
-                obs_mode="none",
-                render_backend=render_backend() if cameras else "none",
-            )
-        except RuntimeError as error:
-            if "rendering device" not in str(error):
-                raise
-            raise PrerequisiteError(
-                f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install"
-            ) from None
-        assert isinstance(made.unwrapped, TabletopEnv)
-        gc.collect()
-        gc.freeze()  # torch and ManiSkill stay for good: to look through them costs 5 % of a rollout
-        return made.unwrapped
 
     def _drop_env(self) -> None:
         if self._env is not None:
