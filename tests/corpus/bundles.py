@@ -7,10 +7,8 @@ from vlafuzz.corpus.bundle import Bundle, Case, Evidence, Share
 from vlafuzz.evidence import Causes, Threshold, Witness
 
 
-def case(
-    number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0, failing: Scene | None = None
-) -> Case:
-    failing = failing or scene(light=1 / 16, x=-0.04 + 0.001 * number)
+def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> Case:
+    failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
     causes = Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.25),), 0.5),))
     actions = np.random.default_rng(number).normal(size=(12, 7)).astype(np.float32)
     return Case(
