@@ -129,6 +129,17 @@ def test_a_finding_that_was_triaged_is_not_triaged_again(store):
     assert desk.subject_rollouts > spent
 
 
+def test_with_a_limit_every_cell_has_its_turn(tmp_path: Path):
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run = corpus.begin(manifest())
+        failing = scenes([TILTED], 5)
+        for proposal, cell in enumerate("aaabc"):
+            scene = failing[proposal]
+            corpus.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=cell))
+        chosen = [each.scene for each in triaged(corpus, PlantedDesk([TILTED]), limit=4)]
+    assert set(chosen) == {failing[0], failing[1], failing[3], failing[4]}
+
+
 class Broken(PlantedDesk):
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
         return [Outcome.error("subject: connect")] * len(scenes)

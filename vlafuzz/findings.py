@@ -76,6 +76,8 @@ def triage(
 ) -> int:
     """Work on every finding that was not triaged yet; each is stored as soon as it is done.
 
+    With a limit, one finding of every cell comes before the second of any: they are likelier to be other bugs.
+
     Args:
         desk: makes what the findings of a run are worked on with.
         max_rollouts: of the subject, to shrink and attribute one finding.
@@ -87,7 +89,8 @@ def triage(
         are, and are tried again the next time.
     """
     done = {(each.scene.digest, each.subject_key) for each in corpus.triaged()}
-    todo = [each for each in corpus.findings() if (each.scene.digest, each.subject_key) not in done][:limit]
+    findings = _cells_first(corpus.findings())
+    todo = [each for each in findings if (each.scene.digest, each.subject_key) not in done][:limit]
     runs = {run.id: run for run in corpus.runs()}
     unjudged, number, rollouts = 0, 0, 0
     watch(Progress(0, len(todo), 0))
@@ -104,6 +107,16 @@ def triage(
                 number += 1
                 watch(Progress(number, len(todo), rollouts))
     return unjudged
+
+
+def _cells_first(findings: Sequence[Finding]) -> list[Finding]:
+    """The first finding of each cell, then the second ones, and so on."""
+    seen: Counter[str] = Counter()
+    ranked = []
+    for each in findings:
+        ranked.append((seen[each.cell], each))
+        seen[each.cell] += 1
+    return [each for _, each in sorted(ranked, key=lambda pair: pair[0])]
 
 
 @dataclass
