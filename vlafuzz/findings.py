@@ -76,7 +76,7 @@ def triage(
 ) -> int:
     """Work on every finding that was not triaged yet; each is stored as soon as it is done.
 
-    With a limit, one finding of every cell comes before the second of any: they are likelier to be other bugs.
+    With a limit, one finding of every cell comes before the second of any: more of them are other bugs.
 
     Args:
         desk: makes what the findings of a run are worked on with.
