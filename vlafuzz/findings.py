@@ -89,8 +89,8 @@ def triage(
         are, and are tried again the next time.
     """
     done = {(each.scene.digest, each.subject_key) for each in corpus.triaged()}
-    findings = _cells_first(corpus.findings())
-    todo = [each for each in findings if (each.scene.digest, each.subject_key) not in done][:limit]
+    ordered = _cells_first(corpus.findings())
+    todo = [each for each in ordered if (each.scene.digest, each.subject_key) not in done][:limit]
     runs = {run.id: run for run in corpus.runs()}
     unjudged, number, rollouts = 0, 0, 0
     watch(Progress(0, len(todo), 0))

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Raising, scene
-from vlafuzz import config
+from tests.triage.desks import PlantedDesk
+from tests.triage.planted import CONDITIONS
+from vlafuzz import config, desk
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import load_scenes, write_scenes
@@ -246,3 +248,14 @@ def test_every_command_that_is_there_has_help():
     for name, (target, _) in COMMANDS.items():
         if importlib.util.find_spec(target.partition(":")[0]) is not None:
             assert main([name, "--help"]) == 0
+
+
+def test_triage_follows_a_run_when_so_wished(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: PlantedDesk([CONDITIONS["light"][0]]))
+    assert main(["run", *IDLE, "--budget", "8", "--triage", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["findings"] == printed["triage"]["triaged"] > 0
+    assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--triage"]) == 0
+    assert "distinct signatures after" in capsys.readouterr().out

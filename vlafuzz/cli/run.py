@@ -68,6 +68,9 @@ def command(
             "--resume", help="Go on with a stored run that ended early; what no flag says is taken from it."
         ),
     ] = False,
+    triage: Annotated[
+        bool, typer.Option("--triage", help="Triage what the store then holds, as `vlafuzz triage` does.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
@@ -79,6 +82,7 @@ def command(
     are answered from it and cost no budget.
     """
     from vlafuzz import config
+    from vlafuzz.cli import triage as triaging
     from vlafuzz.cli.summary import print_summary
     from vlafuzz.search.base import about
 
@@ -104,10 +108,12 @@ def command(
         prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     summary = _start(prepared)
     beside, said = _beside_random(summary), about(prepared.strategy)
-    if json:
-        print_json(asdict(summary) | {"about": said, "random": asdict(beside) if beside else None})
-    else:
+    if not json:
         print_summary(summary, beside, said)
+    harvest = triaging.triage_store(Path(summary.store), show=not json) if triage else None
+    if json:
+        found = {"about": said, "random": asdict(beside) if beside else None}
+        print_json(asdict(summary) | found | ({"triage": harvest} if harvest else {}))
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:

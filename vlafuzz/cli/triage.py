@@ -6,7 +6,7 @@ import shlex
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -40,14 +40,22 @@ def command(
             raise UsageError(f"{name}: expected at least 1, got {value}", hint=f"give {name} 1 or more")
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
-    found, unjudged = _triage(store, max_rollouts, limit)
+    found = triage_store(store, max_rollouts, limit, show=not json)
     if json:
-        print_json(asdict(found) | {"unjudged": unjudged})
-    else:
+        print_json(found)
+
+
+def triage_store(
+    store: Path, max_rollouts: int = 100, limit: int | None = None, *, show: bool
+) -> dict[str, Any]:
+    """Triage what is left to triage in a store; what it then holds, as JSON, and as tables if so wished."""
+    found, unjudged = _triage(store, max_rollouts, limit)
+    if show:
         _print(found)
     if unjudged:
         told = f"{unjudged} findings could not be judged: the subject broke, or they are no longer fair"
         stderr().print(f"{told}\nhint: they are tried again the next time", soft_wrap=True)
+    return asdict(found) | {"unjudged": unjudged}
 
 
 def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest, int]:

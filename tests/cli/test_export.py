@@ -1,0 +1,75 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest
+from tests.test_export import CheckingDesk
+from tests.triage.planted import CONDITIONS, Planted
+from vlafuzz import desk
+from vlafuzz.cli import main
+from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.scene import load_scenes
+
+TILTED = CONDITIONS["camera-orientation"][0]
+
+
+@pytest.fixture(autouse=True)
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Three triaged findings of a subject that fails where the camera is tilted; there is no simulator."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: CheckingDesk([TILTED]))
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run = corpus.begin(manifest())
+        for seed in range(3):
+            corpus.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+    assert main(["triage", "a.db"]) == 0
+    return tmp_path / "a.db"
+
+
+def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.CaptureFixture[str]):
+    assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
+    said = capsys.readouterr().err
+    made = read_bundle(Path("tilted"))
+    assert made.name == "tilted"
+    assert f"{len(made.cases)} minimal failures (1 signatures) written to tilted" in said
+    assert load_scenes(Path("tilted/scenes.jsonl")) == [case.scene for case in made.cases]
+    manifest = json.loads(Path("tilted/manifest.json").read_text())
+    assert manifest["evidence"]["shares"]["minimal"] == {"count": 3, "of": 3} | {
+        end: pytest.approx(value, abs=1e-3) for end, value in (("low", 0.4385), ("high", 1.0))
+    }
+
+
+def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    with Corpus.open(Path("a.db")) as corpus:
+        kept = corpus.triaged()[0].shrunk
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: CheckingDesk([lambda scene: scene == kept]))
+    assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
+    assert "left out: " in capsys.readouterr().err
+    assert len(read_bundle(Path("tilted")).cases) == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--minimal", "--out", "a.db"], "a.db: is there already"),
+        (["--minimal", "--format", "vlatest", "--out", "b"], "--minimal goes with neither --verdict nor"),
+        (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),
+        (["--format", "vlatest", "--out", "no/such/b"], "no/such/b: cannot be written"),
+    ],
+)
+def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys: pytest.CaptureFixture[str]):
+    before = sorted(Path().iterdir())
+    assert main(["export", "a.db", *flags]) == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert "hint: " in said
+    assert sorted(Path().iterdir()) == before
+
+
+def test_scenes_that_vlatest_cannot_say_are_counted(capsys: pytest.CaptureFixture[str]):
+    assert main(["export", "a.db", "--format", "vlatest", "--out", "t-grasp.json"]) == 0
+    assert "left out: 3: VLATest's scene files have no" in capsys.readouterr().err
+    assert json.loads(Path("t-grasp.json").read_text())["num"] == 0
