@@ -150,7 +150,7 @@ class ManiSkillEvaluator:
             step=step,
             instruction=scene.instruction,
             images={camera.name: env.picture(camera.name) for camera in spec.cameras},
-            state=_proprioception(state) if spec.state else None,
+            state=proprioception(state) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now)
             if spec.privileged
@@ -178,7 +178,8 @@ class ManiSkillEvaluator:
             self._env = None
 
 
-def _proprioception(state: State) -> NDArray[np.float32]:
+def proprioception(state: State) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), opening in [0, 1]."""
     turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
     return np.concatenate([state.tcp, turn, [state.opening / 0.08]]).astype(np.float32)
 

@@ -1,0 +1,81 @@
+"""The corpus environment: anyone rolls out a corpus with gymnasium alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from tests.corpus.bundles import bundle, case
+from tests.sim.scenes import nominal
+from vlafuzz.corpus.folder import write_bundle
+from vlafuzz.desk import SimulatorDesk
+from vlafuzz.errors import UsageError
+from vlafuzz.outcome import Verdict
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scenes that the expert solves; the witness of the first is its solution."""
+    from tests.test_desk import run
+
+    desk = SimulatorDesk(Path("a.db"), run("make_frozen"))
+    solved = desk.solve(nominal(), 0)
+    desk.close()
+    assert solved.verdict is Verdict.PASSED
+    first = case()
+    first = replace(
+        first,
+        scene=nominal(),
+        witness=replace(first.witness, actions=solved.rollouts[0].actions),
+    )
+    folder = tmp_path_factory.mktemp("corpus") / "a"
+    write_bundle(bundle(first, case(1)), folder)
+    return folder
+
+
+def test_a_witness_solves_its_scene_and_every_gain_in_progress_is_rewarded(corpus: Path):
+    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    observation, info = env.reset()
+    assert (info["case"], observation["instruction"]) == (0, nominal().instruction)
+    rewards, ended = 0.0, False
+    for action in env.unwrapped.cases[0].witness.actions.astype(np.float64):
+        _, reward, ended, truncated, info = env.step(action)
+        rewards += reward
+        if ended:
+            break
+    assert (ended, truncated, info["success"], info["reached"][0]) == (True, False, True, "grasp")
+    assert rewards == pytest.approx(1.0, abs=0.02)
+    env.close()
+
+
+def test_scenes_follow_each_other_or_are_asked_for(corpus: Path):
+    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    seen = [env.reset()[1]["case"] for _ in range(3)]
+    assert [*seen, env.reset(options={"case": 1})[1]["case"]] == [0, 1, 0, 1]
+    with pytest.raises(UsageError, match=r"options\['case'\]: 2"):
+        env.reset(options={"case": 2})
+    with pytest.raises(UsageError, match="action"):
+        env.unwrapped.step(np.full(7, np.nan))
+    env.close()
+
+
+def test_it_is_cut_off_after_sixteen_seconds(corpus: Path):
+    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    env.reset()
+    ends = [env.step(np.array([0, 0, 0, 0, 0, 0, 1.0]))[2:4] for _ in range(80)]
+    assert ends == [(False, False)] * 79 + [(False, True)]
+    env.close()
+
+
+@pytest.mark.render
+@pytest.mark.filterwarnings("ignore:.*symmetric and normalized:UserWarning")  # metres are metres
+def test_it_is_an_environment_as_gymnasium_wants_it(corpus: Path):
+    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=64)
+    check_env(env.unwrapped, skip_render_check=True)
+    observation, _ = env.reset()
+    assert observation["image"].shape == (64, 64, 3)
+    assert observation["image"].std() > 10
+    env.close()

@@ -1,0 +1,117 @@
+"""A corpus as a gymnasium environment: its scenes one after the other, without the search.
+
+``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="corpus/mini-pick-up")``
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from vlafuzz.corpus.bundle import Case
+from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.errors import UsageError
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.sim.maniskill.env import EPISODE_SECONDS
+from vlafuzz.sim.maniskill.evaluator import proprioception
+from vlafuzz.sim.maniskill.make import make_env
+from vlafuzz.subjects.base import CameraRequest
+from vlafuzz.tasks.state import State
+
+HZ = 5
+ID = "vlafuzz/Corpus-v0"
+MOST = (0.25, 0.25, 0.25, np.pi, np.pi, np.pi)  # metres and radians in a step: more than the robot can do
+STATE = ((-2, 2), (-2, 2), (-1, 2), *[(-3.15, 3.15)] * 3, (-0.1, 1.1))  # no hand gets beyond
+Seen = dict[str, Any]
+
+
+class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
+    """Each reset shows the next failing scene of a corpus, or the one that is asked for.
+
+    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, without ``size`` 0; ``state``
+    (7,) float32: hand's position (metres), rotation vector (radians), opening in [0, 1]; ``instruction``.
+    Actions: (7,): dx dy dz (metres) and rotation vector (radians) from where the hand is, gripper (1 open,
+    -1 closed). Five steps a second, for 16 s. The reward is what was gained in progress; success terminates.
+
+    Args:
+        corpus: folder that `vlafuzz export --minimal` wrote.
+        size: of a picture, pixels; 0 for none, which needs no renderer.
+
+    Raises:
+        CorpusError: it is no such folder, or is damaged.
+        PrerequisiteError: pictures are wanted, and nothing here can render.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": HZ}  # noqa: RUF012 - as gymnasium has it
+    render_mode = "rgb_array"
+
+    def __init__(self, corpus: Path | str, size: int = 128) -> None:
+        bundle = read_bundle(Path(corpus))
+        self.cases = bundle.cases
+        self._camera = CameraRequest("image", size, size) if size else None
+        cameras = (self._camera,) if self._camera else ()
+        self._env = make_env(bundle.task, load_catalogue(), cameras, HZ)
+        said = [case.scene.instruction for case in self.cases]
+        seen: dict[str, spaces.Space[Any]] = {
+            "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
+            "instruction": spaces.Text(max(map(len, said)), charset=frozenset("".join(said))),
+        }
+        if self._camera:
+            seen["image"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
+        self.observation_space = spaces.Dict(seen)
+        reach = np.array([*MOST, 1.0])
+        self.action_space = spaces.Box(-reach, reach, (7,), np.float64)
+        self._next = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Show ``options["case"]``, a number, or the next one; a seed begins again with the first.
+
+        Raises:
+            UsageError: there is no such case.
+        """
+        super().reset(seed=seed)
+        number = (options or {}).get("case", self._next if seed is None else 0)
+        if not (isinstance(number, int) and 0 <= number < len(self.cases)):
+            raise UsageError(f"options['case']: {number!r}", hint=f"0 to {len(self.cases) - 1}")
+        self._next = (number + 1) % len(self.cases)
+        self._case: Case = self.cases[number]
+        state = self._env.begin(self._case.scene)
+        self._steps = 0
+        about = {"case": number, "digest": self._case.scene.digest, "signature": self._case.signature}
+        return self._observation(state), about | {"lost_stage": self._case.lost_stage}
+
+    def step(self, action: NDArray[np.float64]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """One control step."""
+        metric = np.asarray(action, dtype=np.float64)
+        if metric.shape != (7,) or not np.all(np.isfinite(metric)):
+            raise UsageError(f"action: {action!r}", hint="expected 7 finite numbers")
+        monitor = self._env.monitor
+        before = monitor.progress
+        state = self._env.advance(metric, "current")
+        self._steps += 1
+        info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
+        done, late = monitor.success_once, self._steps >= EPISODE_SECONDS * HZ
+        info["success"] = done
+        return self._observation(state), monitor.progress - before, done, late and not done, info
+
+    def render(self) -> Any:
+        """What the third-person camera sees now: (size, size, 3) uint8."""
+        return self._env.picture(self._camera.name) if self._camera else None
+
+    def close(self) -> None:
+        """Let go of the simulator."""
+        self._env.close()
+
+    def _observation(self, state: State) -> Seen:
+        seen: Seen = {"state": proprioception(state), "instruction": self._case.scene.instruction}
+        return seen | ({"image": self.render()} if self._camera else {})
+
+
+gymnasium.register(ID, entry_point="vlafuzz.integrations.gym:CorpusEnv")
