@@ -13,6 +13,7 @@ at most. So the test can be ended at any moment, by an alarm or for want of hope
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import count
 from math import comb
 
@@ -21,6 +22,7 @@ from math import comb
 _NEARLY_ALWAYS, _STAKE = 0.95, 0.7
 
 
+@cache
 def money(worse: int, better: int) -> float:
     """Of a gambler who began with 1 and bet that the new subject is worse, after these discordant pairs."""
     pairs = worse + better
