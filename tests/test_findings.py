@@ -14,6 +14,7 @@ from vlafuzz.corpus.store import Corpus
 from vlafuzz.findings import Progress, triage
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
+from vlafuzz.subjects.expert import ATTEMPTS
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
 
@@ -70,7 +71,7 @@ def test_what_the_expert_does_not_solve_either_is_unproven(store):
         "unproven",
         "confirmed",
         None,
-        4,
+        ATTEMPTS,
     )
 
 

@@ -15,8 +15,9 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.outcome import Outcome
+from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.renderer import probe
+from vlafuzz.report.view import SPEED, Film
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.subjects.base import Subject
@@ -26,6 +27,7 @@ from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.film import Reel
     from vlafuzz.sim.maniskill.stills import Stills
     from vlafuzz.sim.maniskill.video import Recording
 
@@ -61,6 +63,7 @@ class SimulatorDesk:
         }
         self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
         self._stills: Stills | None = None
+        self._filmed: dict[bool, tuple[ManiSkillEvaluator, Reel]] = {}  # by whether given actions are played
         self._subjects, self._experts = self._evaluator(self._subject), self._evaluator(self._expert)
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
@@ -91,9 +94,9 @@ class SimulatorDesk:
         self._subjects.seed = self._seed + number
         return evaluate_safely(self._subjects, scenes)
 
-    def solve(self, scene: Scene, grasp: int) -> Outcome:
+    def solve(self, scene: Scene, attempt: int) -> Outcome:
         """See ``findings.Desk``."""
-        self._expert.attempt = grasp
+        self._expert.attempt = attempt
         return evaluate_safely(self._experts, [scene])[0]
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
@@ -112,9 +115,34 @@ class SimulatorDesk:
         except PrerequisiteError:
             return None
 
+    def film(self, scene: Scene, actions: Actions | None = None) -> Film | None:
+        """What the subject does in a fair scene, or the robot that executes actions; None if that broke.
+
+        Raises:
+            PrerequisiteError: nothing here can render.
+        """
+        from vlafuzz.sim.maniskill.film import Reel, to_jpeg, to_mp4
+
+        played = actions is not None
+        of: Subject = self._player if played else self._subject
+        if played not in self._filmed:
+            reel = Reel()
+            self._filmed[played] = self._evaluator(of, checked=False, recording=reel), reel
+        evaluator, reel = self._filmed[played]
+        if actions is not None:
+            self._player.actions = actions
+        outcome = evaluate_safely(evaluator, [scene])[0]
+        frames = reel.cut()
+        if not outcome.rollouts:
+            return None
+        video = to_mp4(frames, of.spec.action.hz * SPEED)
+        return Film(video, to_jpeg(frames[0]), outcome.verdict is Verdict.FAILED)
+
     def close(self) -> None:
         """Let go of simulator and subject."""
         if self._stills is not None:
             self._stills.close()
+        for evaluator, _ in self._filmed.values():
+            evaluator.renew()  # subject and player are closed below
         for each in (self._subjects, self._experts, self._players):
             each.close()

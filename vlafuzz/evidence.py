@@ -54,12 +54,12 @@ class Witness:
     Attributes:
         actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to where the hand is.
         states_hash: of the trajectory that they made when played again.
-        grasp: which of its grasps the expert began with, from 0.
+        attempt: of the expert, from 0: which grasp it began with, and from which direction.
     """
 
     actions: Actions
     states_hash: str
-    grasp: int
+    attempt: int
 
 
 def signature(task: str, lost: str, operators: Iterable[str]) -> str:

@@ -48,8 +48,8 @@ class Desk(Protocol):
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
         """The n-th rollout of the subject in each scene; all are the same where it is deterministic."""
 
-    def solve(self, scene: Scene, grasp: int) -> Outcome:
-        """One rollout of the expert, which begins with its n-th grasp."""
+    def solve(self, scene: Scene, attempt: int) -> Outcome:
+        """One rollout of the expert, in its n-th attempt."""
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         """What comes of it when the robot executes these actions."""

@@ -57,7 +57,7 @@ def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged)
     assert (got.witness is None) == (kept.witness is None)
     if got.witness and kept.witness:
         assert got.witness.actions.tobytes() == kept.witness.actions.tobytes()
-        assert (got.witness.states_hash, got.witness.grasp) == ("a" * 32, 1)
+        assert (got.witness.states_hash, got.witness.attempt) == ("a" * 32, 1)
 
 
 def test_evidence_goes_up_and_down(tmp_path: Path):

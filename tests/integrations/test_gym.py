@@ -75,7 +75,7 @@ def test_it_is_cut_off_after_sixteen_seconds(corpus: Path):
 def test_it_is_an_environment_as_gymnasium_wants_it(corpus: Path):
     env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=64)
     check_env(env.unwrapped, skip_render_check=True)
-    observation, _ = env.reset()
+    observation, _ = env.reset(options={"case": 0})
     assert observation["image"].shape == (64, 64, 3)
     assert observation["image"].std() > 10
     env.close()

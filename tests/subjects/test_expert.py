@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, pick_up, put
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import SubjectError
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.subjects.base import EpisodeStart, Observation
-from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.expert import ATTEMPTS, GRASPS, Expert
 
 RESTS = [(name, rest.name) for name in CATALOGUE.graspable() for rest in CATALOGUE[name].rests if rest.grasps]
 AROUND = (put("sprite_can", 0.02, 0.24), put("apple", -0.16, -0.22), put("sponge", 0.06, -0.20, 30.0))
@@ -112,3 +112,16 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
     assert set(verdicts) <= {Verdict.PASSED, Verdict.FAILED, Verdict.INVALID}
     assert verdicts.count(Verdict.PASSED) >= 85
     assert verdicts.count(Verdict.FAILED) <= 2
+
+
+@pytest.mark.parametrize("attempt", range(0, ATTEMPTS, GRASPS))
+def test_it_comes_from_above_and_leaning_either_way(attempt: int):
+    expert = Expert()
+    expert.attempt = attempt
+    evaluator = ManiSkillEvaluator("pick-up", expert, CATALOGUE, min_distance=0.0)
+    (outcome,) = evaluator.evaluate([nominal()])
+    evaluator.close()
+    assert outcome.verdict is Verdict.PASSED
+    (rollout,) = outcome.rollouts
+    turned = np.abs(rollout.actions[:, 3:5]).max()
+    assert (turned > 0.2) == (attempt > 0)

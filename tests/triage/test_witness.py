@@ -15,13 +15,13 @@ def test_the_first_solution_that_can_be_played_again_is_the_witness():
     solved = Outcome.of((replace(rollout(), states_hash="a" * 32),), STAGES)
     search = find_witness(scene(), lambda *_: solved, lambda *_: passed())
     assert search.witness is not None
-    assert (search.rollouts, search.witness.grasp, search.witness.states_hash) == (2, 0, "5" * 32)
+    assert (search.rollouts, search.witness.attempt, search.witness.states_hash) == (2, 0, "5" * 32)
 
 
 def test_where_the_expert_fails_it_begins_with_other_grasps():
     search = find_witness(scene(), lambda _, grasp: passed() if grasp == 2 else failed(), lambda *_: passed())
     assert search.witness is not None
-    assert (search.witness.grasp, search.rollouts) == (2, 4)
+    assert (search.witness.attempt, search.rollouts) == (2, 4)
 
 
 def test_without_a_solution_there_is_no_witness():

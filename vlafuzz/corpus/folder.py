@@ -33,7 +33,7 @@ class _Proof:
     digest: str
     steps: int
     states_hash: str
-    grasp: int
+    attempt: int
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _row(case: Case) -> _Row:
         {name: scene.digest for name, scene in case.counterparts.items()},
         case.nominal.digest,
         case.nominal_passes,
-        _Proof(digest, len(witness.actions), witness.states_hash, witness.grasp),
+        _Proof(digest, len(witness.actions), witness.states_hash, witness.attempt),
         case.found,
         case.run,
         case.repeats,
@@ -221,7 +221,7 @@ def _case(folder: Path, number: int, row: _Row, shown: Mapping[str, Scene]) -> C
         {name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
         scene(row.nominal, COUNTERPARTS),
         row.nominal_passes,
-        Witness(actions, row.witness.states_hash, row.witness.grasp),
+        Witness(actions, row.witness.states_hash, row.witness.attempt),
         row.found,
         row.run,
         row.repeats,

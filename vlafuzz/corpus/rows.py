@@ -175,7 +175,7 @@ def triage_row(kept: Triaged) -> Row:
         "signature": kept.signature,
         "witness_actions": pack(witness.actions) if witness else None,
         "witness_hash": witness.states_hash if witness else None,
-        "witness_grasp": witness.grasp if witness else None,
+        "witness_grasp": witness.attempt if witness else None,
         "complete": int(kept.complete),
         "shrink_rollouts": kept.shrink_rollouts,
         "subject_rollouts": kept.subject_rollouts,

@@ -11,6 +11,10 @@ from vlafuzz.subjects.hands import Belief, Hands
 from vlafuzz.subjects.planning import Thing
 from vlafuzz.tasks.tabletop import task
 
+GRASPS = 4
+LEANS = (0.0, 0.3, -0.3)  # radians
+ATTEMPTS = GRASPS * len(LEANS)
+
 
 class Expert:
     """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else.
@@ -19,7 +23,8 @@ class Expert:
         fluent: as ``Hands``: for demonstrations.
 
     Attributes:
-        attempt: the grasp that rollouts begin with, from the best one on.
+        attempt: how rollouts begin: the first ``GRASPS`` are the best grasps from straight above, then the
+            same with the hand leaning one way and the other.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:
@@ -52,7 +57,8 @@ class Expert:
                 self._tasks[observation.episode],
                 rig(known.scene.robot),
                 fluent=self._fluent,
-                attempt=self.attempt,
+                attempt=self.attempt % GRASPS,
+                lean=LEANS[self.attempt // GRASPS],
             )
         return ActionChunk(hands.act(_belief(known))[None])
 

@@ -54,10 +54,13 @@ class Hands:
         fluent: wait for nothing, and go down the more the better the hand is in place: what to do then hardly
             depends on what was done before, and who only sees the present can learn it.
         attempt: the grasp to begin with, from the best one on.
+        lean: of the hand, radians off the vertical: it comes from the robot's side; negative, from beyond.
     """
 
-    def __init__(self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0) -> None:
-        self._task, self._rig, self._fluent = task, rig, fluent
+    def __init__(
+        self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0
+    ) -> None:
+        self._task, self._rig, self._fluent, self._lean = task, rig, fluent, lean
         self._phase: Callable[[Belief], Array] = self._approach
         self.attempt = attempt
         self._waited = 0
@@ -80,6 +83,8 @@ class Hands:
             return self._lift(belief)
         reach = self._choose(belief)
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
+        if self._lean:
+            over[:2] -= self._outward(over) * np.tan(self._lean) * (over[2] - reach.z)
         self._keep_clear(belief, over)
         if self._is_over(belief, over, reach.yaw):
             self._enter(self._descend)
@@ -288,10 +293,19 @@ class Hands:
         return np.array([*way, *self._turn(belief, yaw), gripper])
 
     def _turn(self, belief: Belief, yaw: float) -> Array:
-        """Rotation vector that points the hand straight down with its closing axis along ``yaw``."""
-        x, y, _ = belief.tcp_rotation[:, 2]  # small: the hand hardly leaves the vertical
+        """Rotation vector that points the hand down, but for its lean, its closing axis along ``yaw``."""
+        x, y, z = belief.tcp_rotation[:, 2]
         turn = min(max(yaw - self._hand_yaw(belief), -TURN), TURN)
-        return np.array([-y, x, turn])  # the cross product of where it points and straight down, and the turn
+        if not self._lean:  # the cross product of where it points and straight down, and the turn
+            return np.array([-y, x, turn])
+        wanted = np.array([*np.sin(self._lean) * self._outward(belief.tcp), -np.cos(self._lean)])
+        lean = np.cross([x, y, z], wanted)
+        return np.array([lean[0], lean[1], lean[2] + turn])
+
+    def _outward(self, place: Array) -> Array:
+        """``(2,)`` from the robot to a place, of length 1."""
+        way = place[:2] - np.asarray(self._rig.base[:2])
+        return np.asarray(way / np.linalg.norm(way))
 
     def _hand_yaw(self, belief: Belief) -> float:
         """Direction of the closing axis, within a turn of the neutral one: the last joint cannot go round."""

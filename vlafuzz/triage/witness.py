@@ -12,8 +12,9 @@ from vlafuzz.evidence import Actions, Witness
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
+from vlafuzz.subjects.expert import ATTEMPTS
 
-TRIES = 4  # grasps that the expert begins with, before it gives up
+TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it gives up
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,15 @@ def find_witness(
     play: Callable[[Scene, Actions], Outcome],
     tries: int = TRIES,
 ) -> Search:
-    """Let the expert solve a scene, with another grasp each time, until a replay of it succeeds, too.
+    """Let the expert solve a scene, with another grasp or direction each time, until a replay of it succeeds.
 
     Args:
-        solve: what comes of the scene when the expert begins with its n-th grasp.
+        solve: what comes of the scene in the expert's n-th attempt.
         play: what comes of it when these actions are executed from the same initial state.
     """
     rollouts = 0
-    for grasp in range(tries):
-        solved = solve(scene, grasp)
+    for attempt in range(tries):
+        solved = solve(scene, attempt)
         rollouts += len(solved.rollouts)
         if solved.verdict is not Verdict.PASSED:
             continue
@@ -46,7 +47,7 @@ def find_witness(
         played = play(scene, actions)
         rollouts += len(played.rollouts)
         if played.verdict is Verdict.PASSED:
-            return Search(Witness(actions, played.rollouts[0].states_hash, grasp), rollouts)
+            return Search(Witness(actions, played.rollouts[0].states_hash, attempt), rollouts)
     return Search(None, rollouts)
 
 

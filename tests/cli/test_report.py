@@ -1,0 +1,115 @@
+from pathlib import Path
+
+import pytest
+
+from tests.corpus.bundles import bundle
+from tests.report.stores import MANIFEST, MadeUpFilms, store
+from vlafuzz import desk, renderer
+from vlafuzz.cli import main
+from vlafuzz.corpus.folder import write_bundle
+from vlafuzz.errors import PrerequisiteError
+from vlafuzz.renderer import Renderer
+
+
+class FilmDesk:
+    """A desk that films without a simulator; ``made`` are all of them."""
+
+    made: list["FilmDesk"] = []  # noqa: RUF012
+
+    def __init__(self, source: Path, run) -> None:
+        self.run, self.closed, self._films = run, False, MadeUpFilms()
+        self.made.append(self)
+
+    def film(self, scene, actions=None):
+        assert not self.closed
+        return self._films(self.run, scene, actions)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a triaged store, on a machine that renders."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(FilmDesk, "made", [])
+    monkeypatch.setattr(desk, "SimulatorDesk", FilmDesk)
+    monkeypatch.setattr(renderer, "probe", lambda: Renderer("made up", None, None))
+    store(tmp_path / "a.db", triaged=2)
+    return tmp_path
+
+
+def videos(page: Path) -> int:
+    return page.read_text(encoding="utf-8").count("<video")
+
+
+def test_a_page_is_written_with_films_of_all_findings(capsys: pytest.CaptureFixture[str]):
+    assert main(["report", "a.db", "--out", "page.html"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("written: page.html (")
+    assert videos(Path("page.html")) == 6 + 2
+    assert [each.closed for each in FilmDesk.made] == [True, True]
+
+
+@pytest.mark.parametrize(("options", "films"), [(["--no-videos"], 0), (["--limit", "1"], 2)])
+def test_films_can_be_fewer(options, films):
+    assert main(["report", "a.db", "--out", "page.html", *options]) == 0
+    assert videos(Path("page.html")) == films
+
+
+def test_without_a_renderer_the_page_says_why_there_are_no_videos(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(renderer, "probe", lambda: Renderer(None, None, "no Vulkan device"))
+    assert main(["report", "a.db", "--out", "page.html"]) == 0
+    assert "note: no videos: " in capsys.readouterr().err
+    assert "No videos: " in Path("page.html").read_text()
+    assert videos(Path("page.html")) == 0
+
+
+def test_a_subject_that_cannot_be_had_costs_the_videos_only(monkeypatch, capsys):
+    def unreachable(*_):
+        raise PrerequisiteError("ws://here: nothing answers")
+
+    monkeypatch.setattr(desk, "SimulatorDesk", unreachable)
+    assert main(["report", "a.db", "--out", "page.html"]) == 0
+    assert "No videos: ws://here: nothing answers." in Path("page.html").read_text()
+
+
+def test_an_exported_corpus_has_a_page_too(place: Path):
+    made = bundle()
+    made.runs[0] = MANIFEST
+    write_bundle(made, place / "dark")
+    assert main(["report", "dark", "--out", "page.html"]) == 0
+    assert videos(Path("page.html")) == 2
+
+
+def test_interrupted_it_leaves_nothing(monkeypatch: pytest.MonkeyPatch, place: Path):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(FilmDesk, "film", interrupt)
+    assert main(["report", "a.db", "--out", "page.html"]) == 130
+    assert not [path for path in place.iterdir() if "page" in path.name]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["none.db", "--out", "page.html"], "error: none.db: no such store or corpus"),
+        (["empty", "--out", "page.html"], "error: empty/manifest.json: cannot be read"),
+        (["a.db", "--out", "empty"], "error: empty: is a folder"),
+        (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
+        (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
+        (["a.db"], "error: Missing option '--out'"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(
+    arguments, said, capsys: pytest.CaptureFixture[str], place: Path
+):
+    (place / "empty").mkdir()
+    assert main(["report", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(said)
+    assert "\nhint: " in error

@@ -1,0 +1,90 @@
+"""The page in a browser: it loads, filters and plays."""
+
+import shutil
+from collections.abc import Iterator
+
+import pytest
+
+from tests.report.stores import MadeUpFilms, store, view
+from vlafuzz.report.films import filmed
+from vlafuzz.report.page import render
+
+sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = tmp_path_factory.mktemp("page")
+    made = filmed(view(store(folder / "a.db", triaged=3)), MadeUpFilms(), 50, lambda *_: None)
+    (folder / "page.html").write_text(render(made), encoding="utf-8")
+    return (folder / "page.html").as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator["sync.Browser"]:
+    with sync.sync_playwright() as playwright:
+        # no sandbox: as root there is none, and the page is ours
+        made = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+@pytest.fixture
+def page(browser: "sync.Browser", address: str) -> Iterator["sync.Page"]:
+    """The page, open; it must have logged nothing and asked for nothing in the end."""
+    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+    heard: list[str] = []
+    page.on("console", lambda message: heard.append(message.text))
+    page.on("pageerror", lambda error: heard.append(str(error)))
+    page.on("request", lambda request: heard.append(request.url))
+    page.goto(address)
+    yield page
+    page.close()
+    assert [each for each in heard if each != address and not each.startswith("data:")] == []
+
+
+def shown(page: "sync.Page") -> int:
+    return page.locator(".card:visible").count()
+
+
+def test_filters_narrow_the_gallery_together_and_reset(page: "sync.Page"):
+    assert (shown(page), page.locator("output").inner_text()) == (6, "6 of 6 shown")
+    assert page.get_by_role("button", name="Reset").is_disabled()
+    page.get_by_label("Evidence").select_option("minimal")
+    assert (shown(page), page.locator("output").inner_text()) == (3, "3 of 6 shown")
+    assert page.locator("select[name=operator] option[value=light]").inner_text() == "light (0)"
+    page.get_by_label("Operator").select_option("light")
+    assert shown(page) == 0
+    assert page.get_by_text("No finding is like that").is_visible()
+    page.get_by_role("button", name="Reset").click()
+    page.wait_for_function("document.querySelector('output').value === '6 of 6 shown'")
+    assert shown(page) == 6
+
+
+def test_a_video_in_sight_plays_and_pauses(page: "sync.Page"):
+    video = "document.querySelector('video')"
+    page.locator("video").first.scroll_into_view_if_needed()
+    page.wait_for_function(f"{video}.currentTime > 0.2 && !{video}.paused")
+    page.locator("button.film").first.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function(f"{video}.paused")
+    page.get_by_role("button", name="Pause videos").click()
+    page.wait_for_function("[...document.querySelectorAll('video')].every((video) => video.paused)")
+    page.get_by_role("button", name="Play videos").click()
+    page.wait_for_function(f"!{video}.paused")
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme):
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": 800})
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_in_print_there_are_cards_and_no_controls(page: "sync.Page"):
+    page.emulate_media(media="print")
+    assert shown(page) == 6
+    assert not page.locator(".filters").is_visible()

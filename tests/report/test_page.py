@@ -1,0 +1,113 @@
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from tests.corpus.bundles import bundle
+from tests.report.stores import MANIFEST, MadeUpFilms, store, view
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import UsageError
+from vlafuzz.report.exported import view_of_bundle
+from vlafuzz.report.films import filmed
+from vlafuzz.report.page import check_place, render, write_page
+
+HOSTILE = "</script><script>alert('x')</script><b title=\"&amp;\">"
+
+
+class Page(HTMLParser):
+    """The tags of a page with their attributes, and its text."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def page_of(path: Path, films: bool = False) -> Page:
+    made = view(path)
+    return Page(render(filmed(made, MadeUpFilms(), 50, lambda *_: None) if films else made))
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
+    return page_of(store(tmp_path_factory.mktemp("store") / "a.db"), films=True)
+
+
+def test_nothing_on_the_page_is_elsewhere(page: Page):
+    for name in ("src", "href", "poster"):
+        found = [attributes[name] for _, attributes in page.tags if name in attributes]
+        assert all(value.startswith("data:") for value in found)
+    assert not re.search(r"url\(|@import|https?://", page.text)
+    assert {"default-src 'none'" in (each.get("content") or "") for each in page.all("meta")} == {True, False}
+
+
+def test_each_failure_has_a_card_with_two_films_that_say_what_they_are(page: Page):
+    assert len(page.all("article")) == 6
+    assert len(page.all("video")) == 12
+    assert all(each.keys() >= {"muted", "loop", "playsinline", "poster"} for each in page.all("video"))
+    films = [each for each in page.all("button") if each.get("class") == "film"]
+    assert sum("idle fails" in (each["aria-label"] or "") for each in films) == 6
+    assert "the witness solves it" in page.text
+    assert "fails from yaw 2.6° on" in page.text
+
+
+def test_filters_offer_what_the_cards_have(page: Page):
+    assert [each["name"] for each in page.all("select")] == ["task", "stage", "operator", "evidence"]
+    offered = {each["value"] for each in page.all("option")}
+    assert offered == {"", "pick-up", "grasp", "camera-orientation", "light", "minimal"}
+
+
+def test_foreign_text_stays_text(tmp_path: Path):
+    made = page_of(store(tmp_path / "a.db", subject=HOSTILE), films=True)
+    assert len(made.all("script")) == 1
+    assert HOSTILE in made.text
+    assert "b" not in {name for name, attributes in made.tags if "title" in attributes}
+
+
+def test_every_picture_has_a_description():
+    made = bundle()
+    made.runs[0] = MANIFEST
+    (picture,) = Page(render(view_of_bundle(Path("dark"), made))).all("img")
+    assert picture["alt"] == "The scene before anything moves: pick up green cube"
+
+
+def test_an_empty_store_gives_a_page_that_says_so(tmp_path: Path):
+    Corpus.open(tmp_path / "a.db", "write").close()
+    made = page_of(tmp_path / "a.db")
+    assert "there is no failure to show" in made.text
+    assert made.all("select") == []
+
+
+def test_the_same_store_gives_the_same_page(tmp_path: Path):
+    path = store(tmp_path / "a.db", findings=1)
+    assert render(view(path)) == render(view(path))
+
+
+def test_a_page_replaces_the_one_before_and_leaves_nothing_beside_it(tmp_path: Path):
+    out = tmp_path / "new" / "page.html"
+    for text in ("one", "two"):
+        check_place(out)
+        write_page(out, text)
+    assert [path.name for path in out.parent.iterdir()] == ["page.html"]
+    assert out.read_text() == "two"
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    for place, said in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "file" / "page.html", "cannot be written: "),
+    ):
+        with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {said}"):
+            check_place(place)

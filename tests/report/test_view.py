@@ -1,0 +1,141 @@
+from pathlib import Path
+
+import pytest
+
+from tests.corpus.bundles import bundle, case
+from tests.report.stores import MANIFEST, MadeUpFilms, store, view
+from tests.triage.planted import SPACE
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.evidence import Causes, Threshold
+from vlafuzz.report.exported import view_of_bundle
+from vlafuzz.report.films import filmed
+from vlafuzz.report.scenes import deviations
+from vlafuzz.report.view import Chart, View
+from vlafuzz.scene import Camera, Light, Placement, Scene
+
+
+@pytest.fixture(scope="module")
+def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
+    return view(store(tmp_path_factory.mktemp("store") / "a.db"))
+
+
+def counts(chart: Chart) -> dict[str, tuple[int, int]]:
+    return {each.name: (each.share.count, each.share.of) for each in chart.measures}
+
+
+def test_it_begins_with_the_result_in_a_sentence(triaged: View):
+    assert triaged.title == "idle on pick-up"
+    assert triaged.headline.startswith("6 of 8 judged scenes failed (75 %, 95 % interval 40.9–92.9 %).")
+    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct bugs.")
+    assert triaged.todo == ()
+
+
+def test_verdicts_stages_and_evidence_are_counted_with_what_they_are_shares_of(triaged: View):
+    verdicts, funnel, evidence = triaged.charts
+    assert counts(verdicts) == {"failed": (6, 8), "passed": (2, 8), "invalid": (0, 8), "error": (0, 8)}
+    assert counts(funnel) == {"grasp": (2, 8), "lift": (2, 8), "success": (2, 8)}
+    expected = {"confirmed": 6, "witnessed": 6, "minimal": 6, "base": 0, "unproven": 0, "flaky": 0}
+    assert counts(evidence) == {name: (count, 6) for name, count in expected.items()}
+
+
+def test_operators_are_counted_as_left_necessary_and_sufficient(triaged: View):
+    rows = {
+        row.name: (row.left.count, row.left.of, row.necessary, row.sufficient) for row in triaged.operators
+    }
+    assert rows == {"camera-orientation": (3, 6, 3, 3), "light": (3, 6, 3, 3)}
+
+
+def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
+    card = next(card for card in triaged.cards if "camera-orientation" in card.operators)
+    (only,) = card.deviations
+    assert (only.operator, only.value, only.nominal) == ("camera-orientation", "yaw 2.6°", "yaw 0°")
+    assert only.fails_from == "fails from yaw 2.6° on"
+    assert card.role("camera-orientation") == "necessary, sufficient alone"
+    assert card.witness is not None
+    assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --subject idle")
+
+
+def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
+    made = view(store(tmp_path / "a b.db", triaged=0))
+    assert {card.bucket for card in made.cards} == {"observed"}
+    assert {card.lost_stage for card in made.cards} == {"grasp"}
+    ((said, command),) = made.todo
+    assert said.startswith("6 findings are not triaged yet")
+    assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
+    assert (made.operators, made.signatures) == ((), ())
+
+
+def test_those_with_the_most_evidence_come_first(tmp_path: Path):
+    made = view(store(tmp_path / "a.db", triaged=2))
+    assert [card.bucket for card in made.cards] == ["minimal", "minimal", *["observed"] * 4]
+
+
+def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
+    assert (
+        view(store(tmp_path / "a.db", findings=0)).headline
+        == "No scene failed: all 2 that were judged passed."
+    )
+    Corpus.open(tmp_path / "b.db", "write").close()
+    empty = view(tmp_path / "b.db")
+    assert (empty.title, empty.headline, empty.cards) == ("no run yet", "No scene was judged.", ())
+
+
+def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
+    cases = [case(0), case(1)]
+    made = bundle(*cases)
+    for run in range(len(made.runs)):
+        made.runs[run] = MANIFEST
+    shown = view_of_bundle(Path("dark"), made)
+    evidence, lost = shown.charts
+    assert counts(evidence) == {"confirmed": (8, 9)}
+    assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
+    assert shown.headline == "2 minimal failing scenes, 1 bug, each solved by the expert; of 9 findings."
+    assert [card.replay for card in shown.cards] == [
+        f"vlafuzz replay dark/scenes.jsonl {each.scene.digest[:12]} --subject idle" for each in cases
+    ]
+    assert shown.cards[0].picture == b"png"
+
+
+def test_all_that_is_not_nominal_is_said_in_words():
+    nominal = SPACE.nominal()
+    other = Placement("apple", "upright", 0.1, -0.2)
+    turned = Placement(nominal.targets[0].object, nominal.targets[0].rest, 0.02, 0.0, 45.0)
+    scene = Scene(
+        "pick-up", (turned,), nominal.instruction, (other,), Light(6.5), Camera(0.028, 30.0, 10.0, pitch=-3.0)
+    )
+    causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
+    said = {
+        each.operator: (each.value, each.nominal, each.fails_from)
+        for each in deviations(SPACE, scene, causes)
+    }
+    assert said == {
+        "confounders": ("apple at x 0.1 m, y -0.2 m", "none", ""),
+        "light": ("× 6.5", "× 1", "fails from intensity × 6.25 on"),
+        "camera-position": ("0.028 m off, azimuth 30°, elevation 10°", "0 m off", ""),
+        "camera-orientation": ("pitch -3°", "pitch 0°", ""),
+        "target-orientation": ("yaw 45°", "yaw 0°", ""),
+        "target-position": ("x 0.02 m, y 0 m", "x -0.05 m, y 0 m", ""),
+    }
+
+
+def test_scenes_from_elsewhere_are_shown_as_well():
+    scene = Scene("pick-up", (Placement("teapot", "upright", 0.0, 0.0),), "pick up teapot", light=Light(3.0))
+    assert "light" in {each.operator for each in deviations(SPACE, scene, Causes())}
+
+
+def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: View):
+    films, seen = MadeUpFilms(), []
+    made = filmed(triaged, films, 5, lambda done, of: seen.append((done, of)))
+    assert [card.failure is not None for card in made.cards] == [True] * 5 + [False] * (len(made.cards) - 5)
+    assert made.filmed
+    assert made.notes == ()
+    assert [actions is None for _, _, actions in films.asked] == [True, False] * 5
+    seeds = [run.seed for run, _, _ in films.asked]
+    assert seeds == sorted(seeds)
+    assert seen[-1] == (5, 5)
+
+
+def test_films_in_which_the_subject_passes_are_owned_up_to(triaged: View):
+    made = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
+    (note,) = made.notes
+    assert note.startswith("In 2 of 6 films the subject passes:")
