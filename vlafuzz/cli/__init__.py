@@ -22,6 +22,7 @@ COMMANDS = {
     "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
     "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
     "regress": ("vlafuzz.cli.regress:command", "Say whether a subject got worse in an exported corpus."),
+    "report": ("vlafuzz.cli.report:command", "Write what was found as one HTML page."),
     "merge": ("vlafuzz.cli.merge:command", "Write one store with the runs of several."),
     "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),

@@ -1,0 +1,118 @@
+"""Cards: what there is to show of a finding, or of a case of an exported corpus."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from vlafuzz.corpus.bundle import Bundle, Case
+from vlafuzz.corpus.folder import SCENES
+from vlafuzz.corpus.ranges import stored_operators
+from vlafuzz.corpus.records import Finding, Manifest, Triaged
+from vlafuzz.errors import SceneError
+from vlafuzz.evidence import Causes
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.report.scenes import deviations
+from vlafuzz.report.view import Card
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.triage.way import deviating
+
+_DIGITS = 12  # of a digest, in a command
+
+
+class Spaces:
+    """The search spaces of runs of one store or corpus."""
+
+    def __init__(self, source: Path) -> None:
+        self._source, self._catalogue = source, load_catalogue()
+        self._made: dict[tuple[str, str], SearchSpace] = {}
+
+    def of(self, run: Manifest) -> SearchSpace:
+        """In which the run's scenes are.
+
+        Raises:
+            CorpusError: another version wrote it, whose operators are others.
+        """
+        key = (run.task, run.operators)
+        if key not in self._made:
+            self._made[key] = SearchSpace(stored_operators(self._source, run), self._catalogue, run.task)
+        return self._made[key]
+
+
+def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchSpace) -> Card:
+    """A finding that was not triaged."""
+    scene = finding.scene
+    return Card(
+        scene=scene,
+        found=(scene.digest,),
+        run=run,
+        bucket="observed",
+        lost_stage=finding.cell.partition("|")[0],
+        signature="",
+        operators=_deviating(space, scene),
+        deviations=deviations(space, scene, Causes()),
+        causes=Causes(),
+        witness=None,
+        detail="failed once; not triaged",
+        replay=_replay(store, scene),
+    )
+
+
+def card_of_triaged(
+    store: Path, triaged: Triaged, finding: Finding, run: Manifest, space: SearchSpace
+) -> Card:
+    """What triage made of a finding. What is left of one is shown where it is minimal, with its witness."""
+    left = triaged.shrunk if triaged.bucket == "minimal" else None
+    scene = left or triaged.scene
+    causes = triaged.causes if left else Causes()
+    return Card(
+        scene=scene,
+        found=(triaged.scene.digest,),
+        run=run,
+        bucket=triaged.bucket,
+        lost_stage=triaged.lost_stage or finding.cell.partition("|")[0],
+        signature=triaged.signature or "",
+        operators=triaged.operators if left else triaged.deviating,
+        deviations=deviations(space, scene, causes),
+        causes=causes,
+        witness=triaged.witness.actions if triaged.witness else None,
+        detail=triaged.detail or _repeats(triaged.failures, triaged.repeats),
+        replay=_replay(store, scene, run.subject if scene != triaged.scene else None),
+    )
+
+
+def card_of_case(folder: Path, bundle: Bundle, case: Case, space: SearchSpace) -> Card:
+    """A case; it is minimal."""
+    run = bundle.runs[case.run]
+    return Card(
+        scene=case.scene,
+        found=(case.found,),
+        run=run,
+        bucket="minimal",
+        lost_stage=case.lost_stage,
+        signature=case.signature,
+        operators=case.operators,
+        deviations=deviations(space, case.scene, case.causes),
+        causes=case.causes,
+        witness=case.witness.actions,
+        detail=_repeats(case.failures, case.repeats),
+        replay=_replay(folder / SCENES, case.scene, run.subject),
+        picture=case.thumbnail,
+    )
+
+
+def _deviating(space: SearchSpace, scene: Scene) -> tuple[str, ...]:
+    try:
+        return tuple(deviating(space, scene))
+    except SceneError:  # from elsewhere
+        return ()
+
+
+def _repeats(failures: int, repeats: int) -> str:
+    return f"failed in {failures} of {repeats} {'repeats' if repeats > 1 else 'repeat'}"
+
+
+def _replay(source: Path, scene: Scene, subject: str | None = None) -> str:
+    named = ["--subject", subject] if subject else []
+    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], *named])

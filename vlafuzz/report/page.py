@@ -1,0 +1,74 @@
+"""The page: a view as HTML that needs nothing else."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from vlafuzz import __version__
+from vlafuzz.errors import UsageError
+from vlafuzz.report.view import BUCKETS, SPEED, View
+from vlafuzz.report.words import interval, percent
+
+
+def render(view: View) -> str:
+    """One HTML page, with all that it shows inside of it."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,  # names and instructions are foreign text
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"percent": percent, "data": _data}
+    environment.globals["interval"] = interval
+    page = environment.get_template("page.html.j2")
+    return page.render(view=view, buckets=BUCKETS, speed=SPEED, version=__version__)
+
+
+def _data(content: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
+
+
+def check_place(out: Path) -> None:
+    """Whether a page can be written there.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    if out.is_dir():
+        raise UsageError(f"{out}: is a folder", hint="give --out a file, such as page.html")
+    _write(out, "").unlink()
+
+
+def write_page(out: Path, page: str) -> None:
+    """Write it whole or not at all.
+
+    Raises:
+        UsageError: it cannot be written there.
+    """
+    beside = _write(out, page)
+    try:
+        beside.replace(out)
+    except OSError as error:
+        raise _complaint(out, error) from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _write(out: Path, page: str) -> Path:
+    """Beside its place: where that is."""
+    beside = out.with_name(f".{out.name}.part")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise _complaint(out, error) from None
+    return beside
+
+
+def _complaint(out: Path, error: OSError) -> UsageError:
+    reason = (error.strerror or "unknown reason").lower()
+    return UsageError(f"{out}: cannot be written: {reason}", hint="name a file in a folder of yours")

@@ -1,0 +1,96 @@
+"""What is not nominal in a scene, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from vlafuzz.errors import SceneError
+from vlafuzz.evidence import Causes
+from vlafuzz.report.view import Deviation
+from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.operators import (
+    CameraOrientation,
+    CameraPosition,
+    Light,
+    TargetOrientation,
+    TargetPosition,
+    Wording,
+)
+from vlafuzz.triage.way import CONFOUNDERS, GROUPS
+
+
+def deviations(space: SearchSpace, scene: Scene, causes: Causes) -> tuple[Deviation, ...]:
+    """One an operator that is not nominal in a scene, the confounders' as one."""
+    nominal = _nominal(space, scene)
+    thresholds = {each.operator: str(each).removeprefix(f"{each.operator}: ") for each in causes.thresholds}
+    said = ((name, _said(name, scene, nominal), _said(name, nominal, scene)) for name in GROUPS)
+    return tuple(
+        Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in said if value
+    )
+
+
+def _nominal(space: SearchSpace, scene: Scene) -> Scene:
+    try:
+        return space.nominal(like=scene)
+    except SceneError:  # from elsewhere: its targets need not be those of any operator
+        return space.nominal()
+
+
+def _said(operator: str, scene: Scene, other: Scene) -> str:
+    """What an operator's values are in a scene, as far as they differ from those in the other; or nothing."""
+    if operator == CONFOUNDERS:
+        same = scene.confounders == other.confounders
+        return "" if same else "; ".join(map(_placed, scene.confounders)) or "none"
+    if operator == Light.name:
+        return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
+    if operator == CameraPosition.name:
+        same = scene.camera.offset == other.camera.offset
+        return "" if same else _where(scene.camera)
+    if operator == CameraOrientation.name:
+        return _angles(scene.camera, other.camera)
+    if operator == Wording.name:
+        return "" if scene.instruction == other.instruction else f"“{scene.instruction}”"
+    return _targets(operator, scene.targets, other.targets)
+
+
+def _targets(operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
+    parts = []
+    for target, other in zip(targets, others, strict=False):
+        words = list(_words(operator, target, other))
+        if words:
+            parts.append((f"{_name(target)}: " if len(targets) > 1 else "") + ", ".join(words))
+    return "; ".join(parts)
+
+
+def _words(operator: str, target: Placement, other: Placement) -> Iterable[str]:
+    if operator == TargetPosition.name and (target.x, target.y) != (other.x, other.y):
+        yield f"x {target.x:g} m, y {target.y:g} m"
+    if operator == TargetOrientation.name:
+        if target.rest != other.rest:
+            yield f"rests {target.rest}"
+        if target.yaw != other.yaw:
+            yield f"yaw {target.yaw:g}°"
+        if target.quaternion != other.quaternion:
+            yield "turned freely" if target.quaternion else f"rests {target.rest}"
+
+
+def _placed(placement: Placement) -> str:
+    return f"{_name(placement)} at x {placement.x:g} m, y {placement.y:g} m"
+
+
+def _name(placement: Placement) -> str:
+    return placement.object.replace("_", " ")
+
+
+def _where(camera: Camera) -> str:
+    if math.isclose(camera.distance, 0):
+        return "0 m off"
+    return f"{camera.distance:g} m off, azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°"
+
+
+def _angles(camera: Camera, other: Camera) -> str:
+    axes = ("roll", "pitch", "yaw")
+    differing = [axis for axis in axes if getattr(camera, axis) != getattr(other, axis)]
+    return ", ".join(f"{axis} {getattr(camera, axis):g}°" for axis in differing)

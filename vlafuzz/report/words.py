@@ -1,0 +1,32 @@
+"""Numbers and names as people read them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def named(names: Iterable[str]) -> str:
+    """Each once, in order."""
+    return ", ".join(dict.fromkeys(names))
+
+
+def plural(number: int, noun: str) -> str:
+    """``1 run``, ``2 runs``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def percent(share: float) -> str:
+    """``58.3 %``; whole numbers without a point."""
+    return f"{100 * share:.1f}".removesuffix(".0") + " %"
+
+
+def interval(low: float, high: float) -> str:
+    """``48.6–66 %``."""
+    return f"{percent(low).removesuffix(' %')}–{percent(high)}"
+
+
+def duration(seconds: float) -> str:
+    """``45 s``, ``12 min``, ``1.5 h``."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
