@@ -1,0 +1,105 @@
+#!/usr/bin/env python
+"""Do corpora hold? Runs every scene of some corpora in fresh processes.
+
+A verdict holds when the subject fails at the stage where it did or before, a witness when it solves its scene,
+a counterpart (--counterparts) when the subject passes. Exits with 1 when fewer than 99 % of the verdicts hold or a witness fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from vlafuzz.corpus.bundle import Bundle, Case
+from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.desk import SimulatorDesk
+from vlafuzz.outcome import Verdict
+from vlafuzz.scoring import wilson
+
+HOLDS = 0.99
+
+
+@dataclass(frozen=True)
+class Job:
+    """All corpora, once."""
+
+    number: int
+    corpora: tuple[Path, ...]
+    counterparts: bool
+
+    def run(self) -> tuple[int, Counter[tuple[str, str, bool]], list[str]]:
+        """(corpus, kind, held) with counts, and what did not hold."""
+        os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
+        counts: Counter[tuple[str, str, bool]] = Counter()
+        broken = []
+        for folder in self.corpora:
+            bundle = read_bundle(folder)
+            with closing(SimulatorDesk(folder, bundle.runs[0])) as desk:
+                for case in bundle.cases:
+                    for kind, held in self._check(bundle, case, desk):
+                        counts[bundle.name, kind, held] += 1
+                        if not held:
+                            broken.append(f"{bundle.name} {case.scene.digest[:12]} {kind}")
+        return self.number, counts, broken
+
+    def _check(self, bundle: Bundle, case: Case, desk: SimulatorDesk) -> Iterator[tuple[str, bool]]:
+        (outcome,) = desk.evaluate([case.scene], 0)
+        stages = desk.stages
+        lost = outcome.lost_stage
+        yield "verdict", lost is not None and stages.index(lost) <= stages.index(case.lost_stage)
+        yield "witness", desk.play(case.scene, case.witness.actions).verdict is Verdict.PASSED
+        if self.counterparts:
+            for outcome in desk.evaluate(list(case.counterparts.values()), 0):
+                yield "counterpart", outcome.verdict is Verdict.PASSED
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("corpora", type=Path, nargs="+", help="folders")
+    parser.add_argument("--processes", type=int, default=20, help="fresh ones, each runs everything")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes at a time")
+    parser.add_argument("--counterparts", action="store_true", help="run the passing scenes as well")
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    options = parser.parse_args()
+    jobs = [Job(number, tuple(options.corpora), options.counterparts) for number in range(options.processes)]
+    counts: Counter[tuple[str, str, bool]] = Counter()
+    began = time.monotonic()
+    with get_context("spawn").Pool(options.workers, maxtasksperchild=1) as pool:
+        for number, found, broken in pool.imap_unordered(Job.run, jobs, chunksize=1):
+            counts += found
+            told = f"process {number}: {sum(found.values())} checks, {len(broken)} broken {broken}"
+            print(f"{told}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+    figures = summarise(counts)
+    if options.out:
+        options.out.write_text(json.dumps(figures, indent=1) + "\n")
+    total: Counter[tuple[str, bool]] = Counter()
+    for (_, kind, held), count in counts.items():
+        total[kind, held] += count
+    verdicts = total["verdict", True] + total["verdict", False]
+    sys.exit(int(total["verdict", True] < HOLDS * verdicts or total["witness", False] > 0))
+
+
+def summarise(counts: Counter[tuple[str, str, bool]]) -> list[dict[str, str | int | float]]:
+    """A row a corpus and kind of check; printed as well."""
+    rows: list[dict[str, str | int | float]] = []
+    for name, kind in sorted({key[:2] for key in counts}):
+        held = counts[name, kind, True]
+        of = held + counts[name, kind, False]
+        low, high = wilson(held, of)
+        rows.append({"corpus": name, "kind": kind, "held": held, "of": of, "low": low, "high": high})
+        print(f"{name:16}{kind:12}{held:6} of {of:6} = {held / of:7.2%} ({low:.2%}-{high:.2%})")
+    return rows
+
+
+if __name__ == "__main__":
+    main()
