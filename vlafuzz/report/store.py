@@ -53,7 +53,7 @@ def _headline(counts: Counts, crop: Harvest) -> str:
     if not crop.findings:
         return f"No scene failed: all {failed.of} that were judged passed."
     scenes = f"{failed.count} of {failed.of} judged scenes failed"
-    sure = f"95 % interval {interval(failed.low, failed.high)}"
+    sure = f"95\N{NO-BREAK SPACE}% interval {interval(failed.low, failed.high)}"
     share = f"{scenes} ({percent(failed.count / failed.of)}, {sure})"
     if not crop.triaged:
         return f"{share}. None of the findings was triaged."
@@ -78,6 +78,8 @@ def _facts(runs: Sequence[Run], counts: Counts, crop: Harvest) -> tuple[tuple[st
             ("Distinct signatures after", str(crop.distinct_signatures)),
             ("Triage", f"{rollouts}, {duration(crop.seconds)}"),
         ]
+    if any(run.simulator for run in manifests):
+        facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
     if crop.deviating_before is not None:
         said = f"{crop.deviating_before:g} before shrinking, {crop.deviating_after:g} after"
         facts.append(("Operators not nominal, median", said))
@@ -90,8 +92,7 @@ def _todo(store: Path, crop: Harvest) -> tuple[tuple[str, str], ...]:
         return ()
     command = shlex.join(["vlafuzz", "triage", str(store)])
     told = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
-    says = "to say which can be trusted and what they are due to"
-    return ((f"{told}: next, {says},", command),)
+    return ((f"{told}. This says which can be trusted and what they are due to:", command),)
 
 
 def _charts(counts: Counts, crop: Harvest) -> tuple[Chart, ...]:

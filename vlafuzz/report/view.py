@@ -139,7 +139,7 @@ class Card:
         """What it takes, in a few words."""
         if self.bucket == "base":
             return "fails at nominal"
-        if self.bucket in ("observed", "flaky", "unproven") and len(self.operators) > 3:
+        if len(self.operators) > 3:
             return f"{len(self.operators)} operators not nominal"
         return " + ".join(self.operators) or "all operators nominal"
 

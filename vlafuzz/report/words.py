@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+_PERCENT = "\N{NO-BREAK SPACE}%"
+
 
 def named(names: Iterable[str]) -> str:
     """Each once, in order."""
@@ -17,12 +19,12 @@ def plural(number: int, noun: str) -> str:
 
 def percent(share: float) -> str:
     """``58.3 %``; whole numbers without a point."""
-    return f"{100 * share:.1f}".removesuffix(".0") + " %"
+    return f"{100 * share:.1f}".removesuffix(".0") + _PERCENT
 
 
 def interval(low: float, high: float) -> str:
     """``48.6–66 %``."""
-    return f"{percent(low).removesuffix(' %')}–{percent(high)}"
+    return f"{percent(low).removesuffix(_PERCENT)}–{percent(high)}"
 
 
 def duration(seconds: float) -> str:

@@ -6,7 +6,7 @@ import imageio.v3 as imageio
 import numpy as np
 
 from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.sim.maniskill.video import Picture, Recording
+from vlafuzz.sim.maniskill.video import HELD_FRAMES, Picture, Recording
 
 
 class Reel(Recording):
@@ -35,7 +35,7 @@ def to_mp4(frames: list[Picture], fps: int) -> bytes:
     """H.264, small enough for dozens of them in a page."""
     made = imageio.imwrite(
         "<bytes>",
-        np.stack(frames),
+        np.stack(frames + [frames[-1]] * HELD_FRAMES),
         extension=".mp4",
         fps=fps,
         codec="libx264",
