@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from vlafuzz.regress.martingale import SignTest, money, needed
+from vlafuzz.regress.martingale import SignTest, money
 from vlafuzz.scoring import wilson
 
 
@@ -52,15 +52,15 @@ def test_its_money_is_that_of_the_bets_it_says(worse, better):
 
 
 def test_five_of_five_make_an_alarm_at_five_percent_and_more_where_some_are_better():
-    assert [needed(0.05, better) for better in range(4)] == [5, 9, 12, 15]
-    assert needed(0.01) == 8
+    assert [SignTest(0.05, 0, better, 0, better).needed for better in range(4)] == [5, 9, 12, 15]
+    assert SignTest(0.01).needed == 8
 
 
 def test_an_alarm_is_not_taken_back():
     test = SignTest(0.05)
     p_values = []
     for worse in [True] * 5 + [False] * 5:
-        test.see(worse=worse)
+        test.see(worse=worse, control=True)
         p_values.append(test.p_value)
     assert test.alarm
     assert p_values == list(accumulate(p_values, min))
@@ -71,6 +71,17 @@ def test_it_knows_when_no_alarm_can_come():
     test = SignTest(0.05)
     assert test.hopeless(4)
     assert not test.hopeless(5)
-    test.see(worse=False)
+    test.see(worse=False, control=True)
     assert test.hopeless(8)
     assert not test.hopeless(9)
+
+
+def test_broken_controls_count_whatever_is_solved_elsewhere_and_bugs_that_came_back_do_too():
+    def needed(failing_better: int) -> int:
+        return SignTest(0.05, 0, failing_better).needed
+
+    assert [needed(solved) for solved in (0, 1, 20)] == [5, 6, 7]
+    test = SignTest(0.05)
+    for _ in range(7):
+        test.see(worse=True, control=False)
+    assert test.alarm

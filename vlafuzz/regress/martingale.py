@@ -32,29 +32,33 @@ def money(worse: int, better: int) -> float:
     return _STAKE * nearly + (1 - _STAKE) * spread
 
 
-def needed(alpha: float, better: int = 0) -> int:
-    """The fewest pairs that have to be worse for an alarm, where ``better`` are better."""
-    return next(worse for worse in count() if money(worse, better) >= 1 / alpha)
-
-
 @dataclass
 class SignTest:
     """The test as it goes on.
 
+    Half of the money is bet on all scenes, and half on the controls alone: a subject that breaks those is
+    worse, whatever it solves elsewhere, and one in which bugs came back that the baseline had solved is, too.
+    Two gamblers who do not win on average do not do so together.
+
     Attributes:
         worse: discordant pairs in which only the new subject failed; ``better``: in which only it passed.
+        controls_worse: of them, those in controls; ``controls_better`` likewise.
     """
 
     alpha: float
     worse: int = 0
     better: int = 0
+    controls_worse: int = 0
+    controls_better: int = 0
     _most: float = 1.0
 
-    def see(self, *, worse: bool) -> None:
+    def see(self, *, worse: bool, control: bool) -> None:
         """One more discordant pair."""
         self.worse += worse
         self.better += not worse
-        self._most = max(self._most, money(self.worse, self.better))
+        self.controls_worse += worse and control
+        self.controls_better += not worse and control
+        self._most = max(self._most, self._money())
 
     @property
     def p_value(self) -> float:
@@ -66,6 +70,15 @@ class SignTest:
         """Whether the new subject is worse, at ``alpha``."""
         return self.p_value <= self.alpha
 
+    @property
+    def needed(self) -> int:
+        """The fewest more broken controls that would make an alarm."""
+        return next(more for more in count() if self._money(more) >= 1 / self.alpha)
+
     def hopeless(self, left: int) -> bool:
-        """Whether no alarm can come of this many more pairs: not even if all of them are worse."""
-        return not self.alarm and money(self.worse + left, self.better) < 1 / self.alpha
+        """Whether no alarm can come of this many more pairs: not even if all are broken controls."""
+        return not self.alarm and left < self.needed
+
+    def _money(self, more: int = 0) -> float:
+        everywhere = money(self.worse + more, self.better)
+        return (everywhere + money(self.controls_worse + more, self.controls_better)) / 2

@@ -1,8 +1,7 @@
 """regress: two subjects in the scenes of a corpus, until it is clear that the new one is worse. No simulator.
 
-All scenes count together, so that the question is whether the subject passes fewer of this corpus: one that
-breaks as many controls as it solves failing scenes is another, not a worse one. Which scenes those are is
-reported all the same.
+Two subjects are alike when exchanging them would change nothing; that is what an alarm speaks against. It is
+raised by broken controls, and by scenes of all kinds taken together: see ``SignTest``.
 
 A recorded outcome was selected: a scene is in the corpus because a subject failed in it, its counterpart
 because it passed. A flaky subject regresses to its mean in both, and against such records would look better
@@ -22,7 +21,7 @@ import numpy as np
 from vlafuzz.corpus.bundle import Bundle
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.outcome import Outcome
-from vlafuzz.regress.martingale import SignTest, needed
+from vlafuzz.regress.martingale import SignTest
 from vlafuzz.regress.pairs import Answer, Compared, Group, Pair, Probe, Tally
 from vlafuzz.scene import Scene
 
@@ -116,8 +115,8 @@ class Comparison:
     """What came of it.
 
     Attributes:
-        alpha: probability of an alarm where the two are alike, at most; ``needed``: discordant pairs that
-            make one when all of them are worse.
+        alpha: probability of an alarm where the two are alike, at most; ``needed``: how many
+            more broken controls would make one.
         p_value: holds whenever one stops.
         stopped: at an alarm; as no alarm could come any more; as nothing could be judged; or all was done.
     """
@@ -167,9 +166,8 @@ class Comparison:
         told = f"{total.worse} worse and {total.better} better of {total.baseline.of} pairs ({p})"
         if self.alarm:
             return f"{self.subject} is worse than {self.baseline}: {told}"
-        more = needed(self.alpha, total.better)
         none = f"{self.subject} is not shown to be worse than {self.baseline}"
-        return f"{none}: {told}; {more} worse make an alarm"
+        return f"{none}: {told}; {self.needed} more broken controls would make an alarm"
 
 
 def compare(
@@ -202,13 +200,13 @@ def compare(
         pairs[index].append(pair)
         judged += pair.judged
         if pair.discordant:
-            test.see(worse=pair.worse)
+            test.see(worse=pair.worse, control=probes[index].group != "failing")
         watch(Progress(done + 1, most, test.worse, test.better))
         if test.alarm or (done + 1 >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break
     compared = tuple(Compared(probe, tuple(done)) for probe, done in zip(probes, pairs, strict=True))
-    return Comparison(subject.name, baseline.name, alpha, needed(alpha), test.p_value, stopped, compared)
+    return Comparison(subject.name, baseline.name, alpha, test.needed, test.p_value, stopped, compared)
 
 
 def most_rollouts(probes: Sequence[Probe], subject: Side, baseline: Side, bound: int | None) -> int:
