@@ -1,8 +1,9 @@
 #!/usr/bin/env python
 """Do corpora hold? Runs every scene of some corpora in fresh processes.
 
-A verdict holds when the subject fails at the stage where it did or before, a witness when it solves its scene,
-a counterpart (--counterparts) when the subject passes. Exits with 1 when fewer than 99 % of the verdicts hold or a witness fails.
+A verdict holds when the subject fails at the stage where it did or before, a witness when it solves its
+scene, a counterpart (--counterparts) when the subject passes. Exits with 1 when fewer than 99 % of the
+verdicts hold or a witness fails.
 """
 
 from __future__ import annotations
