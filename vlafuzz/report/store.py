@@ -83,7 +83,7 @@ def _facts(runs: Sequence[Run], counts: Counts, crop: Harvest) -> tuple[tuple[st
     if crop.deviating_before is not None:
         said = f"{crop.deviating_before:g} before shrinking, {crop.deviating_after:g} after"
         facts.append(("Operators not nominal, median", said))
-    return tuple(facts)
+    return tuple((name, value) for name, value in facts if value)
 
 
 def _todo(store: Path, crop: Harvest) -> tuple[tuple[str, str], ...]:
