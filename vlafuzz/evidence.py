@@ -71,5 +71,5 @@ def _said(path: str, value: float) -> str:
     slot, _, name = path.rpartition(".")
     of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
     if name == "intensity":
-        return f"{name} × {value:g}"
+        return f"{name} × {value:.3g}"
     return f"{name}{of} {value:g}{' m' if name in ('x', 'y', 'distance') else '°'}"
