@@ -119,6 +119,9 @@ class Backwards:
         for tag, scenes in reversed(list(batches)):
             yield tag, self._evaluator.evaluate(scenes)
 
+    def close(self) -> None:
+        self._evaluator.close()
+
 
 class Scripted:
     """A strategy that proposes given genomes, and keeps what it is told."""

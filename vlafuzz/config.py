@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,10 @@ from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import SceneError, UsageError, suggestion
+from vlafuzz.execute.base import Executor
 from vlafuzz.execute.local import LocalExecutor
-from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
@@ -55,6 +58,7 @@ class RunConfig:
         vary: operators that vary; none for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
         store: None for ``runs/<task>-<subject>-<strategy>-<seed>.db``.
+        workers: processes that evaluate scenes; 1 for this one alone.
     """
 
     task: str | None = None
@@ -70,6 +74,7 @@ class RunConfig:
     vary: tuple[str, ...] = ()
     scenes: Path | None = None
     store: Path | None = None
+    workers: int = 1
     command: str = ""
 
 
@@ -83,9 +88,9 @@ class Plan:
     meaningful: Meaningful
     strategy: Strategy
     subject: Subject
-    catalogue: Catalogue
     store: Path
     patience: int | None
+    workers: int = 1
     resume: int | None = None
 
 
@@ -105,8 +110,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     strategy_name = _strategy_name(config)
     factory = None if scenes else strategy_factory(strategy_name)
     check_subject_name(subject_name)
-    catalogue = load_catalogue()
-    space = SearchSpace(operators or _operators(config), catalogue, task.name)
+    space = SearchSpace(operators or _operators(config), load_catalogue(), task.name)
     budget = config.budget or (len(scenes) * config.repeats if scenes else BUDGET)
     subject = make_subject(subject_name)
     return Plan(
@@ -116,9 +120,9 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
         meaningful=space.meaningful,
         strategy=factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes)),
         subject=subject,
-        catalogue=catalogue,
         store=config.store or default_store(task.name, subject_name, strategy_name, config.seed),
         patience=None if scenes else campaign.PATIENCE,  # a file of scenes ends by itself, fair or not
+        workers=config.workers,
     )
 
 
@@ -139,22 +143,22 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in _STORED}
-    known = RunConfig(**stored, scenes=asked.scenes, store=store)
+    known = RunConfig(**stored, scenes=asked.scenes, store=store, workers=asked.workers)
     made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
 
 
 def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
-    """Run it in this process."""
+    """Run it."""
     # The store first: whether it can be written shows at once, a simulator takes seconds.
-    with Corpus.open(plan.store, "write") as corpus, closing(make_evaluator(plan)) as evaluator:
+    with Corpus.open(plan.store, "write") as corpus, closing(make_executor(plan)) as executor:
         return campaign.fuzz(
             manifest=plan.manifest,
             stages=plan.task.stage_names,
             space=plan.space,
             strategy=plan.strategy,
-            executor=LocalExecutor(evaluator),
+            executor=executor,
             corpus=corpus,
             meaningful=plan.meaningful,
             patience=plan.patience,
@@ -163,15 +167,26 @@ def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
         )
 
 
-def make_evaluator(plan: Plan) -> Evaluator:
-    """The simulator with the subject in it: from here on, seconds go by."""
+def make_executor(plan: Plan) -> Executor:
+    """What evaluates the run's scenes."""
+    if plan.workers == 1:
+        return LocalExecutor(make_evaluator(plan.manifest, plan.subject))
+    plan.subject.close()  # each worker makes its own
+    return ProcessExecutor(partial(make_evaluator, plan.manifest), plan.workers)
+
+
+def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evaluator:
+    """The simulator with the subject in it: from here on, seconds go by.
+
+    Args:
+        subject: by default made anew from its name.
+    """
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
-    manifest = plan.manifest
     return ManiSkillEvaluator(
-        plan.task.name,
-        plan.subject,
-        plan.catalogue,
+        manifest.task,
+        subject or make_subject(manifest.subject),
+        load_catalogue(),
         min_distance=manifest.min_distance,
         seed=manifest.seed,
         repeats=manifest.repeats,
@@ -196,6 +211,7 @@ def _check_numbers(config: RunConfig) -> None:
         ("--repeats", config.repeats, 1),
         ("--budget", config.budget, config.repeats),
         ("--batch", config.batch, 1),
+        ("--workers", config.workers, 1),
         ("--seed", config.seed, 0),
     ):
         if value is not None and value < least:

@@ -1,6 +1,7 @@
 """What every executor keeps, wherever it evaluates."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import pytest
 
@@ -8,10 +9,28 @@ from tests.doubles import Always, ClosedForm, Raising, passed, scene
 from vlafuzz.errors import PrerequisiteError, SubjectError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
 
-MAKERS: dict[str, Callable[[Evaluator], Executor]] = {"local": LocalExecutor}
+
+class Losing(ClosedForm):
+    """Gives one outcome, however many scenes there are."""
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        return [passed()]
+
+
+def same(evaluator: Evaluator) -> Evaluator:
+    return evaluator
+
+
+def processes(evaluator: Evaluator) -> ProcessExecutor:
+    return ProcessExecutor(partial(same, evaluator), workers=1)
+
+
+MAKERS: dict[str, Callable[[Evaluator], Executor]] = {"local": LocalExecutor, "processes": processes}
 DARK, BRIGHT, FAR = scene(light=0.25), scene(light=4.0), scene(x=0.1)
 
 
@@ -19,7 +38,20 @@ def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
     return {tag: [each.verdict for each in outcomes] for tag, outcomes in executor.run(enumerate(batches))}
 
 
-@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+@pytest.fixture(params=MAKERS)
+def make(request: pytest.FixtureRequest) -> Iterator[Callable[[Evaluator], Executor]]:
+    """Makes executors of a kind, and closes them."""
+    executors: list[Executor] = []
+
+    def maker(evaluator: Evaluator) -> Executor:
+        executors.append(MAKERS[request.param](evaluator))
+        return executors[-1]
+
+    yield maker
+    for each in executors:
+        each.close()
+
+
 class TestExecutor:
     def test_each_batch_has_its_outcomes_in_order(self, make):
         got = run(make(ClosedForm()), [DARK, BRIGHT], [FAR], [])
@@ -33,14 +65,19 @@ class TestExecutor:
         assert [outcome.verdict for outcome in results[2]] == [Verdict.ERROR]
 
     def test_an_evaluator_that_loses_a_scene_is_an_error(self, make):
-        evaluator = Always(passed())
-        evaluator.evaluate = lambda scenes: [passed()]  # type: ignore[method-assign]
-        ((_, outcomes),) = make(evaluator).run([(0, [DARK, BRIGHT])])
+        ((_, outcomes),) = make(Losing()).run([(0, [DARK, BRIGHT])])
         assert [outcome.detail for outcome in outcomes] == ["the evaluator gave 1 outcomes for 2 scenes"] * 2
 
     def test_progress_that_is_not_a_number_is_an_error(self, make):
         broken = Outcome(Verdict.FAILED, progress=float("nan"))
         assert run(make(Always(broken)), [DARK]) == {0: [Verdict.ERROR]}
+
+    def test_it_can_be_run_again(self, make):
+        executor = make(ClosedForm())
+        assert [run(executor, [DARK]), run(executor, [BRIGHT])] == [
+            {0: [Verdict.FAILED]},
+            {0: [Verdict.PASSED]},
+        ]
 
     @pytest.mark.parametrize("error", [KeyboardInterrupt(), PrerequisiteError("no renderer", "install one")])
     def test_an_interruption_and_a_missing_installation_pass(self, make, error):

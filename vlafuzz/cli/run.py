@@ -62,6 +62,9 @@ def command(
     criteria: Annotated[
         str | None, typer.Option(help="What success means: strict, or published.", show_default="strict")
     ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes that evaluate scenes.", show_default="1")
+    ] = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -100,6 +103,7 @@ def command(
         "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
         "scenes": scenes,
         "store": store,
+        "workers": workers,
     }
     flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     if resume:

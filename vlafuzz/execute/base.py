@@ -18,3 +18,6 @@ class Executor(Protocol):
         Batches are pulled when there is room for them. Whatever breaks while a scene is evaluated becomes an
         ERROR outcome; only what the user has to install or start first, and Ctrl-C, is raised.
         """
+
+    def close(self) -> None:
+        """No more batches: let go of simulators and subjects."""

@@ -22,6 +22,10 @@ class LocalExecutor:
         for tag, scenes in batches:
             yield tag, evaluate_safely(self._evaluator, scenes)
 
+    def close(self) -> None:
+        """See ``Executor``."""
+        self._evaluator.close()
+
 
 def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outcome]:
     """One outcome a scene, also from an evaluator that breaks its contract."""

@@ -1,0 +1,29 @@
+"""The same seed gives the same scenes, outcomes and trajectories, in this process or in others."""
+
+from pathlib import Path
+
+from vlafuzz import config
+from vlafuzz.corpus.store import Corpus
+
+
+def trials(store: Path, workers: int) -> list[tuple[object, ...]]:
+    flags = {"subject": "pinhole", "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
+    summary = config.start(
+        config.plan(config.RunConfig(**flags, store=store, workers=workers)), lambda tally: None
+    )
+    assert summary.rollouts == 12
+    with Corpus.open(store) as corpus:
+        return sorted(
+            (
+                trial.proposal,
+                trial.scene.digest,
+                trial.outcome.verdict,
+                trial.outcome.progress,
+                *(rollout.states_hash for rollout in trial.outcome.rollouts),
+            )
+            for trial in corpus.trials(summary.run)
+        )
+
+
+def test_two_workers_do_what_one_process_does(tmp_path: Path):
+    assert trials(tmp_path / "a.db", 1) == trials(tmp_path / "b.db", 2)

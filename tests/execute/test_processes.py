@@ -1,0 +1,151 @@
+"""Workers that die, hang or eat the memory cost their scenes another try, then ERROR, and never the run."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm, scene
+from vlafuzz.errors import UsageError
+from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Evaluator
+
+DARK, BRIGHT = scene(light=0.25), scene(light=4.0)
+OTHERS = [scene(light=2.0**power) for power in (-3, -1, 0, 1, 2.5, 3)]
+
+
+class Treacherous(ClosedForm):
+    """Misbehaves in a bright scene, the first time only or always; ``folder`` remembers across processes."""
+
+    def __init__(self, what: Callable[[], None], folder: Path, *, always: bool) -> None:
+        super().__init__()
+        self._what, self._folder, self._always = what, folder, always
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        if BRIGHT in scenes:
+            (self._folder / str(os.getpid())).touch()
+            if self._always or len(list(self._folder.iterdir())) == 1:
+                self._what()
+        return super().evaluate(scenes)
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def leave() -> None:
+    os._exit(7)
+
+
+def hang() -> None:
+    time.sleep(600)
+
+
+def gorge() -> None:
+    held = bytearray(400 * 2**20)
+    held[::4096] = b"x" * len(held[::4096])
+    time.sleep(600)
+
+
+def same(evaluator: Evaluator) -> Evaluator:
+    return evaluator
+
+
+def thread_numbers() -> Evaluator:
+    class Threads(ClosedForm):
+        def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+            return [Outcome.error(os.environ["OMP_NUM_THREADS"])]
+
+    return Threads()
+
+
+def broken() -> Evaluator:
+    os._exit(3)
+
+
+def missing() -> Evaluator:
+    raise UsageError("'mimi': no such subject", hint="did you mean 'mini'?")
+
+
+@pytest.fixture
+def executor() -> Iterator[Callable[..., ProcessExecutor]]:
+    made: list[ProcessExecutor] = []
+
+    def make(factory: Callable[[], Evaluator], workers: int = 2, **options: float) -> ProcessExecutor:
+        made.append(ProcessExecutor(factory, workers, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+TROUBLES = {
+    "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
+    "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
+    "hung": (hang, {"timeout": 1.5}, "worker: no answer within 2 s, 2 times"),
+    "greedy": (gorge, {"memory": 300 * 2**20}, "worker: held more than 0.3 GiB of memory, 2 times"),
+}
+
+
+@pytest.mark.parametrize("trouble", TROUBLES)
+@pytest.mark.parametrize("always", [False, True], ids=["once", "always"])
+def test_a_worker_in_trouble_costs_one_more_try_and_then_only_its_scene(executor, tmp_path, trouble, always):
+    what, options, says = TROUBLES[trouble]
+    scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
+    chosen = executor(partial(same, Treacherous(what, tmp_path, always=always)), **options)
+    got = dict(chosen.run((number, [each]) for number, each in enumerate(scenes)))
+    assert len(got) == len(scenes)
+    (outcome,) = got.pop(3)
+    assert (outcome.verdict, outcome.detail) == ((Verdict.ERROR, says) if always else (Verdict.PASSED, ""))
+    expected = [each.verdict for each in ClosedForm().evaluate(OTHERS)]
+    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(executor):
+    got = dict(executor(broken).run([(0, [DARK]), (1, [BRIGHT])]))
+    told = {outcome.detail for outcomes in got.values() for outcome in outcomes}
+    assert told == {"worker: ended with exit code 3, 2 times"}
+
+
+def test_what_the_user_has_to_mend_first_is_raised_as_it_is(executor):
+    with pytest.raises(UsageError, match="'mimi': no such subject") as caught:
+        list(executor(missing).run([(0, [DARK])]))
+    assert caught.value.hint == "did you mean 'mini'?"
+
+
+def test_workers_have_one_thread_and_this_process_keeps_its_own(executor, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    ((_, (outcome,)),) = executor(thread_numbers, workers=1).run([(0, [DARK])])
+    assert (outcome.detail, os.environ["OMP_NUM_THREADS"]) == ("1", "3")
+
+
+def test_batches_are_pulled_only_when_a_worker_is_free(executor):
+    pulled = []
+
+    def batches() -> Iterator[tuple[int, list[Scene]]]:
+        for tag in range(9):
+            pulled.append(tag)
+            yield tag, [DARK]
+
+    results = executor(partial(same, ClosedForm()), workers=2).run(batches())
+    next(results)
+    assert len(pulled) <= 4
+    assert len(list(results)) == 8
+
+
+def test_nobody_is_left_when_it_is_closed_or_given_up(executor):
+    chosen = executor(partial(same, Treacherous(hang, Path("/nowhere"), always=True)), workers=2)
+    results = chosen.run([(0, [DARK]), (1, [OTHERS[0]])])
+    next(results)
+    pids = [worker._process.pid for worker in chosen._workers]
+    results.close()
+    assert len(pids) == 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
