@@ -90,13 +90,21 @@ def _slack(rollout: Rollout) -> float:
 def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], workspace: Workspace) -> str:
     """Where a failure lies before triage, readable: ``grasp|camera-position+light|x0y3``.
 
-    The lost stage, the operators far from nominal (``base`` for none), and the first target's place in a
-    4 × 4 grid of the workspace. Two failures in one cell may well be one bug.
+    The lost stage, and the scene's ``site``. Two failures in one cell may well be one bug.
+    """
+    return f"{outcome.lost_stage or 'none'}|{site(scene, severities, workspace)}"
+
+
+def site(scene: Scene, severities: Mapping[str, float], workspace: Workspace) -> str:
+    """What of a cell is known before a rollout: ``camera-position+light|x0y3``.
+
+    The operators far from nominal (``base`` for none), and the first target's place in a 4 × 4 grid of the
+    workspace.
     """
     operators = sorted(name for name, value in severities.items() if value > FAR)
     target = scene.targets[0]
     column, row = _bin(target.x, workspace.x), _bin(target.y, workspace.y)
-    return f"{outcome.lost_stage or 'none'}|{'+'.join(operators) or 'base'}|x{column}y{row}"
+    return f"{'+'.join(operators) or 'base'}|x{column}y{row}"
 
 
 def _bin(value: float, bounds: tuple[float, float]) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
+from vlafuzz.scoring import Measure, Score
 from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
@@ -24,7 +24,7 @@ class Proposal:
     genome: Genome
 
 
-class Source(Protocol):
+class Source(Measure, Protocol):
     """What a strategy may know of the space that it searches."""
 
     @property

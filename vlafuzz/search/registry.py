@@ -26,7 +26,43 @@ def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
     return Nsga2(space, seed, budget)
 
 
-STRATEGIES: dict[str, Factory] = {"random": Random, "nsga2": _nsga2, "feedback": Feedback}
+def _surrogate(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Tries what a forest predicts to fail in cells that have no failure yet; else random."""
+    from vlafuzz.search.surrogate import Surrogate  # scikit-learn takes a second to import
+
+    return Surrogate(space, seed, budget)
+
+
+def _without_forest(space: Source, seed: int, budget: int | None) -> Strategy:
+    """``surrogate`` without its forest: children of failures in cells that have none yet. An ablation."""
+    from vlafuzz.search.surrogate import Surrogate
+
+    return Surrogate(space, seed, budget, forest=False)
+
+
+def _without_novelty(space: Source, seed: int, budget: int | None) -> Strategy:
+    """``surrogate`` without regard to cells: whatever is most likely to fail. An ablation."""
+    from vlafuzz.search.surrogate import Surrogate
+
+    return Surrogate(space, seed, budget, novelty=False)
+
+
+def _without_fallback(space: Source, seed: int, budget: int | None) -> Strategy:
+    """``surrogate`` that trusts its forest even where it predicts no better than chance. An ablation."""
+    from vlafuzz.search.surrogate import Surrogate
+
+    return Surrogate(space, seed, budget, fallback=False)
+
+
+STRATEGIES: dict[str, Factory] = {
+    "random": Random,
+    "nsga2": _nsga2,
+    "feedback": Feedback,
+    "surrogate": _surrogate,
+    "surrogate-without-forest": _without_forest,
+    "surrogate-without-novelty": _without_novelty,
+    "surrogate-without-fallback": _without_fallback,
+}
 POOL = "pool"
 
 

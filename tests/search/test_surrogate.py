@@ -1,0 +1,91 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.search.worlds import EASY, judged, space, toy
+from vlafuzz.outcome import Verdict
+from vlafuzz.rig import rig
+from vlafuzz.scoring import Score, site
+from vlafuzz.search.base import Proposal
+from vlafuzz.search.random import Random
+from vlafuzz.search.surrogate import KEPT, Surrogate
+
+PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
+FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
+
+
+def dark(proposal: Proposal) -> Score:
+    """The subject fails in the dark."""
+    return FAILED if space().decode(proposal.genome).light.intensity < 1 else PASSED
+
+
+def played(strategy: Surrogate, judge: Callable[[Proposal], Score], batches: int = 6) -> list[Proposal]:
+    proposals = []
+    for _ in range(batches):
+        asked = strategy.ask(16)
+        strategy.tell(asked, [judge(proposal) for proposal in asked])
+        proposals += asked
+    return proposals
+
+
+def sites(proposals: list[Proposal]) -> list[str]:
+    scenes = [space().decode(proposal.genome) for proposal in proposals]
+    return [site(scene, space().severities(scene), rig(scene.robot).workspace) for scene in scenes]
+
+
+def failing(proposals: list[Proposal]) -> list[Proposal]:
+    return [proposal for proposal in proposals if dark(proposal).failed]
+
+
+def test_once_the_forest_knows_where_failures_are_most_scenes_fail():
+    assert len(failing(played(Surrogate(space(), 0, 200), dark, 10)[96:])) > 50
+
+
+def test_failures_are_looked_for_at_new_sites():
+    found = sites(failing(played(Surrogate(space(), 0, 200), dark, 10)))
+    assert len(set(found)) > 0.95 * len(found)
+
+
+def test_without_novelty_they_are_not():
+    found = sites(failing(played(Surrogate(space(), 0, 200, novelty=False), dark, 10)))
+    assert len(set(found)) < 0.8 * len(found)
+
+
+def test_as_long_as_nothing_is_foreseen_it_is_random():
+    asked = played(Surrogate(space(), 3, 200), lambda _: PASSED)
+    drawn = Random(space(), 3).ask(len(asked))
+    assert [p.genome.tolist() for p in asked] == [p.genome.tolist() for p in drawn]
+
+
+def coin(proposal: Proposal) -> Score:
+    """Failures that nothing foretells."""
+    return FAILED if int(space().decode(proposal.genome).digest, 16) % 2 else PASSED
+
+
+@pytest.mark.parametrize(("fallback", "share"), [(True, 1.0), (False, 0.1)])
+def test_where_the_forest_misleads_all_scenes_are_fresh(
+    monkeypatch: pytest.MonkeyPatch, fallback: bool, share: float
+):
+    strategy = Surrogate(space(), 0, 200, fallback=fallback)
+    played(strategy, coin)
+    monkeypatch.setattr(strategy._forest, "misleads", lambda: True)
+    assert strategy._share_of_fresh() == share
+
+
+def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():
+    evaluator, strategy = toy(EASY, 0.002), Surrogate(space(), 0, 300)
+    slacks = []
+    for _ in range(12):
+        asked = strategy.ask(16)
+        scores = judged(evaluator, [space().decode(proposal.genome) for proposal in asked], space())
+        slacks.append(np.mean([score.slack for score in scores]))
+        strategy.tell(asked, scores)
+    assert np.mean(slacks[-3:]) < 0.9 * np.mean(slacks[:2])
+
+
+def test_what_it_keeps_is_bounded():
+    strategy = Surrogate(space(), 0, 1000)
+    played(strategy, dark, batches=14)
+    assert len(strategy._stock) == KEPT
+    assert not strategy._out

@@ -1,0 +1,86 @@
+"""Candidates: fair scenes that might be proposed, made in advance and without a rollout."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from vlafuzz.rig import rig
+from vlafuzz.scoring import Score, site
+from vlafuzz.search.base import Genome, Source
+from vlafuzz.search.forest import Numbers
+from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.variation import Variation
+
+Rng = np.random.Generator
+
+FRESH = 0.3  # share of the candidates that are drawn at random
+CROSSED = 0.5  # share of the others that have a random scene as second parent
+AGAIN = 0.5  # chance of one more operator in a mutation
+PARENTS = 200  # the newest failures, and as many of the random scenes
+HARDEST = 16  # passes that are parents while there are few failures
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A scene as numbers.
+
+    Attributes:
+        features: what a forest learns from: meaning, genome and severities.
+        site: what of the cell of its failure would be known before.
+    """
+
+    genome: Genome
+    features: Numbers
+    site: str
+
+
+class Breeder:
+    """Makes candidates: fresh ones, and children of failures, and of passes that were nearly failures."""
+
+    def __init__(self, space: Source, nursery: Nursery) -> None:
+        self._space, self._nursery = space, nursery
+        self._variation = Variation(space.genes)
+        self._failures: deque[Genome] = deque(maxlen=PARENTS)
+        self._drawn: deque[Genome] = deque(maxlen=PARENTS)
+        self._nearly: list[tuple[float, Genome]] = []
+
+    def candidate(self, genome: Genome) -> Candidate:
+        """What there is to know of a genome without a rollout."""
+        scene = self._space.decode(genome)
+        severities = self._space.severities(scene)
+        features = np.concatenate([self._space.meaningful(scene), genome, list(severities.values())])
+        return Candidate(genome, features, site(scene, severities, rig(scene.robot).workspace))
+
+    def learn(self, genome: Genome, score: Score) -> None:
+        """Keep what may become a parent."""
+        if score.failed:
+            self._failures.append(genome)
+        else:
+            self._nearly = sorted([*self._nearly, (score.ease, genome)], key=lambda pair: pair[0])[:HARDEST]
+
+    def breed(self, n: int, rng: Rng) -> list[Candidate]:
+        """Up to ``n`` new ones, all fair as far as can be told without a simulator, none proposed before."""
+        genomes = [self._fresh(rng) if rng.random() < FRESH else self._child(rng) for _ in range(n)]
+        new = self._nursery.new(genomes)
+        return [self.candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new]
+
+    def _fresh(self, rng: Rng) -> Genome:
+        self._drawn.append(self._space.encode(self._space.sample(rng)))
+        return self._drawn[-1]
+
+    def _child(self, rng: Rng) -> Genome:
+        """One of a parent's: with few operators changed, or crossed with a scene drawn at random."""
+        parents = self._failures or [genome for _, genome in self._nearly]
+        if not parents or not self._drawn:
+            return self._fresh(rng)
+        parent = parents[rng.integers(len(parents))]
+        if rng.random() < CROSSED:
+            other = self._drawn[rng.integers(len(self._drawn))]
+            return self._nursery.fair(self._variation.cross(parent, other, rng), rng)
+        operators = self._variation.operators(parent)
+        count = min(int(rng.geometric(1 - AGAIN)), len(operators))
+        chosen = rng.choice(operators, count, replace=False).tolist()
+        return self._nursery.fair(self._variation.mutate(parent, chosen, rng), rng)

@@ -1,0 +1,127 @@
+"""Surrogate: a forest says which scenes are likely to fail; of those, the ones in new cells are tried."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.base import Proposal, Source
+from vlafuzz.search.candidates import Breeder, Candidate
+from vlafuzz.search.forest import VOTES, Forest, Numbers
+from vlafuzz.search.nursery import Nursery
+
+SUPPLY = 4  # candidates made for each proposal
+KEPT = 256  # of those that were not chosen, the best: they may be at another time
+WARM = 16  # fresh scenes to begin with
+BLIND = 0.5  # share of fresh scenes before the first failure, where lateness can be foreseen; else all
+GUIDED = 0.1  # and after it: there may be failures elsewhere, and the forest is judged by them
+REPEATED = 0.2  # worth of one more failure at a site that has one: the lost stage may be another
+
+Rng = np.random.Generator
+
+
+class Surrogate:
+    """Spends the budget on distinct cells, with a forest in the place of most rollouts.
+
+    Fair scenes are made in advance, fresh ones and children of failures. Everything of a cell but the lost
+    stage is known of them before a rollout, their *site*. Proposed is what is worth most: its chance to fail,
+    as a random part of the forest sees it, times how new its site is. As long as the forest predicts no
+    better than chance, scenes are drawn at random.
+    """
+
+    def __init__(
+        self,
+        space: Source,
+        seed: int,
+        budget: int | None = None,
+        *,
+        forest: bool = True,
+        novelty: bool = True,
+        fallback: bool = True,
+    ) -> None:
+        self._seed, self._asked = seed, 0
+        self._uses_forest, self._uses_novelty, self._uses_fallback = forest, novelty, fallback
+        self._nursery = Nursery(space)
+        self._breeder, self._forest = Breeder(space, self._nursery), Forest(seed)
+        self._stock: list[Candidate] = []
+        self._failed = False
+        self._out: dict[int, Candidate] = {}
+        self._tried: Counter[str] = Counter()  # sites that have failed, or may be about to
+
+    def ask(self, n: int) -> list[Proposal]:
+        """Fresh scenes to begin with, then mostly candidates that are likely to fail at a new site."""
+        first, self._asked = self._asked, self._asked + n
+        share = self._share_of_fresh()
+        proposals: list[Proposal] = []
+        rng = np.random.default_rng([self._seed, first, 1])
+        guided = (rng.random(n) >= share) & (np.arange(first, self._asked) >= WARM)
+        chosen = iter(self._chosen(int(guided.sum()), rng))
+        for number, is_guided in zip(range(first, self._asked), guided, strict=True):
+            candidate = next(chosen, None) if is_guided else None
+            if candidate is None:
+                drawn = self._nursery.fresh(np.random.default_rng([self._seed, number]))
+                candidate = self._breeder.candidate(drawn)
+                self._tried[candidate.site] += 1
+            self._out[number] = candidate
+            proposals.append(Proposal(number, candidate.genome))
+        return proposals
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Learn from what was rolled out."""
+        judged = []
+        for proposal, score in zip(proposals, scores, strict=True):
+            candidate = self._out.pop(proposal.id)
+            if not score.failed:
+                self._tried -= Counter([candidate.site])
+            if score.rolled_out:
+                self._breeder.learn(candidate.genome, score)
+                judged.append((candidate.features, score))
+                self._failed |= score.failed
+        if self._uses_forest and judged:
+            features, told = zip(*judged, strict=True)
+            self._forest.learn(np.array(features), told)
+
+    def _share_of_fresh(self) -> float:
+        if self._failed:
+            return 1.0 if self._uses_fallback and self._forest.misleads() else GUIDED
+        foresees = self._forest.fitted and (not self._uses_fallback or self._forest.foresees_lateness())
+        return BLIND if foresees else 1.0
+
+    def _chosen(self, n: int, rng: Rng) -> list[Candidate]:
+        """Up to ``n`` candidates, each the best there is when those before it are out."""
+        if n == 0:
+            return []
+        self._stock += self._breeder.breed(SUPPLY * n, rng)
+        if not self._stock:
+            return []
+        votes = self._votes(rng)
+        left = np.ones(len(self._stock))
+        chosen: list[Candidate] = []
+        while left.any() and len(chosen) < n:
+            ballot = votes[rng.choice(len(votes), min(VOTES, len(votes)), replace=False)].mean(axis=0)
+            best = int(np.argmax(np.where(left, ballot * self._worths(), -1.0)))
+            left[best] = 0.0
+            candidate = self._stock[best]
+            if self._nursery.new([candidate.genome])[0]:
+                self._nursery.registered(candidate.genome)
+                self._tried[candidate.site] += 1
+                chosen.append(candidate)
+        ranked = np.argsort(-left * votes.mean(axis=0) * self._worths(), kind="stable")[:KEPT]
+        self._stock = [self._stock[index] for index in ranked if left[index]]
+        return chosen
+
+    def _votes(self, rng: Rng) -> Numbers:
+        """``(trees, candidates)``, above 0; at random where no forest is to be asked."""
+        if not self._forest.fitted:
+            return rng.random((1, len(self._stock)))
+        return self._forest.votes(np.array([candidate.features for candidate in self._stock])) + 1e-3
+
+    def _worths(self) -> Numbers:
+        """``(candidates,)`` 1 at a new site, less where there is a failure."""
+        if not self._uses_novelty:
+            return np.ones(len(self._stock))
+        tried = np.array([self._tried[candidate.site] for candidate in self._stock])
+        return np.where(tried > 0, REPEATED ** np.minimum(tried, 5), 1.0)
