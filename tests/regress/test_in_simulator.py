@@ -3,12 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from tests.corpus.bundles import bundle, case
 from tests.doubles import manifest
 from vlafuzz.cli import main
 from vlafuzz.corpus.folder import write_bundle
 from vlafuzz.corpus.ranges import operators_json
+from vlafuzz.shipped import corpus_dir
 from vlafuzz.space import load_operators
+
+PICK_UP = str(corpus_dir() / "mini-pick-up")
 
 
 def corpus(folder: Path) -> None:
@@ -25,3 +30,18 @@ def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Pat
     assert main([*arguments, "frozen"]) == 0
     assert main([*arguments, "expert", "--baseline", "frozen"]) == 0
     assert "frozen is worse than expert: 7 worse and 0 better of 7 pairs" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_a_tenth_of_minis_weights_is_missed_and_none_is_not():
+    assert main(["regress", PICK_UP, "--subject", "mini", "--baseline", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--subject", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--subject", "python:tests.regress.subjects:zeroed"]) == 1
+
+
+@pytest.mark.slow
+def test_a_flaky_subject_is_hardly_ever_worse_than_itself():
+    flaky = "python:tests.regress.subjects:Flaky"
+    asked = ["regress", PICK_UP, "--subject", flaky, "--baseline", flaky, "--max-rollouts", "60"]
+    assert sum(main(asked) for _ in range(20)) <= 1
