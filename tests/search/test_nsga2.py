@@ -5,7 +5,7 @@ from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import about
-from vlafuzz.search.nsga2 import LARGEST, SMALLEST, TINIEST, Nsga2, _objectives
+from vlafuzz.search.nsga2 import LARGEST, SMALLEST, TINIEST, Nsga2
 from vlafuzz.sim.toy import Toy
 
 EARLY = Score(Verdict.FAILED, 0.1, 2.0)
@@ -28,15 +28,15 @@ def dominates(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
     [((EARLY, 0.0), (LATE, 0.0)), ((LATE, 0.0), (HARD, 9.0)), ((HARD, 0.0), (SIMPLE, 9.0))],
 )
 def test_early_failures_come_before_late_ones_and_all_of_them_before_passes(better, worse):
-    assert dominates(_objectives(*better), _objectives(*worse))
+    assert dominates(Nsga2._objectives(*better), Nsga2._objectives(*worse))
 
 
 def test_among_failures_low_severity_and_novelty_are_merits():
     mild = Score(Verdict.FAILED, 0.6, 1.0)
-    assert dominates(_objectives(mild, 0.0), _objectives(LATE, 0.0))
-    assert dominates(_objectives(LATE, 1.0), _objectives(LATE, 0.5))
-    assert not dominates(_objectives(EARLY, 0.0), _objectives(mild, 0.0))
-    assert not dominates(_objectives(EARLY, 0.0), _objectives(LATE, 0.5))
+    assert dominates(Nsga2._objectives(mild, 0.0), Nsga2._objectives(LATE, 0.0))
+    assert dominates(Nsga2._objectives(LATE, 1.0), Nsga2._objectives(LATE, 0.5))
+    assert not dominates(Nsga2._objectives(EARLY, 0.0), Nsga2._objectives(mild, 0.0))
+    assert not dominates(Nsga2._objectives(EARLY, 0.0), Nsga2._objectives(LATE, 0.5))
 
 
 def test_what_was_not_judged_survives_only_where_nothing_else_is_left():

@@ -116,15 +116,15 @@ class Nsga2:
         """Set objectives and constraint: what was not judged ranks behind everything that was."""
         scores: list[Score] = list(population.get("score"))
         novelty = self._failures.novelty(population.get("point"))
-        population.set("F", np.array([_objectives(*pair) for pair in zip(scores, novelty, strict=True)]))
+        population.set("F", np.array([self._objectives(*pair) for pair in zip(scores, novelty, strict=True)]))
         population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
 
-
-def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
-    """To be made small. Severity and novelty are merits of failures: passes compete by how hard they were."""
-    if score.failed:
-        return score.ease, score.severity, -novelty
-    return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
+    @staticmethod
+    def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
+        """To be made small. Severity and novelty are merits of failures only."""
+        if score.failed:
+            return score.ease, score.severity, -novelty
+        return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
 
 
 class _Crossing(Crossover):

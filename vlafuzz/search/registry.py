@@ -26,6 +26,20 @@ def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
     return Nsga2(space, seed, budget)
 
 
+def _nsga2d(space: Source, seed: int, budget: int | None) -> Strategy:
+    """NSGA-II that keeps away from the failures it has, and makes room for fresh scenes when it stalls."""
+    from vlafuzz.search.nsga2d import Nsga2D
+
+    return Nsga2D(space, seed, budget)
+
+
+def _map_elites(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Keeps the best scene of every niche (lost stage, farthest operator, target's place) and varies them."""
+    from vlafuzz.search.map_elites import MapElites  # pyribs takes a second to import
+
+    return MapElites(space, seed, budget)
+
+
 def _surrogate(space: Source, seed: int, budget: int | None) -> Strategy:
     """Tries what a forest predicts to fail in cells that have no failure yet; else random."""
     from vlafuzz.search.surrogate import Surrogate  # scikit-learn takes a second to import
@@ -57,7 +71,9 @@ def _without_fallback(space: Source, seed: int, budget: int | None) -> Strategy:
 STRATEGIES: dict[str, Factory] = {
     "random": Random,
     "nsga2": _nsga2,
+    "nsga2d": _nsga2d,
     "feedback": Feedback,
+    "map-elites": _map_elites,
     "surrogate": _surrogate,
     "surrogate-without-forest": _without_forest,
     "surrogate-without-novelty": _without_novelty,
