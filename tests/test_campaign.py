@@ -214,3 +214,13 @@ def test_one_is_told_of_every_trial_as_it_is_stored(corpus: Corpus):
         watch=lambda t: seen.append(t.rollouts),
     )
     assert seen == [1, 2, 3, 4, 5]
+
+
+def test_a_run_alone_pays_for_what_other_runs_know_and_only_once(corpus: Corpus):
+    asked = genomes(scene(0.25), scene(1.0), scene(0.25))
+    run(corpus, strategy=Scripted(asked))
+    evaluator = ClosedForm()
+    summary = run(corpus, strategy=Scripted(asked), executor=LocalExecutor(evaluator), batch=2, alone=True)
+    assert evaluator.evaluated == [scene(0.25), scene(1.0)]
+    assert (summary.rollouts, summary.duplicates) == (2, 1)
+    assert run(corpus, strategy=Scripted(asked)).rollouts == 0

@@ -44,6 +44,7 @@ def fuzz(
     chunk: int = 1,
     patience: int | None = PATIENCE,
     resume: int | None = None,
+    alone: bool = False,
     watch: Callable[[Tally], None] = lambda tally: None,
 ) -> Summary:
     """Run a strategy against a subject until the budget is spent or there is nothing more to roll out.
@@ -58,6 +59,7 @@ def fuzz(
         patience: proposals in a row without a rollout after which it stops; None for never.
         resume: a run that ended early, to go on with: a strategy as new is told again what the store has of
             it. What comes of it is what had come of it without the interruption.
+        alone: other runs of the store answer nothing: for comparisons, in which every run pays for itself.
         watch: hears of every new trial, and once of all that the store had.
 
     Raises:
@@ -66,7 +68,8 @@ def fuzz(
     run, spent = (corpus.begin(manifest), 0.0) if resume is None else (resume, corpus.reopen(resume))
     began = time.monotonic() - spent
     tally = Tally(run, manifest, stages)
-    campaign = _Campaign(tally, Past(corpus, run), space, strategy, executor, corpus, objective, chunk, watch)
+    past, own = Past(corpus, run), run if alone else None
+    campaign = _Campaign(tally, past, space, strategy, executor, corpus, objective, chunk, own, watch)
     status: Status = "failed"
     try:
         campaign.loop(patience)
@@ -91,6 +94,7 @@ class _Campaign:
     corpus: Corpus
     objective: Objective
     chunk: int
+    own: int | None  # the run whose answers alone are taken
     watch: Callable[[Tally], None]
 
     def loop(self, patience: int | None) -> None:
@@ -126,7 +130,7 @@ class _Campaign:
         for index, scene in enumerate(scenes):
             if scene.digest in outcomes or scene.digest in fresh:
                 continue
-            known = self.corpus.known(scene, self.tally.manifest.subject_key)
+            known = self.corpus.known(scene, self.tally.manifest.subject_key, self.own)
             if known is None:
                 fresh[scene.digest] = index
             else:

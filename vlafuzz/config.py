@@ -153,18 +153,26 @@ def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
     """Run it."""
     # The store first: whether it can be written shows at once, a simulator takes seconds.
     with Corpus.open(plan.store, "write") as corpus, closing(make_executor(plan)) as executor:
-        return campaign.fuzz(
-            manifest=plan.manifest,
-            stages=plan.task.stage_names,
-            space=plan.space,
-            strategy=plan.strategy,
-            executor=executor,
-            corpus=corpus,
-            meaningful=plan.meaningful,
-            patience=plan.patience,
-            resume=plan.resume,
-            watch=watch,
-        )
+        return fuzz(plan, corpus, executor, watch)
+
+
+def fuzz(
+    plan: Plan, corpus: Corpus, executor: Executor, watch: Callable[[Tally], None], *, alone: bool = False
+) -> Summary:
+    """Run it in an open store, with an executor that is there; see ``campaign.fuzz``."""
+    return campaign.fuzz(
+        manifest=plan.manifest,
+        stages=plan.task.stage_names,
+        space=plan.space,
+        strategy=plan.strategy,
+        executor=executor,
+        corpus=corpus,
+        meaningful=plan.meaningful,
+        patience=plan.patience,
+        resume=plan.resume,
+        alone=alone,
+        watch=watch,
+    )
 
 
 def make_executor(plan: Plan) -> Executor:

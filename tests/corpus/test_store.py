@@ -93,6 +93,23 @@ def test_what_is_known_comes_with_its_rollouts_also_after_a_duplicate(corpus: Co
     assert len(known.rollouts) == 1
 
 
+def test_one_may_ask_for_what_a_run_knows_by_itself(corpus: Corpus):
+    first, second = corpus.begin(manifest()), corpus.begin(manifest())
+    corpus.add(first, trial(0, passed()))
+    assert corpus.known(scene(x=0), KEY, second) is None
+    corpus.add(second, trial(0, failed()))
+    verdicts = [corpus.known(scene(x=0), KEY, each).verdict for each in (first, second, None)]
+    assert verdicts == [Verdict.PASSED, Verdict.FAILED, Verdict.FAILED]
+
+
+def test_a_stored_duplicate_has_the_rollouts_of_its_own_run_where_that_has_any(corpus: Corpus):
+    first, second = corpus.begin(manifest()), corpus.begin(manifest())
+    corpus.add(first, trial(0, passed(1)))
+    corpus.add(second, trial(0, passed(3)))
+    corpus.add(first, replace(trial(1, passed(), duplicate=True), scene=scene(x=0)))
+    assert [len(each.outcome.rollouts) for each in corpus.stored(first, 0, 2)] == [1, 1]
+
+
 def test_an_error_is_not_known_and_may_be_tried_again(corpus: Corpus):
     run = corpus.begin(manifest())
     corpus.add(run, trial(0, Outcome.error("no answer within 10 s")))

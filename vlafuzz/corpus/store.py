@@ -155,13 +155,14 @@ class Corpus:
 
         Outcomes are those that the strategy was told: a duplicate has the rollouts that it was answered with.
         """
-        answered = (
+        source = (
             "SELECT max(source.id) FROM trial AS source JOIN run ON run.id = source.run"
             " WHERE source.scene = trial.scene AND NOT source.duplicate AND source.id <= trial.id"
-            " AND subject_key = (SELECT subject_key FROM run WHERE id = trial.run)"
         )
+        own = f"{source} AND source.run = trial.run"
+        other = f"{source} AND subject_key = (SELECT subject_key FROM run WHERE id = trial.run)"
         query = (
-            f"SELECT trial.*, json, iif(duplicate, ({answered}), id) AS origin FROM trial"
+            f"SELECT trial.*, json, iif(duplicate, coalesce(({own}), ({other})), id) AS origin FROM trial"
             " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
         )
         found = self._select(query, run, first, first + size)
@@ -190,16 +191,21 @@ class Corpus:
         found = self._select("SELECT * FROM triage ORDER BY rowid")
         return [rows.to_triaged(row, self._scene) for row in found]
 
-    def known(self, scene: Scene, subject_key: str) -> Outcome | None:
-        """The outcome of that scene under that key, from any run; None when it is to be (re)tried.
+    def known(self, scene: Scene, subject_key: str, run: int | None = None) -> Outcome | None:
+        """The outcome of that scene under that key; None when it is to be (re)tried.
 
         An ERROR says nothing of the scene and is not known. Actions come back for failing rollouts only.
+
+        Args:
+            run: only what this run rolled out itself; by default from any run.
         """
+        own = () if run is None else (run,)
         query = (
             "SELECT trial.* FROM trial JOIN run ON run.id = run WHERE scene = ? AND subject_key = ?"
+            f"{' AND run.id = ?' * len(own)}"
             " AND NOT duplicate AND verdict != 'error' ORDER BY trial.id DESC LIMIT 1"
         )
-        for row in self._select(query, scene.digest, subject_key):
+        for row in self._select(query, scene.digest, subject_key, *own):
             return rows.to_outcome(row, self._rollouts(row["id"]))
         return None
 
