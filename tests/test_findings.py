@@ -1,5 +1,6 @@
 """What triage makes of a store's findings, with a subject whose faults are planted."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from vlafuzz.corpus.harvest import harvest
 from vlafuzz.corpus.records import Triaged, Trial
 from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import SimulatorError
 from vlafuzz.findings import Progress, triage
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
@@ -192,3 +194,32 @@ def test_an_empty_harvest_has_no_medians(tmp_path: Path):
     with Corpus.open(tmp_path / "b.db", "write") as corpus:
         got = harvest(corpus)
     assert (got.triaged, got.deviating_before, got.shrink_rollouts) == (0, None, None)
+
+
+def tilted(run) -> PlantedDesk:
+    return PlantedDesk([TILTED])
+
+
+def dying(run) -> PlantedDesk:
+    os._exit(9)
+
+
+def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
+    made = []
+    for workers in (1, 2):
+        with Corpus.open(tmp_path / f"{workers}.db", "write") as corpus:
+            run = corpus.begin(manifest())
+            for proposal, scene in enumerate(scenes([TILTED], 4)):
+                corpus.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=f"{proposal}"))
+            assert triage(corpus, tilted, workers=workers) == 0
+            made.append({each.scene.digest: (each.bucket, each.shrunk) for each in corpus.triaged()})
+    assert made[0] == made[1]
+    assert len(made[0]) == 4
+
+
+def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
+    corpus = store(scenes([TILTED], 2))
+    with pytest.raises(SimulatorError, match="a worker died; what is done is stored"):
+        triage(corpus, dying, workers=2)
+    assert triage(corpus, tilted) == 0
+    assert len(corpus.triaged()) == 2

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
+from multiprocessing import get_context
 from typing import NamedTuple, Protocol
 
 from vlafuzz.corpus.records import Finding, Run, Triaged
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.errors import SceneError
+from vlafuzz.errors import SceneError, SimulatorError
 from vlafuzz.evidence import Actions, signature
+from vlafuzz.execute.threads import single_threaded
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
@@ -72,6 +77,7 @@ def triage(
     *,
     max_rollouts: int = MAX_ROLLOUTS,
     limit: int | None = None,
+    workers: int = 1,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> int:
     """Work on every finding that was not triaged yet; each is stored as soon as it is done.
@@ -79,34 +85,80 @@ def triage(
     With a limit, one finding of every cell comes before the second of any: more of them are other bugs.
 
     Args:
-        desk: makes what the findings of a run are worked on with.
+        desk: makes what the findings of a run are worked on with; picklable where there are several workers.
         max_rollouts: of the subject, to shrink and attribute one finding.
         limit: most findings to work on.
+        workers: processes that work on them; 1 for this one alone.
         watch: hears of every step.
 
     Returns:
         How many could not be judged, as the subject broke or the scene is no longer fair: they stay as they
         are, and are tried again the next time.
+
+    Raises:
+        SimulatorError: a worker died.
     """
     done = {(each.scene.digest, each.subject_key) for each in corpus.triaged()}
     ordered = _cells_first(corpus.findings())
     todo = [each for each in ordered if (each.scene.digest, each.subject_key) not in done][:limit]
+    todo.sort(key=lambda finding: finding.run)
     runs = {run.id: run for run in corpus.runs()}
-    unjudged, number, rollouts = 0, 0, 0
+    jobs = [(runs[finding.run], finding) for finding in todo]
+    work = (
+        partial(_alone, desk, max_rollouts) if workers == 1 else partial(_crew, desk, max_rollouts, workers)
+    )
+    unjudged, rollouts = 0, 0
     watch(Progress(0, len(todo), 0))
-    for run, findings in groupby(sorted(todo, key=lambda finding: finding.run), lambda each: each.run):
-        with closing(desk(runs[run])) as tools:
-            triager = _Triager(tools, max_rollouts)
-            for finding in findings:
-                triaged = triager.triage(finding)
-                if triaged is None:
-                    unjudged += 1
-                else:
-                    corpus.settle(triaged)
-                    rollouts += triaged.subject_rollouts + triaged.expert_rollouts
-                number += 1
-                watch(Progress(number, len(todo), rollouts))
+    for number, triaged in enumerate(work(jobs), start=1):
+        if triaged is None:
+            unjudged += 1
+        else:
+            corpus.settle(triaged)
+            rollouts += triaged.subject_rollouts + triaged.expert_rollouts
+        watch(Progress(number, len(todo), rollouts))
     return unjudged
+
+
+Jobs = Sequence[tuple[Run, Finding]]
+
+
+def _alone(desk: Callable[[Run], Desk], max_rollouts: int, jobs: Jobs) -> Iterator[Triaged | None]:
+    """In this process, run by run."""
+    for run, findings in groupby(jobs, lambda job: job[0]):
+        with closing(desk(run)) as tools:
+            triager = _Triager(tools, max_rollouts)
+            for _, finding in findings:
+                yield triager.triage(finding)
+
+
+def _crew(
+    desk: Callable[[Run], Desk], max_rollouts: int, workers: int, jobs: Jobs
+) -> Iterator[Triaged | None]:
+    """In several processes, in the order in which they are done."""
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    try:
+        with single_threaded():
+            done = [pool.submit(_work, desk, max_rollouts, run, finding) for run, finding in jobs]
+        for each in as_completed(done):
+            yield each.result()
+    except BrokenProcessPool:
+        told = "a worker died; what is done is stored"
+        raise SimulatorError(told, hint="go on with the same command, or with fewer --workers") from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+_triagers: dict[int, _Triager] = {}  # of a worker process, by run
+
+
+def _work(desk: Callable[[Run], Desk], max_rollouts: int, run: Run, finding: Finding) -> Triaged | None:
+    """One finding, in a worker process, with the tools of the one before where they serve."""
+    if run.id not in _triagers:
+        for each in _triagers.values():
+            each.desk.close()
+        _triagers.clear()
+        _triagers[run.id] = _Triager(desk(run), max_rollouts)
+    return _triagers[run.id].triage(finding)
 
 
 def _cells_first(findings: Sequence[Finding]) -> list[Finding]:

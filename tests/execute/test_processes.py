@@ -89,7 +89,7 @@ def executor() -> Iterator[Callable[..., ProcessExecutor]]:
 TROUBLES = {
     "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
     "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
-    "hung": (hang, {"timeout": 1.5}, "worker: no answer within 2 s, 2 times"),
+    "hung": (hang, {"timeout": 3.0}, "worker: no answer within 3 s, 2 times"),
     "greedy": (gorge, {"memory": 300 * 2**20}, "worker: held more than 0.3 GiB of memory, 2 times"),
 }
 

@@ -28,6 +28,7 @@ def command(
     limit: Annotated[
         int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
     ] = None,
+    workers: Annotated[int, typer.Option(help="Processes that work on findings.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
@@ -35,21 +36,21 @@ def command(
     Every finding is confirmed, solved by the expert, shrunk to the operators that it takes, and attributed to
     them. Findings that were triaged before are left as they are.
     """
-    for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit)):
+    for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit), ("--workers", workers)):
         if value is not None and value < 1:
             raise UsageError(f"{name}: expected at least 1, got {value}", hint=f"give {name} 1 or more")
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
-    found = triage_store(store, max_rollouts, limit, show=not json)
+    found = triage_store(store, max_rollouts, limit, workers, show=not json)
     if json:
         print_json(found)
 
 
 def triage_store(
-    store: Path, max_rollouts: int = 100, limit: int | None = None, *, show: bool
+    store: Path, max_rollouts: int = 100, limit: int | None = None, workers: int = 1, *, show: bool
 ) -> dict[str, Any]:
     """Triage what is left to triage in a store; what it then holds, as JSON, and as tables if so wished."""
-    found, unjudged = _triage(store, max_rollouts, limit)
+    found, unjudged = _triage(store, max_rollouts, limit, workers)
     if show:
         _print(found)
     if unjudged:
@@ -58,7 +59,7 @@ def triage_store(
     return asdict(found) | {"unjudged": unjudged}
 
 
-def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest, int]:
+def _triage(store: Path, max_rollouts: int, limit: int | None, workers: int) -> tuple[Harvest, int]:
     """Do it, with a bar: what the store then holds, and how many findings could not be judged."""
     from vlafuzz.corpus.harvest import harvest
     from vlafuzz.corpus.store import Corpus
@@ -78,6 +79,7 @@ def _triage(store: Path, max_rollouts: int, limit: int | None) -> tuple[Harvest,
                     partial(make_desk, store),
                     max_rollouts=max_rollouts,
                     limit=limit,
+                    workers=workers,
                     watch=watch,
                 )
             except KeyboardInterrupt:

@@ -15,6 +15,7 @@ from typing import Any
 
 from vlafuzz.errors import VlafuzzError
 from vlafuzz.execute.local import evaluate_safely
+from vlafuzz.execute.threads import single_threaded
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
@@ -22,7 +23,6 @@ from vlafuzz.sim.base import Evaluator
 TRIES = 2  # of a batch, in different processes, before it is an ERROR
 TIMEOUT = 300.0  # seconds that a scene may take
 LOOK = 0.5  # seconds between two looks at time and memory
-_SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 
 
 @dataclass
@@ -41,7 +41,8 @@ class ProcessExecutor:
     Args:
         make: makes a worker's evaluator, in the worker; picklable.
         workers: number of processes.
-        timeout: seconds that a scene may take before its worker is killed.
+        timeout: seconds that a scene may take before its worker is killed; the first one of a worker with the
+            start of its simulator.
         memory: bytes that a worker may hold; None for its share of four fifths of the machine's.
     """
 
@@ -97,6 +98,9 @@ class ProcessExecutor:
         except (EOFError, OSError):
             yield from self._replace(worker, worker.cause_of_death(), again)
             return
+        if answer is None:
+            worker.up()
+            return
         if isinstance(answer, BaseException):
             raise answer
         batch, worker.batch = worker.batch, None
@@ -123,15 +127,11 @@ class _Worker:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(make, theirs), daemon=True)
-        before = {name: os.environ.get(name) for name in _SINGLE}
-        os.environ.update(_SINGLE)  # libraries read them when they are imported, before any code of ours
-        try:
+        with single_threaded():
             self._process.start()
-        finally:
-            _restore(before)
         theirs.close()
         self.batch: _Batch | None = None
-        self._began = 0.0
+        self._up, self._began = False, 0.0
 
     def begin(self, batch: _Batch) -> None:
         """Send it; when nobody is there to read, ``recv`` will tell."""
@@ -140,10 +140,14 @@ class _Worker:
         with suppress(OSError):
             self.pipe.send(list(batch.scenes))
 
+    def up(self) -> None:
+        """It has started: from now on, time counts."""
+        self._up, self._began = True, time.monotonic()
+
     def trouble(self, timeout: float, memory: int) -> str | None:
         """Why it is of no use any more, in words."""
         assert self.batch is not None
-        allowed = timeout * max(len(self.batch.scenes), 1)
+        allowed = timeout * max(len(self.batch.scenes), 1) if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             return f"no answer within {allowed:.0f} s"
         if _resident(self._process.pid) > memory:
@@ -169,6 +173,7 @@ def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
     """A worker's life: scenes in, outcomes out, until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, who ends the workers
     evaluator: Evaluator | None = None
+    pipe.send(None)
     while True:
         try:
             scenes = pipe.recv()
@@ -189,14 +194,6 @@ def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
 
 def _next(todo: Iterator[tuple[int, Sequence[Scene]]]) -> _Batch | None:
     return next((_Batch(tag, scenes) for tag, scenes in todo), None)
-
-
-def _restore(before: dict[str, str | None]) -> None:
-    for name, value in before.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
-            os.environ[name] = value
 
 
 def _resident(pid: int | None) -> int:
