@@ -9,6 +9,7 @@ from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory
 from vlafuzz.search.base import Source, Strategy
 from vlafuzz.search.feedback import Feedback
+from vlafuzz.search.mcts import Mcts
 from vlafuzz.search.own import Own
 from vlafuzz.search.random import Random
 
@@ -38,6 +39,13 @@ def _map_elites(space: Source, seed: int, budget: int | None) -> Strategy:
     from vlafuzz.search.map_elites import MapElites  # pyribs takes a second to import
 
     return MapElites(space, seed, budget)
+
+
+def _art_rf(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Of fresh scenes, those far from all before that a random forest predicts to fail: after FATE-VLA."""
+    from vlafuzz.search.art_rf import ArtRf
+
+    return ArtRf(space, seed, budget)
 
 
 def _surrogate(space: Source, seed: int, budget: int | None) -> Strategy:
@@ -74,6 +82,8 @@ STRATEGIES: dict[str, Factory] = {
     "nsga2d": _nsga2d,
     "feedback": Feedback,
     "map-elites": _map_elites,
+    "art-rf": _art_rf,
+    "mcts": Mcts,
     "surrogate": _surrogate,
     "surrogate-without-forest": _without_forest,
     "surrogate-without-novelty": _without_novelty,
