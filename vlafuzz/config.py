@@ -28,6 +28,7 @@ from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, strategy_factory
+from vlafuzz.search.selection import Selection
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.subjects.base import Subject
@@ -57,6 +58,7 @@ class RunConfig:
         operators: a file of ranges, or the name of a shipped one; None for tabletop.
         vary: operators that vary; none for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
+        pool: a file of scenes from which the strategy chooses, each of them once at most.
         store: None for ``runs/<task>-<subject>-<strategy>-<seed>.db``.
         workers: processes that evaluate scenes; 1 for this one alone.
     """
@@ -73,6 +75,7 @@ class RunConfig:
     operators: str | None = None
     vary: tuple[str, ...] = ()
     scenes: Path | None = None
+    pool: Path | None = None
     store: Path | None = None
     workers: int = 1
     command: str = ""
@@ -105,20 +108,21 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     """
     _check_numbers(config)
     subject_name = config.subject or default_subject()
-    scenes = load_scenes(config.scenes) if config.scenes else []
+    scenes = _scenes(config)
     task = _task(config, scenes)
     strategy_name = _strategy_name(config)
-    factory = None if scenes else strategy_factory(strategy_name)
+    factory = None if config.scenes else strategy_factory(strategy_name)
     check_subject_name(subject_name)
     space = SearchSpace(operators or _operators(config), load_catalogue(), task.name)
-    budget = config.budget or (len(scenes) * config.repeats if scenes else BUDGET)
+    budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
+    strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     subject = make_subject(subject_name)
     return Plan(
         manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         meaningful=space.meaningful,
-        strategy=factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes)),
+        strategy=Selection(strategy, space, scenes) if config.pool else strategy,
         subject=subject,
         store=config.store or default_store(task.name, subject_name, strategy_name, config.seed),
         patience=None if scenes else campaign.PATIENCE,  # a file of scenes ends by itself, fair or not
@@ -136,14 +140,14 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         UsageError: no stored run fits, several do, or it cannot be gone on with here.
     """
     asked = RunConfig(**flags)
-    task = _task(asked, load_scenes(asked.scenes) if asked.scenes else [])
+    task = _task(asked, _scenes(asked))
     strategy = _strategy_name(asked)
     store = asked.store or default_store(task.name, asked.subject or default_subject(), strategy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in _STORED}
-    known = RunConfig(**stored, scenes=asked.scenes, store=store, workers=asked.workers)
+    known = RunConfig(**stored, scenes=asked.scenes, pool=asked.pool, store=store, workers=asked.workers)
     made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
@@ -167,7 +171,7 @@ def fuzz(
         strategy=plan.strategy,
         executor=executor,
         corpus=corpus,
-        meaningful=plan.meaningful,
+        meaningful=None if alone else plan.meaningful,  # who compares counts for himself
         patience=plan.patience,
         resume=plan.resume,
         alone=alone,
@@ -234,12 +238,20 @@ def _check_numbers(config: RunConfig) -> None:
         raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
 
 
+def _scenes(config: RunConfig) -> list[Scene]:
+    """Those of a file, to run or to choose from; none for generated ones."""
+    if config.scenes and config.pool:
+        raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
+    path = config.scenes or config.pool
+    return load_scenes(path) if path else []
+
+
 def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     wanted = config.task or (scenes[0].task if scenes else "pick-up")
     for number, scene in enumerate(scenes, start=1):
         if scene.task != wanted:
             raise SceneError(
-                f"{config.scenes}: scene {number} is of task {scene.task!r}, not {wanted!r}",
+                f"{config.scenes or config.pool}: scene {number} is of task {scene.task!r}, not {wanted!r}",
                 hint="a run has one task: split the file, or give --task",
             )
     return find_task(wanted)
@@ -250,7 +262,8 @@ def _strategy_name(config: RunConfig) -> str:
         return config.strategy or "random"
     if config.strategy not in (None, POOL):
         raise UsageError(
-            f"--scenes: strategy {config.strategy!r} makes its own scenes", hint="leave one of the two out"
+            f"--scenes: strategy {config.strategy!r} makes its own scenes",
+            hint="--pool lets it choose from the file",
         )
     return POOL
 

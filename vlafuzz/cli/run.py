@@ -48,6 +48,9 @@ def command(
     scenes: Annotated[
         Path | None, typer.Option(help="Run the scenes of this file, each of them once.")
     ] = None,
+    pool: Annotated[
+        Path | None, typer.Option(help="The strategy chooses from the scenes of this file.")
+    ] = None,
     store: Annotated[
         Path | None,
         typer.Option(help="Where to keep it; an existing store gets one run more.", show_default="runs/….db"),
@@ -102,6 +105,7 @@ def command(
         "operators": operators,
         "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
         "scenes": scenes,
+        "pool": pool,
         "store": store,
         "workers": workers,
     }

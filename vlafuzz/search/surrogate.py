@@ -74,6 +74,10 @@ class Surrogate:
         judged = []
         for proposal, score in zip(proposals, scores, strict=True):
             candidate = self._out.pop(proposal.id)
+            if candidate.genome is not proposal.genome:  # a scene near it was rolled out: see Selection
+                self._tried -= Counter([candidate.site])
+                candidate = self._breeder.candidate(proposal.genome)
+                self._tried += Counter([candidate.site])
             if not score.failed:
                 self._tried -= Counter([candidate.site])
             if score.rolled_out:

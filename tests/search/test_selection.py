@@ -1,0 +1,96 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.search.test_surrogate import dark
+from tests.search.worlds import sampled, space
+from vlafuzz.config import RunConfig, plan
+from vlafuzz.errors import UsageError
+from vlafuzz.scene import Scene, write_scenes
+from vlafuzz.scoring import Score
+from vlafuzz.search.base import Proposal, about
+from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.search.selection import Selection
+
+
+class Wishes:
+    """Wants these scenes, and remembers what it is told."""
+
+    def __init__(self, *scenes: Scene) -> None:
+        self.scenes, self.asked, self.told = list(scenes), 0, []
+
+    def ask(self, n: int) -> list[Proposal]:
+        first, self.asked = self.asked, self.asked + n
+        wanted = self.scenes[first : self.asked]
+        return [Proposal(number, space().encode(scene)) for number, scene in enumerate(wanted, first)]
+
+    def tell(self, proposals: list[Proposal], scores: list[Score]) -> None:
+        self.told += [space().decode(proposal.genome) for proposal in proposals]
+
+
+def indices(proposals: list[Proposal]) -> list[int]:
+    return [int(proposal.genome[0]) for proposal in proposals]
+
+
+def brighter(scene: Scene) -> Scene:
+    """The same scene with a little more light: nearest to it, but not on the grid."""
+    return replace(scene, light=replace(scene.light, intensity=scene.light.intensity * 1.0001))
+
+
+def test_it_takes_the_nearest_scene_that_is_not_used_yet():
+    pool = sampled(20)
+    selection = Selection(Wishes(pool[3], pool[3], pool[7]), space(), pool)
+    first, second, third = indices(selection.ask(3))
+    points = np.array([space().meaningful(scene) for scene in pool])
+    distances = np.linalg.norm(points - points[3], axis=1)
+    assert (first, third) == (3, 7)
+    assert second == np.argsort(distances)[1]
+
+
+def test_the_strategy_is_told_of_what_was_taken():
+    pool, wishes = sampled(20), Wishes(*sampled(40)[30:])
+    selection = Selection(wishes, space(), pool)
+    asked = selection.ask(5)
+    selection.tell(asked, [dark(wish) for wish in Wishes(*pool[:5]).ask(5)])
+    assert wishes.told == [pool[index] for index in indices(asked)]
+
+
+def test_of_a_scene_that_no_genome_has_it_is_told_its_own_proposal():
+    scene = sampled(1)[0]
+    wishes = Wishes(scene)
+    selection = Selection(wishes, space(), [brighter(scene)])
+    asked = selection.ask(1)
+    selection.tell(asked, [dark(Proposal(0, space().encode(scene)))])
+    assert wishes.told == [scene]
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_every_strategy_chooses_each_scene_of_a_pool_once_and_ends(name: str):
+    pool = sampled(40)
+    selection = Selection(STRATEGIES[name](space(), 0, 40), space(), pool)
+    taken = []
+    while asked := selection.ask(16):
+        selection.tell(asked, [dark(Wishes(pool[index]).ask(1)[0]) for index in indices(asked)])
+        taken += indices(asked)
+    assert sorted(taken) == list(range(40))
+
+
+def test_it_says_how_large_the_pool_is():
+    assert about(Selection(Wishes(), space(), sampled(3))) == "from a pool of 3"
+
+
+def test_a_run_chooses_from_a_file(tmp_path: Path):
+    pool = sampled(30)
+    write_scenes(tmp_path / "pool.jsonl", pool)
+    made = plan(RunConfig(pool=tmp_path / "pool.jsonl", strategy="feedback", subject="frozen", budget=20))
+    asked = made.strategy.ask(16)
+    assert len({made.space.decode(proposal.genome) for proposal in asked} & set(pool)) == 16
+    assert (made.manifest.strategy, made.manifest.budget) == ("feedback", 20)
+
+
+def test_a_file_is_run_in_order_or_chosen_from_but_not_both(tmp_path: Path):
+    write_scenes(tmp_path / "pool.jsonl", sampled(3))
+    with pytest.raises(UsageError, match="--scenes and --pool"):
+        plan(RunConfig(pool=tmp_path / "pool.jsonl", scenes=tmp_path / "pool.jsonl", subject="frozen"))
