@@ -10,7 +10,8 @@ from vlafuzz.corpus.records import Manifest, Trial
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.scoring import Score
-from vlafuzz.search.base import Genome, Proposal
+from vlafuzz.search.base import Genome, Proposal, Source, Strategy
+from vlafuzz.search.random import Random
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
 
 STAGES = ("grasp", "lift", "success")
@@ -177,3 +178,8 @@ def trial(proposal: int, outcome: Outcome, *, duplicate: bool = False) -> Trial:
     place = "grasp|light|x0y0" if outcome.verdict is Verdict.FAILED else None
     genome = np.array([0.1, 0.9])
     return Trial(proposal, scene(x=proposal / 1000), outcome, 0.5, genome, place, duplicate)
+
+
+def make_random_again(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Random under another name: it proposes the same scenes."""
+    return Random(space, seed, budget)

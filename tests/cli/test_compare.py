@@ -1,0 +1,211 @@
+"""``vlafuzz compare``: with real spaces and strategies, without a simulator."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm, Raising
+from tests.triage.desks import PlantedDesk
+from vlafuzz import config, desk
+from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.outcome import Outcome
+
+IDLE = ("--subject", "python:tests.doubles:make_idle")
+SMALL = (*IDLE, "--strategies", "random,feedback", "--budget", "12", "--repeats", "2", "--seed", "3")
+HERE = ("--store", "a.db", "--out", "out")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """In the dark the subject fails; the expert solves what is left of the table's middle."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(
+        desk, "SimulatorDesk", lambda *_: PlantedDesk([], solvable=lambda scene: scene.targets[0].y > 0)
+    )
+    return tmp_path
+
+
+def compare(*flags: str, code: int = 0) -> None:
+    assert main(["compare", *SMALL, *HERE, *flags]) == code
+
+
+def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
+    with Corpus.open(Path(store)) as corpus:
+        return [(run.manifest.strategy, run.manifest.seed, run.status) for run in corpus.runs()]
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *flags: str) -> str:
+    capsys.readouterr()
+    assert main(["compare", *SMALL, *HERE, *flags]) == 2
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
+    return shown[0]
+
+
+def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store():
+    compare()
+    assert [each[:2] for each in runs()] == [
+        ("random", 3), ("feedback", 3), ("random", 4), ("feedback", 4),
+    ]  # fmt: skip
+
+
+def test_every_run_pays_for_its_own_rollouts(capsys: pytest.CaptureFixture[str]):
+    compare("--strategies", "random,python:tests.doubles:make_random_again", "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert [each["rollouts"] for each in found["runs"]] == [12] * 4
+    failures = [each["failures"] for each in found["runs"]]
+    assert failures[:2] == failures[2:]  # the same scenes were proposed
+
+
+def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Path):
+    compare("--json")
+    found = json.loads(capsys.readouterr().out)
+    assert (found["budget"], found["repeats"], found["seeds"], found["reference"]) == (
+        12,
+        2,
+        [3, 4],
+        "random",
+    )
+    standing = found["standings"][1]
+    assert standing["strategy"] == "feedback"
+    assert standing["figures"]["cells"]["median"] > 0
+    assert standing["solvable"]["of"] == standing["failures"]
+    assert {pair["measure"] for pair in found["against"]} >= {"cells", "failures", "cid", "qd_score"}
+    assert json.loads((folder / "out/compare.json").read_text()) == found
+
+
+def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFixture[str]):
+    compare()
+    assert "2 repeats are too few to tell, p is never below 0.33; 4 could" in capsys.readouterr().out
+
+
+def test_plots_and_tables_are_in_the_folder(folder: Path, capsys: pytest.CaptureFixture[str]):
+    compare()
+    assert {path.name for path in (folder / "out").iterdir()} == {
+        "compare.json", "compare.md", "runs.csv", "curves.png", "figures.png", "witnesses.jsonl",
+    }  # fmt: skip
+    assert (folder / "out/curves.png").read_bytes().startswith(b"\x89PNG")
+    assert "written to out: curves.png, figures.png" in capsys.readouterr().err
+
+
+def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):
+    compare("--csv")
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [row["strategy"] for row in rows] == ["random", "feedback"]
+    assert float(rows[0]["cells_median"]) > 0
+
+
+def test_markdown_can_be_pasted(capsys: pytest.CaptureFixture[str]):
+    compare("--markdown")
+    shown = capsys.readouterr().out
+    assert "| strategy | failures | cells |" in shown
+    assert "- feedback: distinct cells beside random: 2 repeats are too few to tell" in shown
+
+
+def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    compare("--json")
+    first = capsys.readouterr().out
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
+    monkeypatch.setattr(desk, "SimulatorDesk", None)
+    compare("--json")
+    assert capsys.readouterr().out == first
+
+
+def test_more_repeats_and_strategies_only_add_runs():
+    compare("--repeats", "1")
+    compare("--strategies", "feedback,nsga2,random")
+    assert [each[:2] for each in runs()] == [
+        ("random", 3), ("feedback", 3), ("nsga2", 3), ("feedback", 4), ("nsga2", 4), ("random", 4),
+    ]  # fmt: skip
+
+
+class Stopping(ClosedForm):
+    """Ctrl-C in the 15th scene, counted over all runs."""
+
+    left = 15
+
+    def outcome(self, scene) -> Outcome:  # type: ignore[no-untyped-def]
+        Stopping.left -= 1
+        if Stopping.left < 0:
+            raise KeyboardInterrupt
+        return super().outcome(scene)
+
+
+def test_the_same_command_goes_on_after_an_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    compare("--store", "whole.db", "--json")
+    whole = json.loads(capsys.readouterr().out)
+    with monkeypatch.context() as patched:
+        patched.setattr(Stopping, "left", 20)
+        patched.setattr(config, "make_evaluator", lambda *_: Stopping())
+        compare(code=130)
+    assert "hint: the same command goes on" in capsys.readouterr().err
+    assert [status for *_, status in runs()] == ["finished", "interrupted"]
+    compare("--json")
+    found = json.loads(capsys.readouterr().out)
+    assert [each[:2] for each in runs()] == [each[:2] for each in runs("whole.db")]
+    for each in (*whole["runs"], *found["runs"]):
+        del each["seconds"]
+    assert found["runs"] == whole["runs"]
+    assert found["curves"] == whole["curves"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--budget", "13"), "a.db: run 1 is of other conditions: budget 12, not 13"),
+        (("--task", "put-on"), "a.db: run 1 is of other conditions: task pick-up, not put-on"),
+        (("--vary", "light"), "other operators, or other ranges"),
+    ],
+)
+def test_a_store_with_runs_of_other_conditions_is_refused(
+    capsys: pytest.CaptureFixture[str], flags: tuple[str, ...], says: str
+):
+    compare("--repeats", "1")
+    assert says in complaint(capsys, *flags)
+    assert len(runs()) == 2
+
+
+def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str]):
+    for _ in range(2):
+        args = ("--budget", "12", "--seed", "3", "--store", "a.db")
+        assert main(["run", *IDLE, "--strategy", "random", *args]) == 0
+        assert main(["run", *IDLE, "--strategy", "python:tests.doubles:make_random_again", *args]) == 0
+    told = complaint(
+        capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1"
+    )
+    assert "run 2 was answered" in told
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--strategies", "random,radnom"), "unknown strategy 'radnom'"),
+        (("--strategies", "random,random"), "--strategies: 'random' is there twice"),
+        (("--strategies", ","), "--strategies: expected names, got ','"),
+        (("--repeats", "0"), "--repeats: expected at least 1, got 0"),
+        (("--solvable", "-1"), "--solvable: expected at least 0, got -1"),
+        (("--budget", "0"), "--budget: expected at least 1, got 0"),
+        (("--seed", "-1"), "--seed: expected at least 0, got -1"),
+        (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
+        (("--task", "pick_up"), "unknown task 'pick_up'"),
+        (("--subject", "pinhol"), "unknown subject 'pinhol'"),
+        (("--json", "--csv"), "--json, --csv and --markdown exclude each other"),
+    ],
+)
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
+    capsys: pytest.CaptureFixture[str], folder: Path, flags: tuple[str, ...], says: str
+):
+    assert says in complaint(capsys, *flags)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_subject_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
+    assert "no scene could be judged: ConnectionError: refused" in complaint(capsys)

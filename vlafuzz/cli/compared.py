@@ -1,0 +1,140 @@
+"""How ``vlafuzz compare`` shows a comparison: tables for a terminal, markdown, CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from vlafuzz.cli.output import Row, print_rows, stdout
+from vlafuzz.compare.compare import SPREAD, Comparison, Spread, Standing
+
+_FOUND = {
+    "failures": "failures",
+    "cells": "cells",
+    "coverage": "of all cells",
+    "cid": "CID",
+    "qd_score": "QD-score",
+    "sparseness": "sparseness",
+    "severity": "severity",
+    "first_failure": "to 1st failure",
+    "tenth_failure": "to 10th",
+}
+_COST = {
+    "rollouts": "rollouts",
+    "valid_share": "valid share",
+    "rejected": "rejected",
+    "seconds": "seconds",
+    "rollout_seconds": "in rollouts",
+}
+_SHARES = ("coverage", "valid_share")
+_NOTE = (
+    "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
+    "less is better; to 1st, to 10th: rollouts"
+)
+
+
+def tables(compared: Comparison) -> dict[str, list[Row]]:
+    """Rows by title."""
+    shared = f"{compared.task}, {compared.subject}, {compared.budget} rollouts, {compared.repeats} repeats"
+    together = [
+        {
+            "strategy": each.strategy,
+            "failures": each.failures,
+            "cells": each.cells,
+            "of all cells": f"{each.coverage:.0%}" if each.coverage is not None else "–",
+            "found by no other": each.only,
+            "solvable": _solvable(each),
+        }
+        for each in compared.standings
+    ]
+    return {
+        f"found: {shared}": _rows(compared, _FOUND),
+        f"all repeats together: {compared.union_cells} cells": together,
+        "cost": _rows(compared, _COST),
+    }
+
+
+def sentences(compared: Comparison) -> list[str]:
+    """What the tests say of distinct cells and of failures, by strategy."""
+    return [
+        f"{pair.strategy}: {pair.verdict}"
+        for standing in compared.standings
+        for pair in compared.against
+        if pair.strategy == standing.strategy and pair.measure in ("cells", "failures")
+    ]
+
+
+def print_comparison(compared: Comparison) -> None:
+    """To look at."""
+    for title, rows in tables(compared).items():
+        print_rows(rows, title=title)
+    stdout().print(_NOTE, soft_wrap=True)
+    for sentence in sentences(compared):
+        stdout().print(sentence, soft_wrap=True)
+
+
+def markdown(compared: Comparison) -> str:
+    """To paste."""
+    parts = [f"**{title}**\n\n{_pipes(rows)}" for title, rows in tables(compared).items()]
+    said = "\n".join(f"- {sentence}" for sentence in sentences(compared))
+    return "\n\n".join([*parts, _NOTE, *([said] if said else [])]) + "\n"
+
+
+def csv_rows(compared: Comparison) -> list[Row]:
+    """A row a strategy: numbers, unrounded."""
+    return [_csv_row(each) for each in compared.standings]
+
+
+def write_runs(compared: Comparison, path: Path) -> None:
+    """A row a run."""
+    rows = [asdict(run) for run in compared.runs]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
+    return [
+        {"strategy": each.strategy}
+        | {says: _shown(each.figures[name], name) for name, says in columns.items()}
+        for each in compared.standings
+    ]
+
+
+def _shown(spread: Spread, name: str) -> str:
+    low, middle, high = (_number(value, name) for value in (spread.low, spread.median, spread.high))
+    return middle if low == middle == high else f"{middle} ({low}–{high})"
+
+
+def _number(value: float | None, name: str) -> str:
+    if value is None:
+        return "–"
+    if name in _SHARES:
+        return f"{value:.0%}"
+    return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
+
+
+def _solvable(each: Standing) -> str:
+    found = each.solvable
+    return "–" if found is None else f"{found.solved} of {found.of} ({found.low:.0%}–{found.high:.0%})"
+
+
+def _csv_row(each: Standing) -> Row:
+    row: Row = {"strategy": each.strategy}
+    for name in SPREAD:
+        row |= {f"{name}_{part}": getattr(each.figures[name], part) for part in ("median", "low", "high")}
+    together = {name: getattr(each, name) for name in ("failures", "cells", "coverage", "only")}
+    row |= {f"all_{name}": value for name, value in together.items()}
+    parts = ("solved", "of", "low", "high")
+    return row | {
+        f"solvable_{part}": getattr(each.solvable, part) if each.solvable else None for part in parts
+    }
+
+
+def _pipes(rows: Sequence[Row]) -> str:
+    head = [list(rows[0]), ["---"] * len(rows[0])]
+    lines = [*head, *([str(value) for value in row.values()] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

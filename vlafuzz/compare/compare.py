@@ -1,0 +1,165 @@
+"""compare: from the runs in a store to what a comparison says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from vlafuzz.compare.failures import Found, union
+from vlafuzz.compare.figures import Curve, Figures, curves, figures
+from vlafuzz.compare.verdicts import Pair, Runs, against, each_pair
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import wilson
+
+SPREAD = (
+    "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
+    "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
+)  # fmt: skip
+_NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A figure over the repeats: median and the middle half; None where most runs have none.
+
+    Attributes:
+        runs: that have it.
+    """
+
+    median: float | None
+    low: float | None
+    high: float | None
+    runs: int
+
+
+@dataclass(frozen=True)
+class Solvable:
+    """Of a sample of failures, those that the expert solves, with Wilson's 95 % interval."""
+
+    solved: int
+    of: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A strategy, over its repeats.
+
+    Attributes:
+        figures: by the name of a figure.
+        failures: distinct failing scenes, and ``cells`` distinct cells, of all repeats together.
+        coverage: of the cells in which any run of any strategy failed, in all repeats together.
+        only: cells that no other strategy found.
+        solvable: None where nothing was sampled.
+    """
+
+    strategy: str
+    figures: Mapping[str, Spread]
+    failures: int
+    cells: int
+    coverage: float | None
+    only: int
+    solvable: Solvable | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What ``vlafuzz compare`` says, the JSON of ``--json``."""
+
+    task: str
+    subject: str
+    budget: int
+    repeats: int
+    seeds: tuple[int, ...]
+    reference: str
+    union_cells: int
+    standings: tuple[Standing, ...]
+    against: tuple[Pair, ...]
+    pairs: tuple[Pair, ...]
+    curves: tuple[Curve, ...]
+    runs: tuple[Figures, ...]
+    store: str
+
+
+def compare(
+    found: Mapping[str, Sequence[Found]],
+    reference: str,
+    *,
+    store: str,
+    sampled: Mapping[str, Sequence[Scene]] | None = None,
+    solved: Mapping[str, bool] | None = None,
+) -> Comparison:
+    """All figures, curves and tests.
+
+    Args:
+        found: by strategy, its runs in the order of their seeds.
+        reference: the strategy that the others are set against.
+        sampled: by strategy, the failing scenes that the expert tried; ``solved`` what came of each.
+    """
+    all_runs = list(chain.from_iterable(found.values()))
+    reached = union(all_runs)
+    runs: Runs = {name: [figures(each, reached) for each in its] for name, its in found.items()}
+    manifest = all_runs[0].run.manifest
+    of = {name: {f.cell for each in its for f in each.failures} for name, its in found.items()}
+    shares = {name: _solvable(scenes, solved or {}) for name, scenes in (sampled or {}).items() if scenes}
+    return Comparison(
+        task=manifest.task,
+        subject=manifest.subject,
+        budget=manifest.budget,
+        repeats=len(found[reference]),
+        seeds=tuple(each.run.manifest.seed for each in found[reference]),
+        reference=reference,
+        union_cells=len(reached),
+        standings=tuple(
+            _standing(name, runs[name], its, of, len(reached), shares.get(name))
+            for name, its in found.items()
+        ),
+        against=tuple(against(runs, reference)),
+        pairs=tuple(each_pair(runs)),
+        curves=tuple(chain.from_iterable(curves(name, its, manifest.budget) for name, its in found.items())),
+        runs=tuple(chain.from_iterable(runs.values())),
+        store=store,
+    )
+
+
+def _standing(
+    name: str,
+    runs: Sequence[Figures],
+    found: Sequence[Found],
+    cells: Mapping[str, set[str]],
+    reached: int,
+    solvable: Solvable | None,
+) -> Standing:
+    others = set[str]().union(*(its for other, its in cells.items() if other != name))
+    return Standing(
+        strategy=name,
+        figures={each: spread([getattr(run, each) for run in runs]) for each in SPREAD},
+        failures=len({failure.scene.digest for each in found for failure in each.failures}),
+        cells=len(cells[name]),
+        coverage=len(cells[name]) / reached if reached else None,
+        only=len(cells[name] - others),
+        solvable=solvable,
+    )
+
+
+def spread(values: Sequence[float | None]) -> Spread:
+    """Of what there is; a quantile that lies among runs which have none is None."""
+    known = [value for value in values if value is not None]
+    # Runs without a figure have none yet: rollouts to a failure that did not come are more than any number.
+    ranked = [*known, *([_NEVER] * (len(values) - len(known)))]
+    low, middle, high = np.percentile(ranked, [25, 50, 75])
+    return Spread(_known(middle), _known(low), _known(high), len(known))
+
+
+def _known(quantile: float) -> float | None:
+    return float(quantile) if quantile < math.sqrt(_NEVER) else None
+
+
+def _solvable(scenes: Sequence[Scene], solved: Mapping[str, bool]) -> Solvable:
+    count = sum(solved[scene.digest] for scene in scenes)
+    return Solvable(count, len(scenes), *wilson(count, len(scenes)))

@@ -1,0 +1,165 @@
+"""Figures of a run, and curves over its budget."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.compare.failures import Failure, Found
+
+POINTS = 50  # of a curve
+
+
+@dataclass(frozen=True)
+class Figures:
+    """A run in numbers. None where there is nothing to measure.
+
+    Attributes:
+        failures: distinct failing scenes.
+        cells: distinct cells in which they lie.
+        coverage: share of the cells in which any run of the comparison failed.
+        cid: see ``coverage_inverted_distance``: lower is better.
+        qd_score: see ``qd_score``.
+        sparseness: see ``sparseness``.
+        severity: mean over the failures.
+        first_failure: rollouts spent when the first was found, ``tenth_failure`` the tenth.
+        valid_share: of the proposals, those of fair scenes.
+        rejected: distinct scenes that are not fair.
+        seconds: wall time, ``rollout_seconds`` of the rollouts alone, added up over all processes.
+    """
+
+    run: int
+    strategy: str
+    seed: int
+    rollouts: int
+    failures: int
+    cells: int
+    coverage: float | None
+    cid: float | None
+    qd_score: float
+    sparseness: float | None
+    severity: float | None
+    first_failure: int | None
+    tenth_failure: int | None
+    proposals: int
+    valid_share: float | None
+    rejected: int
+    errors: int
+    seconds: float | None
+    rollout_seconds: float
+
+
+def figures(found: Found, union: Mapping[str, Failure]) -> Figures:
+    """The figures of a run.
+
+    Args:
+        union: by cell, the central failure of all runs: ``failures.union``.
+    """
+    failures = found.failures
+    cells = {failure.cell for failure in failures}
+    fair = found.judged + found.rejected
+    manifest = found.run.manifest
+    return Figures(
+        run=found.run.id,
+        strategy=manifest.strategy,
+        seed=manifest.seed,
+        rollouts=found.rollouts,
+        failures=len(failures),
+        cells=len(cells),
+        coverage=len(cells) / len(union) if union else None,
+        cid=coverage_inverted_distance(failures, list(union.values())),
+        qd_score=qd_score(failures),
+        sparseness=sparseness(failures),
+        severity=fmean(failure.severity for failure in failures) if failures else None,
+        first_failure=failures[0].spent if failures else None,
+        tenth_failure=failures[9].spent if len(failures) >= 10 else None,
+        proposals=found.proposals,
+        valid_share=found.judged / fair if fair else None,
+        rejected=found.rejected_scenes,
+        errors=found.errors,
+        seconds=found.run.seconds,
+        rollout_seconds=found.rollout_seconds,
+    )
+
+
+def coverage_inverted_distance(found: Sequence[Failure], reference: Sequence[Failure]) -> float | None:
+    """CID: the mean distance from each reference failure to the nearest one that was found.
+
+    Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20
+    and more genes ours is what all strategies together found. Distances are those of meaningful vectors: two
+    scenes that differ in one operator only are at most 1 apart.
+    """
+    if not found or not reference:
+        return None
+    from scipy.spatial.distance import cdist
+
+    return float(cdist(_points(reference), _points(found)).min(axis=1).mean())
+
+
+def qd_score(found: Sequence[Failure]) -> float:
+    """The sum over all cells of the quality of the best failure in it: Pugh, Soros, Stanley 2016.
+
+    <https://doi.org/10.3389/frobt.2016.00040>. What quality is, ``failures.quality`` says.
+    """
+    best: dict[str, float] = {}
+    for failure in found:
+        best[failure.cell] = max(failure.quality, best.get(failure.cell, 0.0))
+    return float(sum(best.values()))
+
+
+def sparseness(found: Sequence[Failure]) -> float | None:
+    """The mean distance of a failure to the nearest other one of the run; None with less than two."""
+    if len(found) < 2:
+        return None
+    from scipy.spatial import cKDTree
+
+    points = _points(found)
+    nearest, _ = cKDTree(points).query(points, k=2)
+    return float(nearest[:, 1].mean())
+
+
+def _points(failures: Sequence[Failure]) -> NDArray[np.float64]:
+    return np.stack([failure.vector for failure in failures])
+
+
+@dataclass(frozen=True)
+class Curve:
+    """How a count grows with the rollouts, over the repeats of a strategy: median, and the middle half."""
+
+    strategy: str
+    what: str
+    rollouts: tuple[int, ...]
+    median: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+def grid(budget: int) -> tuple[int, ...]:
+    """Where a curve has points: from nothing spent to the whole budget."""
+    return tuple(np.unique(np.linspace(0, budget, min(budget, POINTS) + 1).round().astype(int)).tolist())
+
+
+def curves(strategy: str, runs: Sequence[Found], budget: int) -> list[Curve]:
+    """Those of failures and of cells. A run that ended before its budget stays where it was."""
+    at = grid(budget)
+    failures = [[failure.spent for failure in each.failures] for each in runs]
+    cells = [sorted(_firsts(each.failures)) for each in runs]
+    return [_curve(strategy, what, at, spent) for what, spent in (("failures", failures), ("cells", cells))]
+
+
+def _firsts(failures: Sequence[Failure]) -> list[int]:
+    """When each cell was found."""
+    firsts: dict[str, int] = {}
+    for failure in failures:
+        firsts.setdefault(failure.cell, failure.spent)
+    return list(firsts.values())
+
+
+def _curve(strategy: str, what: str, at: tuple[int, ...], spent: Sequence[Sequence[int]]) -> Curve:
+    counts = np.stack([np.searchsorted(np.array(each), at, side="right") for each in spent])
+    low, middle, high = np.percentile(counts, [25, 50, 75], axis=0)
+    return Curve(strategy, what, at, tuple(middle.tolist()), tuple(low.tolist()), tuple(high.tolist()))

@@ -1,0 +1,129 @@
+"""Plots of a comparison, as PNG. matplotlib is imported when one is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vlafuzz.compare.compare import Comparison
+from vlafuzz.compare.figures import Curve
+
+# Okabe, Ito 2008: told apart with any colour vision. Dashes and markers tell as much on grey paper.
+_COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
+_DASHES = ("-", "--", "-.", ":")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_DPI = 150
+_BOXES = {
+    "cells": "distinct cells",
+    "failures": "failures",
+    "cid": "CID, lower is better",
+    "qd_score": "QD-score",
+}
+_CURVES = {"cells": "distinct cells", "failures": "distinct failing scenes"}
+
+
+def plot(compared: Comparison, folder: Path) -> list[Path]:
+    """Curves over the budget, and a box plot of the most telling figures; where they are."""
+    made = {"curves.png": _curves(compared), "figures.png": _boxes(compared)}
+    for name, figure in made.items():
+        figure.savefig(folder / name, dpi=_DPI)
+    return [folder / name for name in made]
+
+
+def _curves(compared: Comparison) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4.8), layout="constrained")
+    styles = _styles(compared)
+    for axes, (what, says) in zip(figure.subplots(1, 2), _CURVES.items(), strict=True):
+        for curve in compared.curves:
+            if curve.what == what:
+                _draw(axes, curve, styles[curve.strategy])
+        axes.set(xlabel="rollouts of the subject", ylabel=says, xlim=(0, compared.budget))
+        axes.set_ylim(bottom=0)
+        _plain(axes)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
+    figure.suptitle(f"{_title(compared)}: median and middle half of {_repeats(compared)}", fontsize=11)
+    return figure
+
+
+def _draw(axes: Any, curve: Curve, style: Mapping[str, str]) -> None:
+    axes.fill_between(curve.rollouts, curve.low, curve.high, color=style["color"], alpha=0.13, linewidth=0)
+    every = max(1, len(curve.rollouts) // 8)
+    axes.plot(
+        curve.rollouts,
+        curve.median,
+        color=style["color"],
+        linestyle=style["linestyle"],
+        marker=style["marker"],
+        markersize=4,
+        markevery=every,
+        linewidth=1.8,
+        label=curve.strategy,
+    )
+
+
+def _boxes(compared: Comparison) -> Any:
+    from matplotlib.figure import Figure
+
+    names = [standing.strategy for standing in compared.standings]
+    figure = Figure(figsize=(11, 1.8 + 2 * 0.42 * max(3, len(names))), layout="constrained")
+    grid = figure.subplots(2, 2, sharey=True)
+    for axes, (figure_name, says) in zip(grid.flat, _BOXES.items(), strict=True):
+        values = [_values(compared, name, figure_name) for name in names]
+        _boxes_of(axes, values, [_styles(compared)[name]["color"] for name in names])
+        axes.set(xlabel=says)
+        axes.set_yticks(range(1, len(names) + 1), names)
+        _plain(axes)
+    grid[0, 0].invert_yaxis()
+    figure.suptitle(f"{_title(compared)}, {compared.budget} rollouts: {_repeats(compared)}", fontsize=11)
+    return figure
+
+
+def _boxes_of(axes: Any, values: Sequence[Sequence[float]], colours: Sequence[str]) -> None:
+    """A box a strategy, and on it a dot a run: with few runs a box alone says too much."""
+    axes.boxplot(
+        values,
+        orientation="horizontal",
+        widths=0.55,
+        showfliers=False,
+        medianprops={"color": "black", "linewidth": 1.8},
+        boxprops={"color": "#777777"},
+        whiskerprops={"color": "#777777"},
+        capprops={"color": "#777777"},
+    )
+    for row, (its, colour) in enumerate(zip(values, colours, strict=True), start=1):
+        offsets = [0.12 * ((index % 3) - 1) for index in range(len(its))]
+        axes.scatter(its, [row + offset for offset in offsets], s=14, color=colour, alpha=0.8, zorder=3)
+
+
+def _values(compared: Comparison, strategy: str, name: str) -> list[float]:
+    values = [getattr(run, name) for run in compared.runs if run.strategy == strategy]
+    return [value for value in values if value is not None]
+
+
+def _styles(compared: Comparison) -> dict[str, dict[str, str]]:
+    return {
+        standing.strategy: {
+            "color": _COLOURS[number % len(_COLOURS)],
+            "linestyle": _DASHES[number % len(_DASHES)],
+            "marker": _MARKERS[number % len(_MARKERS)],
+        }
+        for number, standing in enumerate(compared.standings)
+    }
+
+
+def _plain(axes: Any) -> None:
+    axes.grid(color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _title(compared: Comparison) -> str:
+    return f"{compared.task}, {compared.subject}"
+
+
+def _repeats(compared: Comparison) -> str:
+    return f"{compared.repeats} runs a strategy" if compared.repeats > 1 else "one run a strategy"

@@ -1,0 +1,106 @@
+"""The runs of a comparison: which there are to be, which a store has, and how the others come about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+from vlafuzz.corpus.records import UNFINISHED, Manifest, Run
+from vlafuzz.errors import UsageError
+from vlafuzz.execute.base import Executor
+
+Planned = TypeVar("Planned")
+
+_ASKED = ("task", "subject", "budget", "batch", "repeats", "criteria", "stop_early", "min_distance")
+_OF_VERSION = ("spec", "catalogue_digest", "simulator", "commit")
+_ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
+
+
+class Job(NamedTuple):
+    """One run: the n-th of every strategy has the same seed."""
+
+    strategy: str
+    seed: int
+
+
+def jobs(strategies: Sequence[str], repeats: int, seed: int) -> list[Job]:
+    """All runs, one of every strategy before the second of any: cut short, they are balanced."""
+    return [Job(name, seed + number) for number in range(repeats) for name in strategies]
+
+
+def stored(path: Path, runs: Iterable[Run], wanted: Manifest, asked: Sequence[Job]) -> dict[Job, Run]:
+    """What a store has of a comparison: of each job a run that is over, else the newest that ended early.
+
+    Runs of other strategies and seeds may be there, too: they are left alone.
+
+    Args:
+        wanted: the manifest of any of its runs, as it would be made now.
+
+    Raises:
+        UsageError: the store has runs of other conditions, or what is there cannot be gone on with here.
+    """
+    found: dict[Job, Run] = {}
+    for run in runs:
+        _check_alike(path, run, wanted)
+        job = Job(run.manifest.strategy, run.manifest.seed)
+        if job in asked and (job not in found or found[job].status in UNFINISHED):
+            found[job] = run
+    _check_versions(path, list(found.values()), None if not todo(asked, found) else wanted)
+    return found
+
+
+def todo(asked: Sequence[Job], found: Mapping[Job, Run]) -> list[Job]:
+    """The jobs that are to be begun, or gone on with."""
+    return [job for job in asked if job not in found or found[job].status in UNFINISHED]
+
+
+def work_through(
+    missing: Sequence[Job],
+    plan: Callable[[Job], Planned],
+    executor: Callable[[Planned], Executor],
+    fuzz: Callable[[Planned, Executor], None],
+) -> None:
+    """Do all that is missing. Runs of one seed share an executor: no strategy decides over what it does.
+
+    Args:
+        plan: makes what is needed to begin a run, or to go on with it.
+        executor: makes what evaluates its scenes.
+        fuzz: runs it.
+    """
+    for _, group in groupby(missing, key=lambda job: job.seed):
+        first, *rest = group
+        planned = plan(first)
+        with closing(executor(planned)) as tools:
+            fuzz(planned, tools)
+            for job in rest:
+                fuzz(plan(job), tools)
+
+
+def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
+    for name in _ASKED:
+        was, now = getattr(run.manifest, name), getattr(wanted, name)
+        if was != now:
+            raise UsageError(
+                f"{path}: run {run.id} is of other conditions: {name} {was}, not {now}", hint=_ELSEWHERE
+            )
+    if run.manifest.operators_digest != wanted.operators_digest:
+        raise UsageError(
+            f"{path}: run {run.id} is of other conditions: other operators, or other ranges",
+            hint=_ELSEWHERE,
+        )
+
+
+def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> None:
+    """That one version made all of them; with ``here`` that it is this one, too."""
+    first = here or (runs[0].manifest if runs else None)
+    for run in runs:
+        for name in _OF_VERSION:
+            if getattr(run.manifest, name) != getattr(first, name):
+                whose = "than is here" if here else f"than run {runs[0].id}"
+                raise UsageError(
+                    f"{path}: run {run.id} was made by another version {whose}: its {name} differs",
+                    hint="runs of two versions do not compare: give another --store",
+                )

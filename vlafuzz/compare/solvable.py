@@ -1,0 +1,93 @@
+"""Which share of what a strategy finds can be solved at all: the expert on a sample of its failures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from itertools import zip_longest
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from vlafuzz.compare.failures import Failure, Found
+from vlafuzz.corpus.records import Manifest
+from vlafuzz.evidence import Actions
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.triage.witness import find_witness
+
+# What, beside the scene, decides over whether the expert solves it.
+_DECISIVE = ("criteria", "stop_early", "min_distance", "catalogue_digest", "simulator", "commit")
+
+
+class Solver(Protocol):
+    """A desk, as far as it is needed here: see ``findings.Desk``."""
+
+    def solve(self, scene: Scene, attempt: int) -> Outcome:
+        """One rollout of the expert, in its n-th attempt."""
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """What comes of it when the robot executes these actions."""
+
+
+def sample(runs: Sequence[Found], size: int) -> list[Scene]:
+    """At most so many failing scenes of one strategy: one of every run, then the second ones, and so on."""
+    shuffled = [_shuffled(each.failures, each.run.manifest.seed) for each in runs]
+    dealt = [failure for each in zip_longest(*shuffled) for failure in each if failure is not None]
+    return list(dict.fromkeys(failure.scene for failure in dealt))[:size]
+
+
+def _shuffled(failures: Sequence[Failure], seed: int) -> list[Failure]:
+    order = np.random.default_rng([seed, len(failures)]).permutation(len(failures))
+    return [failures[index] for index in order]
+
+
+class Witnesses:
+    """Whether the expert solves scenes, kept in a file so that no scene is tried twice.
+
+    Args:
+        path: of the file, JSON lines.
+        manifest: of any run of the comparison.
+    """
+
+    def __init__(self, path: Path, manifest: Manifest) -> None:
+        self._path = path
+        self._conditions = json.dumps([getattr(manifest, name) for name in _DECISIVE])
+        self._known: dict[str, bool] = {}
+        with suppress(FileNotFoundError):
+            for line in path.read_text(encoding="utf-8").splitlines():
+                self._take(line)
+
+    def missing(self, scenes: Sequence[Scene]) -> list[Scene]:
+        """Those that are to be tried, each once."""
+        return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self._known]
+
+    def find(self, scenes: Sequence[Scene], desk: Solver, watch: Callable[[int, int], None]) -> None:
+        """Try what is missing; each is kept as soon as it is done.
+
+        Args:
+            watch: hears how many are done of all.
+        """
+        todo = self.missing(scenes)
+        for done, scene in enumerate(todo):
+            watch(done, len(todo))
+            solved = find_witness(scene, desk.solve, desk.play).witness is not None
+            entry = {"scene": scene.digest, "solved": solved, "conditions": self._conditions}
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(entry) + "\n")
+            self._known[scene.digest] = solved
+
+    @property
+    def solved(self) -> Mapping[str, bool]:
+        """By digest, whether the expert solves it."""
+        return self._known
+
+    def _take(self, line: str) -> None:
+        try:
+            entry = json.loads(line)
+            if entry["conditions"] == self._conditions:
+                self._known[entry["scene"]] = bool(entry["solved"])
+        except (ValueError, KeyError, TypeError):  # the last line of a call that was killed
+            return

@@ -1,0 +1,160 @@
+"""Pairs of strategies, measure by measure: effect, interval, corrected p-value, and a sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from vlafuzz.compare.figures import Figures
+from vlafuzz.compare.statistics import (
+    a12,
+    holm,
+    mann_whitney,
+    ratio,
+    ratio_interval,
+    repeats_needed,
+    smallest_p,
+)
+
+ALPHA = 0.05
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A figure that says which of two strategies did better.
+
+    Attributes:
+        name: of the field of ``Figures``.
+        says: in words.
+        most: whether more of it is better.
+    """
+
+    name: str
+    says: str
+    most: bool
+
+
+MEASURES = (
+    Measure("cells", "distinct cells", most=True),
+    Measure("failures", "failures", most=True),
+    Measure("cid", "CID", most=False),
+    Measure("qd_score", "QD-score", most=True),
+    Measure("sparseness", "sparseness", most=True),
+    Measure("first_failure", "rollouts to the first failure", most=False),
+    Measure("tenth_failure", "rollouts to the tenth failure", most=False),
+)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One strategy beside another, in one measure.
+
+    Attributes:
+        ratio: of the means, ``low`` and ``high`` its 95 % interval; None where there is none.
+        a12: how often a run of ours has more of it than one of theirs, ties count half.
+        p: two-sided, Mann-Whitney; ``p_holm`` corrected over all pairs of the same measure in ``of``.
+        of: the family, ``reference`` (all against it) or ``all`` (every pair).
+        tells: whether so few repeats could have shown a difference at all.
+    """
+
+    strategy: str
+    other: str
+    measure: str
+    ratio: float | None
+    low: float | None
+    high: float | None
+    a12: float
+    p: float
+    p_holm: float
+    of: str
+    tells: bool
+    verdict: str
+
+
+Runs = Mapping[str, Sequence[Figures]]
+"""By strategy, its runs in the order of their seeds."""
+
+
+def against(runs: Runs, reference: str) -> list[Pair]:
+    """Every strategy against the reference."""
+    pairs = [(name, reference) for name in runs if name != reference]
+    return [pair for measure in MEASURES for pair in _family(runs, pairs, measure, "reference")]
+
+
+def each_pair(runs: Runs) -> list[Pair]:
+    """Every strategy against every other."""
+    pairs = [(ours, theirs) for theirs, ours in combinations(runs, 2)]
+    return [pair for measure in MEASURES for pair in _family(runs, pairs, measure, "all")]
+
+
+def _family(runs: Runs, pairs: Sequence[tuple[str, str]], measure: Measure, of: str) -> list[Pair]:
+    values = {name: [_value(each, measure) for each in figures] for name, figures in runs.items()}
+    p_values = [mann_whitney(values[ours], values[theirs]) for ours, theirs in pairs]
+    corrected = holm(p_values)
+    return [
+        _pair(names, [values[name] for name in names], measure, p, p_holm, of, len(pairs))
+        for names, p, p_holm in zip(pairs, p_values, corrected, strict=True)
+    ]
+
+
+def _value(figures: Figures, measure: Measure) -> float:
+    """None is worse than any number: a run without failures has no distance from them, nor a first one."""
+    value = getattr(figures, measure.name)
+    worst = -math.inf if measure.most else math.inf
+    return worst if value is None else float(value)
+
+
+def _pair(
+    names: tuple[str, str],
+    values: Sequence[Sequence[float]],
+    measure: Measure,
+    p: float,
+    p_holm: float,
+    of: str,
+    tests: int,
+) -> Pair:
+    ours, theirs = values
+    interval = ratio_interval(ours, theirs)
+    tells = tests * smallest_p(len(ours), len(theirs)) <= ALPHA
+    pair = Pair(
+        *names,
+        measure.name,
+        ratio(ours, theirs),
+        interval.low if interval else None,
+        interval.high if interval else None,
+        a12(ours, theirs),
+        p,
+        p_holm,
+        of,
+        tells,
+        "",
+    )
+    return Pair(**{**pair.__dict__, "verdict": _sentence(pair, measure, len(ours), tests)})
+
+
+def _sentence(pair: Pair, measure: Measure, repeats: int, tests: int) -> str:
+    numbers = f"{_times(pair)}A12 {pair.a12:.2f}, p {_shown(pair.p_holm)}"
+    numbers += " after Holm" if tests > 1 else ""
+    if not pair.tells:
+        least = _shown(min(1.0, tests * smallest_p(repeats, repeats)))
+        need = repeats_needed(tests, ALPHA)
+        few = f"{repeats} repeats are too few to tell, p is never below {least}; {need} could"
+        return f"{measure.says} beside {pair.other}: {few} ({_times(pair)}A12 {pair.a12:.2f})"
+    if pair.p_holm > ALPHA:
+        return f"no difference shown from {pair.other} in {measure.says}: {numbers}"
+    more = pair.a12 > 0.5
+    kind = "" if more == measure.most else ", which is worse"
+    return f"{'more' if more else 'fewer'} {measure.says} than {pair.other}: {numbers}{kind}"
+
+
+def _times(pair: Pair) -> str:
+    if pair.ratio is None:
+        return ""
+    interval = "no bound" if pair.low is None else f"{pair.low:.2g} to {pair.high:.2g}"
+    return f"{pair.ratio:.2g}x ({interval}), "
+
+
+def _shown(p: float) -> str:
+    return "below 0.0001" if p < 0.0001 else f"{p:.2g}"
