@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+
+from tests.doubles import manifest, scene
+from vlafuzz.compare.compare import spread
+from vlafuzz.compare.failures import Failure, Found, quality, union
+from vlafuzz.compare.figures import (
+    coverage_inverted_distance,
+    curves,
+    figures,
+    grid,
+    qd_score,
+    sparseness,
+)
+from vlafuzz.corpus.records import Run
+
+
+def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Failure:
+    return Failure(scene(x=x), cell, 1.0, worth, spent, np.array([x, 0.0]))
+
+
+def found(*failures: Failure, **counts: int) -> Found:
+    run = Run(1, manifest(strategy="mine", seed=4), "finished", "", seconds=9.0)
+    return Found(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
+
+
+def test_a_failure_in_the_nominal_scene_before_anything_was_achieved_is_worth_one():
+    assert quality(0.0, 0.0, 10) == 1.0
+    assert quality(5.0, 0.5, 10) == 0.5
+    assert quality(12.0, 1.0, 10) == 0.0
+
+
+def test_qd_score_is_the_best_of_every_cell_added_up():
+    assert qd_score([failure(0, "a", worth=0.2), failure(1, "a", worth=0.6), failure(2, "b")]) == 1.1
+    assert qd_score([]) == 0.0
+
+
+def test_cid_is_the_mean_distance_from_what_there_is_to_the_nearest_that_was_found():
+    reference = [failure(0.0), failure(3.0), failure(10.0)]
+    assert coverage_inverted_distance([failure(0.0), failure(9.0)], reference) == pytest.approx(4 / 3)
+    assert coverage_inverted_distance(reference, reference) == 0.0
+    assert coverage_inverted_distance([], reference) is None
+
+
+def test_sparseness_is_the_mean_distance_to_the_nearest_other_failure():
+    assert sparseness([failure(0.0), failure(1.0), failure(5.0)]) == pytest.approx((1 + 1 + 4) / 3)
+    assert sparseness([failure(0.0)]) is None
+
+
+def test_of_every_cell_the_union_has_the_most_central_failure():
+    runs = [found(failure(0.0), failure(0.4, "b")), found(failure(0.1), failure(0.5))]
+    central = union(runs)
+    assert {cell: each.vector[0] for cell, each in central.items()} == {"a": 0.1, "b": 0.4}
+
+
+def test_the_figures_of_a_run_are_those_that_one_counts_by_hand():
+    failures = [failure(0.01 * number, "ab"[number % 2], spent=number + 3) for number in range(10)]
+    told = figures(
+        found(*failures, rejected=5, rejected_scenes=4), union([found(*failures, failure(0.2, "c"))])
+    )
+    assert (told.strategy, told.seed, told.failures, told.cells) == ("mine", 4, 10, 2)
+    assert (told.first_failure, told.tenth_failure) == (3, 12)
+    assert (told.coverage, told.valid_share, told.rejected) == (pytest.approx(2 / 3), 0.8, 4)
+
+
+def test_a_run_without_failures_has_no_distances():
+    told = figures(found(), {})
+    assert (told.cid, told.sparseness, told.severity, told.first_failure) == (None, None, None, None)
+    assert (told.coverage, told.qd_score) == (None, 0.0)
+
+
+def test_a_curve_goes_from_nothing_to_the_whole_budget_over_the_repeats():
+    runs = [found(failure(0.1, "a", 1), failure(0.2, "a", 2)), found(failure(0.3, "b", 4))]
+    failures, cells = curves("mine", runs, 4)
+    assert failures.rollouts == (0, 1, 2, 3, 4)
+    assert failures.median == (0, 0.5, 1, 1, 1.5)
+    assert cells.median == (0, 0.5, 0.5, 0.5, 1)
+    assert (cells.low[2], cells.high[2]) == (0.25, 0.75)
+
+
+def test_a_grid_has_no_more_points_than_rollouts():
+    assert grid(3) == (0, 1, 2, 3)
+    assert (len(grid(300)), grid(300)[-1]) == (51, 300)
+
+
+def test_what_most_runs_have_none_of_has_no_median():
+    assert spread([1, 2, None]).median == 2.0
+    assert spread([1, 2, None]).high is None
+    assert spread([1, None, None]) == spread([5, None, None])

@@ -1,0 +1,49 @@
+import json
+from pathlib import Path
+
+import numpy as np
+
+from tests.doubles import manifest, scene
+from tests.triage.desks import PlantedDesk
+from vlafuzz.compare.failures import Failure, Found
+from vlafuzz.compare.solvable import Witnesses, sample
+from vlafuzz.corpus.records import Run
+
+SCENES = [scene(x=number / 100) for number in range(6)]
+
+
+def found(seed: int, *xs: int) -> Found:
+    failures = tuple(Failure(SCENES[x], "a", 1.0, 0.5, 1, np.zeros(1)) for x in xs)
+    return Found(Run(seed, manifest(seed=seed), "finished", ""), failures=failures)
+
+
+def desk(solvable: int = 3) -> PlantedDesk:
+    return PlantedDesk([], solvable=lambda scene: scene.targets[0].x * 100 < solvable)
+
+
+def test_a_sample_takes_from_every_run_and_no_scene_twice():
+    runs = [found(0, 0, 1, 2, 3), found(1, 4), found(2)]
+    assert SCENES[4] in sample(runs, 2)
+    assert sorted(sample(runs, 50), key=lambda each: each.targets[0].x) == SCENES[:5]
+    assert len(sample([found(0, 0, 1), found(1, 0, 1)], 50)) == 2
+    assert sample(runs, 3) == sample(runs, 3)
+
+
+def test_what_the_expert_solves_is_kept_and_not_tried_again(tmp_path: Path):
+    witnesses = Witnesses(tmp_path / "w.jsonl", manifest())
+    witnesses.find([*SCENES[2:4], SCENES[2]], desk(), lambda done, of: None)
+    again = Witnesses(tmp_path / "w.jsonl", manifest())
+    assert again.solved == {SCENES[2].digest: True, SCENES[3].digest: False}
+    assert again.missing(SCENES[2:5]) == [SCENES[4]]
+
+
+def test_under_other_conditions_it_is_tried_again(tmp_path: Path):
+    Witnesses(tmp_path / "w.jsonl", manifest()).find(SCENES[:1], desk(), lambda done, of: None)
+    assert Witnesses(tmp_path / "w.jsonl", manifest(criteria="published")).missing(SCENES[:1]) == SCENES[:1]
+
+
+def test_a_line_that_was_cut_short_is_passed_over(tmp_path: Path):
+    path = tmp_path / "w.jsonl"
+    Witnesses(path, manifest()).find(SCENES[:2], desk(), lambda done, of: None)
+    path.write_text(path.read_text()[:-20] + "\n" + json.dumps([1]) + "\n")
+    assert Witnesses(path, manifest()).missing(SCENES[:2]) == SCENES[1:2]
