@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vlafuzz.compare.compare import Comparison
 from vlafuzz.compare.figures import Curve
 
@@ -16,9 +18,9 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _DPI = 150
 _BOXES = {
     "cells": "distinct cells",
-    "failures": "failures",
-    "cid": "CID, lower is better",
-    "qd_score": "QD-score",
+    "failures": "distinct failing scenes",
+    "cid": "CID (mean distance, less is better)",
+    "qd_score": "QD-score (sum of qualities in [0, 1])",
 }
 _CURVES = {"cells": "distinct cells", "failures": "distinct failing scenes"}
 
@@ -61,6 +63,7 @@ def _draw(axes: Any, curve: Curve, style: Mapping[str, str]) -> None:
         markersize=4,
         markevery=every,
         linewidth=1.8,
+        clip_on=False,
         label=curve.strategy,
     )
 
@@ -78,25 +81,22 @@ def _boxes(compared: Comparison) -> Any:
         axes.set_yticks(range(1, len(names) + 1), names)
         _plain(axes)
     grid[0, 0].invert_yaxis()
-    figure.suptitle(f"{_title(compared)}, {compared.budget} rollouts: {_repeats(compared)}", fontsize=11)
+    told = f"{compared.budget} rollouts, {_repeats(compared)} (dots), their median and middle half (box)"
+    figure.suptitle(f"{_title(compared)}: {told}", fontsize=11)
     return figure
 
 
 def _boxes_of(axes: Any, values: Sequence[Sequence[float]], colours: Sequence[str]) -> None:
     """A box a strategy, and on it a dot a run: with few runs a box alone says too much."""
-    axes.boxplot(
-        values,
-        orientation="horizontal",
-        widths=0.55,
-        showfliers=False,
-        medianprops={"color": "black", "linewidth": 1.8},
-        boxprops={"color": "#777777"},
-        whiskerprops={"color": "#777777"},
-        capprops={"color": "#777777"},
-    )
     for row, (its, colour) in enumerate(zip(values, colours, strict=True), start=1):
+        if not its:
+            continue
+        low, middle, high = np.percentile(its, [25, 50, 75])
+        axes.plot([min(its), max(its)], [row, row], color="#777777", linewidth=1)
+        axes.barh(row, high - low, left=low, height=0.55, color="white", edgecolor="#777777", zorder=2)
+        axes.plot([middle, middle], [row - 0.275, row + 0.275], color="black", linewidth=1.8, zorder=3)
         offsets = [0.12 * ((index % 3) - 1) for index in range(len(its))]
-        axes.scatter(its, [row + offset for offset in offsets], s=14, color=colour, alpha=0.8, zorder=3)
+        axes.scatter(its, [row + offset for offset in offsets], s=14, color=colour, alpha=0.8, zorder=4)
 
 
 def _values(compared: Comparison, strategy: str, name: str) -> list[float]:
