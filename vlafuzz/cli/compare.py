@@ -201,16 +201,16 @@ def _run(
 
 def _solve(store: Path, run: Run, sampled: dict[str, list[Scene]], folder: Path) -> dict[str, bool]:
     """Whether the expert solves the sampled failures, with a bar."""
-    from vlafuzz.cli.triage import make_desk
+    from vlafuzz import desk
     from vlafuzz.compare.solvable import Witnesses
 
     manifest: Manifest = run.manifest
     scenes = [scene for its in sampled.values() for scene in its]
     witnesses = Witnesses(folder / "witnesses.jsonl", manifest)
     if witnesses.missing(scenes):
-        with closing(make_desk(store, run)) as desk, progress() as bar:
+        with closing(desk.SimulatorDesk(store, manifest)) as tools, progress() as bar:
             task = bar.add_task("failures tried by the expert", total=None)
-            witnesses.find(scenes, desk, lambda done, of: bar.update(task, completed=done, total=of))
+            witnesses.find(scenes, tools, lambda done, of: bar.update(task, completed=done, total=of))
     return dict(witnesses.solved)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from vlafuzz.compare.figures import Figures
@@ -131,7 +131,7 @@ def _pair(
         tells,
         "",
     )
-    return Pair(**{**pair.__dict__, "verdict": _sentence(pair, measure, len(ours), tests)})
+    return replace(pair, verdict=_sentence(pair, measure, len(ours), tests))
 
 
 def _sentence(pair: Pair, measure: Measure, repeats: int, tests: int) -> str:
