@@ -118,7 +118,9 @@ def command(
     beside, said = _beside_random(summary), about(prepared.strategy)
     if not json:
         print_summary(summary, beside, said)
-    harvest = triaging.triage_store(Path(summary.store), show=not json) if triage else None
+    harvest = (
+        triaging.triage_store(Path(summary.store), workers=workers or 1, show=not json) if triage else None
+    )
     if json:
         found = {"about": said, "random": asdict(beside) if beside else None}
         print_json(asdict(summary) | found | ({"triage": harvest} if harvest else {}))
