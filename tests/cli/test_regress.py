@@ -92,14 +92,14 @@ def test_other_conditions_than_the_corpus_are_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     class Newer(RuleDesk):
-        changed = ("spec", "commit")
+        changed = ("spec", "simulator", "commit")
         renderer = "another"
 
     monkeypatch.setattr(desk, "SimulatorDesk", lambda _, run, name: Newer(RULES[name], run))
     regress("idle")
-    assert "than the corpus: its spec, commit, renderer differ" in capsys.readouterr().err
+    assert "than the corpus: its spec, simulator, renderer differ" in capsys.readouterr().err
     regress("expert")
-    assert "than the corpus: its commit, renderer differ" in capsys.readouterr().err
+    assert "than the corpus: its simulator, renderer differ" in capsys.readouterr().err
 
 
 def test_junit_is_written(capsys: pytest.CaptureFixture[str]):

@@ -133,8 +133,9 @@ def _rerun(corpus: Path, bundle: Bundle, subject: str) -> Rerun:
 
     def make(run: Manifest) -> SimulatorDesk:
         made = desk.SimulatorDesk(corpus, run, subject)
-        own = subject == run.subject  # of another subject it is no news that its spec is another
-        changed.update(dict.fromkeys(name for name in made.changed if name != "spec" or own))
+        # That a corpus is older than this commit is no news, nor that another subject's spec is another.
+        known = {"commit"} | ({"spec"} if subject != run.subject else set())
+        changed.update(dict.fromkeys(name for name in made.changed if name not in known))
         if made.renderer is not None and bundle.renderer not in (None, made.renderer):
             changed["renderer"] = None
         return made
