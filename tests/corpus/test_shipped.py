@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.corpus.bundle import Bundle
-from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.corpus.folder import is_bundle, read_bundle
 from vlafuzz.desk import SimulatorDesk
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
@@ -30,6 +30,16 @@ def test_each_has_twenty_distinct_failures_with_all_proofs(shipped: tuple[Path, 
         assert case.thumbnail
         assert set(case.counterparts) == set(case.operators)
         assert len(case.operators) > 0
+
+
+def test_each_is_found_by_its_name_alone(
+    shipped: tuple[Path, Bundle], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folder, bundle = shipped
+    monkeypatch.chdir(tmp_path)
+    assert is_bundle(Path(folder.name))
+    assert [case.scene for case in read_bundle(Path(folder.name)).cases] == [c.scene for c in bundle.cases]
+    assert not is_bundle(Path("elsewhere") / folder.name)
 
 
 def test_their_scenes_are_fair(shipped: tuple[Path, Bundle]):

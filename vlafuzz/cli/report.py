@@ -47,11 +47,12 @@ def command(
 
 
 def _view(source: Path) -> View:
-    from vlafuzz.corpus.folder import read_bundle
+    from vlafuzz.corpus.folder import locate, read_bundle
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.report.exported import view_of_bundle
     from vlafuzz.report.store import view_of_store
 
+    source = locate(source)
     if source.is_dir():
         return view_of_bundle(source, read_bundle(source))
     if not source.is_file():

@@ -19,6 +19,7 @@ from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Causes, Witness
 from vlafuzz.rig import rig
 from vlafuzz.scene import Scene, load_scenes, write_scenes
+from vlafuzz.shipped import corpus_dir
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -150,8 +151,14 @@ def _row(case: Case) -> _Row:
 
 
 def is_bundle(folder: Path) -> bool:
-    """Whether a path looks like an exported corpus."""
-    return (folder / MANIFEST).is_file()
+    """Whether a path, or the name of a shipped corpus, looks like an exported one."""
+    return (locate(folder) / MANIFEST).is_file()
+
+
+def locate(folder: Path) -> Path:
+    """A name such as ``mini-pick-up`` is that of a shipped corpus, unless there is such a folder here."""
+    shipped = corpus_dir() / folder.name
+    return shipped if folder == Path(folder.name) and not folder.exists() and shipped.is_dir() else folder
 
 
 def read_bundle(folder: Path) -> Bundle:
@@ -161,6 +168,7 @@ def read_bundle(folder: Path) -> Bundle:
         CorpusError: it is none, is of a newer schema, or something in it is missing or was changed; the
             message names the file.
     """
+    folder = locate(folder)
     manifest = _read_manifest(folder / MANIFEST)
     try:
         shown = {scene.digest: scene for scene in load_scenes(folder / SCENES)}

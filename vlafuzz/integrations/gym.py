@@ -1,6 +1,6 @@
 """A corpus as a gymnasium environment: its scenes one after the other, without the search.
 
-``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="corpus/mini-pick-up")``
+``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     -1 closed). Five steps a second, for 16 s. The reward is what was gained in progress; success terminates.
 
     Args:
-        corpus: folder that `vlafuzz export --minimal` wrote.
+        corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
         size: of a picture, pixels; 0 for none, which needs no renderer.
 
     Raises:
