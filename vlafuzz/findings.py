@@ -75,6 +75,7 @@ def triage(
     corpus: Corpus,
     desk: Callable[[Run], Desk],
     *,
+    findings: Sequence[Finding] | None = None,
     max_rollouts: int = MAX_ROLLOUTS,
     limit: int | None = None,
     workers: int = 1,
@@ -86,6 +87,7 @@ def triage(
 
     Args:
         desk: makes what the findings of a run are worked on with; picklable where there are several workers.
+        findings: to work on; by default all of the store.
         max_rollouts: of the subject, to shrink and attribute one finding.
         limit: most findings to work on.
         workers: processes that work on them; 1 for this one alone.
@@ -99,7 +101,7 @@ def triage(
         SimulatorError: a worker died.
     """
     done = {(each.scene.digest, each.subject_key) for each in corpus.triaged()}
-    ordered = _cells_first(corpus.findings())
+    ordered = _cells_first(corpus.findings() if findings is None else findings)
     todo = [each for each in ordered if (each.scene.digest, each.subject_key) not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     runs = {run.id: run for run in corpus.runs()}

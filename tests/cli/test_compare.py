@@ -116,6 +116,55 @@ def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], mon
     assert capsys.readouterr().out == first
 
 
+def in_the_dark(*_: object) -> PlantedDesk:
+    """The subject that the runs had, with an expert that solves all scenes."""
+    return PlantedDesk([lambda scene: scene.light.intensity < 0.5])
+
+
+def test_a_sample_is_triaged_when_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(desk, "SimulatorDesk", in_the_dark)
+    compare("--triage-sample", "2")
+    shown = capsys.readouterr().out
+    assert "2 of 2 (34%–100%)" in shown
+    assert "1 of 2 triaged" in shown
+    monkeypatch.setattr(desk, "SimulatorDesk", None)
+    compare("--triage-sample", "2", "--json")
+    found = json.loads(capsys.readouterr().out)["standings"][1]["evidence"]
+    assert (found["triaged"], found["confirmed"], found["minimal"], found["signatures"]) == (2, 2, 2, 1)
+    compare("--triage-sample", "2", "--csv")
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [row["evidence_signatures"] for row in rows] == ["1", "1"]
+    compare("--triage-sample", "2", "--markdown")
+    assert "| strategy | confirmed | witnessed | minimal | distinct signatures |" in capsys.readouterr().out
+
+
+def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.MonkeyPatch):
+    made: list[PlantedDesk] = []
+
+    def make(*_: object) -> PlantedDesk:
+        made.append(in_the_dark())
+        return made[-1]
+
+    monkeypatch.setattr(desk, "SimulatorDesk", make)
+    compare("--triage-sample", "1")
+    with Corpus.open(Path("a.db")) as corpus:
+        first = len(corpus.triaged())
+    compare("--triage-sample", "3")
+    with Corpus.open(Path("a.db")) as corpus:
+        assert len(corpus.triaged()) > first > 0
+        assert len(corpus.triaged()) == sum(each.renewed for each in made)  # none of them twice
+
+
+def test_nothing_is_triaged_by_default(capsys: pytest.CaptureFixture[str]):
+    compare("--json")
+    found = json.loads(capsys.readouterr().out)
+    assert [each["evidence"] for each in found["standings"]] == [None, None]
+    compare()
+    assert "signatures" not in capsys.readouterr().out
+
+
 def test_more_repeats_and_strategies_only_add_runs():
     compare("--repeats", "1")
     compare("--strategies", "feedback,nsga2,random")
@@ -191,6 +240,8 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
         (("--strategies", ","), "--strategies: expected names, got ','"),
         (("--repeats", "0"), "--repeats: expected at least 1, got 0"),
         (("--solvable", "-1"), "--solvable: expected at least 0, got -1"),
+        (("--triage-sample", "-1"), "--triage-sample: expected at least 0, got -1"),
+        (("--triage-sample", "51"), "--triage-sample: 51 of the 50 failures of --solvable"),
         (("--budget", "0"), "--budget: expected at least 1, got 0"),
         (("--seed", "-1"), "--seed: expected at least 0, got -1"),
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),

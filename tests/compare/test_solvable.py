@@ -6,7 +6,7 @@ import numpy as np
 from tests.doubles import manifest, scene
 from tests.triage.desks import PlantedDesk
 from vlafuzz.compare.failures import Failure, Found
-from vlafuzz.compare.solvable import Witnesses, sample
+from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
 from vlafuzz.corpus.records import Run
 
 SCENES = [scene(x=number / 100) for number in range(6)]
@@ -23,8 +23,8 @@ def desk(solvable: int = 3) -> PlantedDesk:
 
 def test_a_sample_takes_from_every_run_and_no_scene_twice():
     runs = [found(0, 0, 1, 2, 3), found(1, 4), found(2)]
-    assert SCENES[4] in sample(runs, 2)
-    assert sorted(sample(runs, 50), key=lambda each: each.targets[0].x) == SCENES[:5]
+    assert Sampled(SCENES[4], run=1) in sample(runs, 2)
+    assert sorted((each.scene for each in sample(runs, 50)), key=lambda each: each.targets[0].x) == SCENES[:5]
     assert len(sample([found(0, 0, 1), found(1, 0, 1)], 50)) == 2
     assert sample(runs, 3) == sample(runs, 3)
 
@@ -47,3 +47,11 @@ def test_a_line_that_was_cut_short_is_passed_over(tmp_path: Path):
     Witnesses(path, manifest()).find(SCENES[:2], desk(), lambda done, of: None)
     path.write_text(path.read_text()[:-20] + "\n" + json.dumps([1]) + "\n")
     assert Witnesses(path, manifest()).missing(SCENES[:2]) == SCENES[1:2]
+
+
+def test_the_share_is_of_what_was_sampled():
+    sampled = [Sampled(each, run=1) for each in SCENES[:4]]
+    told = solvable(sampled, {each.digest: each != SCENES[0] for each in SCENES})
+    assert told is not None
+    assert (told.solved, told.of) == (3, 4)
+    assert solvable([], {}) is None

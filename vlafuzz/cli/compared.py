@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 
 from vlafuzz.cli.output import Row, print_rows, stdout
 from vlafuzz.compare.compare import SPREAD, Comparison, Spread, Standing
+from vlafuzz.compare.evidence import Evidence
 
 _FOUND = {
     "failures": "failures",
@@ -28,6 +29,7 @@ _COST = {
     "seconds": "seconds",
     "rollout_seconds": "in rollouts",
 }
+_EVIDENCE = ("confirmed", "witnessed", "minimal", "distinct signatures")
 _SHARES = ("coverage", "valid_share")
 _NOTE = (
     "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
@@ -49,9 +51,11 @@ def tables(compared: Comparison) -> dict[str, list[Row]]:
         }
         for each in compared.standings
     ]
+    triaged = [_evidence(each) for each in compared.standings]
     return {
         f"found: {shared}": _rows(compared, _FOUND),
         f"all repeats together: {compared.union_cells} cells": together,
+        **({"of the failures that the expert tried, triaged": triaged} if _triaged(compared) else {}),
         "cost": _rows(compared, _COST),
     }
 
@@ -122,6 +126,20 @@ def _solvable(each: Standing) -> str:
     return "–" if found is None else f"{found.solved} of {found.of} ({found.low:.0%}–{found.high:.0%})"
 
 
+def _triaged(compared: Comparison) -> bool:
+    return any(each.evidence for each in compared.standings)
+
+
+def _evidence(each: Standing) -> Row:
+    found = each.evidence
+    if found is None:
+        return {"strategy": each.strategy} | dict.fromkeys(_EVIDENCE, "–")
+    confirmed = f"{found.confirmed} of {found.triaged} ({found.low:.0%}–{found.high:.0%})"
+    signatures = f"{found.signatures} of {found.triaged} triaged"
+    values = (confirmed, found.witnessed, found.minimal, signatures)
+    return {"strategy": each.strategy} | dict(zip(_EVIDENCE, values, strict=True))
+
+
 def _csv_row(each: Standing) -> Row:
     row: Row = {"strategy": each.strategy}
     for name in SPREAD:
@@ -129,8 +147,9 @@ def _csv_row(each: Standing) -> Row:
     together = {name: getattr(each, name) for name in ("failures", "cells", "coverage", "only")}
     row |= {f"all_{name}": value for name, value in together.items()}
     parts = ("solved", "of", "low", "high")
+    row |= {f"solvable_{part}": getattr(each.solvable, part, None) for part in parts}
     return row | {
-        f"solvable_{part}": getattr(each.solvable, part) if each.solvable else None for part in parts
+        f"evidence_{part.name}": getattr(each.evidence, part.name, None) for part in fields(Evidence)
     }
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
+from vlafuzz.compare.evidence import Evidence
 from vlafuzz.compare.failures import Found, union
 from vlafuzz.compare.figures import Curve, Figures, curves, figures
+from vlafuzz.compare.solvable import Solvable
 from vlafuzz.compare.verdicts import Pair, Runs, against, each_pair
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import wilson
 
 SPREAD = (
     "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
@@ -37,16 +37,6 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Solvable:
-    """Of a sample of failures, those that the expert solves, with Wilson's 95 % interval."""
-
-    solved: int
-    of: int
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
 class Standing:
     """A strategy, over its repeats.
 
@@ -55,7 +45,7 @@ class Standing:
         failures: distinct failing scenes, and ``cells`` distinct cells, of all repeats together.
         coverage: of the cells in which any run of any strategy failed, in all repeats together.
         only: cells that no other strategy found.
-        solvable: None where nothing was sampled.
+        solvable: None where nothing was sampled, ``evidence`` where nothing was triaged.
     """
 
     strategy: str
@@ -65,6 +55,7 @@ class Standing:
     coverage: float | None
     only: int
     solvable: Solvable | None
+    evidence: Evidence | None
 
 
 @dataclass(frozen=True)
@@ -91,22 +82,22 @@ def compare(
     reference: str,
     *,
     store: str,
-    sampled: Mapping[str, Sequence[Scene]] | None = None,
-    solved: Mapping[str, bool] | None = None,
+    solvable: Mapping[str, Solvable | None] | None = None,
+    evidence: Mapping[str, Evidence | None] | None = None,
 ) -> Comparison:
     """All figures, curves and tests.
 
     Args:
         found: by strategy, its runs in the order of their seeds.
         reference: the strategy that the others are set against.
-        sampled: by strategy, the failing scenes that the expert tried; ``solved`` what came of each.
+        solvable: by strategy, what came of the failures that the expert tried.
+        evidence: by strategy, what came of those that were triaged.
     """
     all_runs = list(chain.from_iterable(found.values()))
     reached = union(all_runs)
     runs: Runs = {name: [figures(each, reached) for each in its] for name, its in found.items()}
     manifest = all_runs[0].run.manifest
     of = {name: {f.cell for each in its for f in each.failures} for name, its in found.items()}
-    shares = {name: _solvable(scenes, solved or {}) for name, scenes in (sampled or {}).items() if scenes}
     return Comparison(
         task=manifest.task,
         subject=manifest.subject,
@@ -116,7 +107,11 @@ def compare(
         reference=reference,
         union_cells=len(reached),
         standings=tuple(
-            _standing(name, runs[name], its, of, len(reached), shares.get(name))
+            replace(
+                _standing(name, runs[name], its, of, len(reached)),
+                solvable=(solvable or {}).get(name),
+                evidence=(evidence or {}).get(name),
+            )
             for name, its in found.items()
         ),
         against=tuple(against(runs, reference)),
@@ -133,7 +128,6 @@ def _standing(
     found: Sequence[Found],
     cells: Mapping[str, set[str]],
     reached: int,
-    solvable: Solvable | None,
 ) -> Standing:
     others = set[str]().union(*(its for other, its in cells.items() if other != name))
     return Standing(
@@ -143,7 +137,8 @@ def _standing(
         cells=len(cells[name]),
         coverage=len(cells[name]) / reached if reached else None,
         only=len(cells[name] - others),
-        solvable=solvable,
+        solvable=None,
+        evidence=None,
     )
 
 
@@ -158,8 +153,3 @@ def spread(values: Sequence[float | None]) -> Spread:
 
 def _known(quantile: float) -> float | None:
     return float(quantile) if quantile < math.sqrt(_NEVER) else None
-
-
-def _solvable(scenes: Sequence[Scene], solved: Mapping[str, bool]) -> Solvable:
-    count = sum(solved[scene.digest] for scene in scenes)
-    return Solvable(count, len(scenes), *wilson(count, len(scenes)))

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from vlafuzz.compare.failures import Failure, Found
+from vlafuzz.compare.failures import Found
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
+from vlafuzz.scoring import wilson
 from vlafuzz.triage.witness import find_witness
 
 # What, beside the scene, decides over whether the expert solves it.
@@ -32,16 +34,48 @@ class Solver(Protocol):
         """What comes of it when the robot executes these actions."""
 
 
-def sample(runs: Sequence[Found], size: int) -> list[Scene]:
+class Sampled(NamedTuple):
+    """A failing scene, and the run in which it failed."""
+
+    scene: Scene
+    run: int
+
+
+@dataclass(frozen=True)
+class Solvable:
+    """Of a sample of failures, those that the expert solves, with Wilson's 95 % interval."""
+
+    solved: int
+    of: int
+    low: float
+    high: float
+
+
+def sample(runs: Sequence[Found], size: int) -> list[Sampled]:
     """At most so many failing scenes of one strategy: one of every run, then the second ones, and so on."""
-    shuffled = [_shuffled(each.failures, each.run.manifest.seed) for each in runs]
-    dealt = [failure for each in zip_longest(*shuffled) for failure in each if failure is not None]
-    return list(dict.fromkeys(failure.scene for failure in dealt))[:size]
+    dealt: dict[Scene, Sampled] = {}
+    for each in zip_longest(*map(_shuffled, runs)):
+        for sampled in filter(None, each):
+            dealt.setdefault(sampled.scene, sampled)
+    return list(dealt.values())[:size]
 
 
-def _shuffled(failures: Sequence[Failure], seed: int) -> list[Failure]:
+def _shuffled(found: Found) -> list[Sampled]:
+    failures, seed = found.failures, found.run.manifest.seed
     order = np.random.default_rng([seed, len(failures)]).permutation(len(failures))
-    return [failures[index] for index in order]
+    return [Sampled(failures[index].scene, found.run.id) for index in order]
+
+
+def solvable(sampled: Sequence[Sampled], solved: Mapping[str, bool]) -> Solvable | None:
+    """The share of a sample that the expert solves; None where nothing was sampled.
+
+    Args:
+        solved: by digest, whether it does.
+    """
+    if not sampled:
+        return None
+    count = sum(solved[each.scene.digest] for each in sampled)
+    return Solvable(count, len(sampled), *wilson(count, len(sampled)))
 
 
 class Witnesses:
