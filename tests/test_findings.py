@@ -204,6 +204,13 @@ def dying(run) -> PlantedDesk:
     os._exit(9)
 
 
+def test_of_given_findings_the_others_are_left_alone(store):
+    corpus = store(scenes([TILTED], 3))
+    (_, second, third) = corpus.findings()
+    assert triage(corpus, tilted, findings=[third, second]) == 0
+    assert {each.scene for each in corpus.triaged()} == {second.scene, third.scene}
+
+
 def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
     made = []
     for workers in (1, 2):

@@ -122,7 +122,7 @@ def contents(path: Path, run: int = 1) -> tuple[object, ...]:
 
 
 def timeless(summary: Summary, path: Path) -> Summary:
-    return replace(summary, seconds=0.0, store=str(path))
+    return replace(summary, seconds=0.0, search_seconds=0.0, store_seconds=0.0, store=str(path))
 
 
 @pytest.mark.parametrize("after", range(0, 34, 3))
@@ -263,8 +263,11 @@ def test_one_hears_once_of_what_was_stored_and_then_of_every_trial(tmp_path: Pat
 def test_its_seconds_are_those_of_all_parts(tmp_path: Path):
     cut(tmp_path / "a.db", 12)
     with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        corpus.finish(1, "interrupted", 1000.0)
-    assert 1000 < play(tmp_path / "a.db", resume=1).seconds < 1060
+        corpus.finish(1, "interrupted", 1000.0, 200.0, 300.0)
+    summary = play(tmp_path / "a.db", resume=1)
+    assert 1000 < summary.seconds < 1060
+    assert 200 < summary.search_seconds < 260
+    assert 300 < summary.store_seconds < 360
 
 
 RUN = """

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
 
 from vlafuzz.corpus.dedup import Meaningful, clusters
-from vlafuzz.corpus.records import Manifest, Status, Trial
+from vlafuzz.corpus.records import Manifest, Spent, Status, Trial
 from vlafuzz.corpus.resume import Past
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
@@ -65,9 +64,8 @@ def fuzz(
     Raises:
         CorpusError: the store cannot be written, or the strategy is not the one of the run that is resumed.
     """
-    run, spent = (corpus.begin(manifest), 0.0) if resume is None else (resume, corpus.reopen(resume))
-    began = time.monotonic() - spent
-    tally = Tally(run, manifest, stages)
+    run, before = (corpus.begin(manifest), Spent(0.0)) if resume is None else (resume, corpus.reopen(resume))
+    tally = Tally(run, manifest, stages, before)
     past, own = Past(corpus, run), run if alone else None
     campaign = _Campaign(tally, past, space, strategy, executor, corpus, objective, chunk, own, watch)
     status: Status = "failed"
@@ -78,10 +76,10 @@ def fuzz(
         status = "interrupted"
         raise
     finally:
-        corpus.finish(run, status, time.monotonic() - began)
+        corpus.finish(run, status, *tally.spent)
     failures = [finding.scene for finding in corpus.findings(run)] if meaningful else []
     groups = clusters(failures, meaningful) if meaningful else None
-    return tally.summary(seconds=time.monotonic() - began, store=str(corpus.path), clusters=groups)
+    return tally.summary(str(corpus.path), groups)
 
 
 @dataclass
@@ -106,11 +104,14 @@ class _Campaign:
             outcomes = self._evaluate(proposals, scenes)
             self.tally.judge(scenes, outcomes, patience)
             pairs = zip(scenes, outcomes, strict=True)
-            self.strategy.tell(proposals, [self.objective(*pair, self.space) for pair in pairs])
+            scores = [self.objective(*pair, self.space) for pair in pairs]
+            with self.tally.search:
+                self.strategy.tell(proposals, scores)
         self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:
-        proposals = self.strategy.ask(room)
+        with self.tally.search:
+            proposals = self.strategy.ask(room)
         if len(proposals) > room:  # a user's own strategy may; the budget holds all the same
             name, given = self.tally.manifest.strategy, len(proposals)
             raise UsageError(
@@ -130,7 +131,8 @@ class _Campaign:
         for index, scene in enumerate(scenes):
             if scene.digest in outcomes or scene.digest in fresh:
                 continue
-            known = self.corpus.known(scene, self.tally.manifest.subject_key, self.own)
+            with self.tally.store:
+                known = self.corpus.known(scene, self.tally.manifest.subject_key, self.own)
             if known is None:
                 fresh[scene.digest] = index
             else:
@@ -145,7 +147,8 @@ class _Campaign:
 
     def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
         """What the store has of the batch, counted."""
-        past = self.past.take(proposals, scenes)
+        with self.tally.store:
+            past = self.past.take(proposals, scenes)
         for trial in past.values():
             self.tally.count(trial)
         if past and not self.past.left:
@@ -164,7 +167,8 @@ class _Campaign:
             place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
         severity = self.space.severity(scene)
         trial = Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
-        self.corpus.add(self.tally.run, trial)
+        with self.tally.store:
+            self.corpus.add(self.tally.run, trial)
         self.tally.count(trial)
         self.watch(self.tally)
 

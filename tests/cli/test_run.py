@@ -37,6 +37,7 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
         0,
     )
     assert list(summary["verdicts"]) == NAMES
+    assert 0 < summary["search_seconds"] + summary["store_seconds"] < summary["seconds"]
     assert summary["findings"] == summary["verdicts"]["failed"] >= summary["clusters"] > 0
     with Corpus.open(Path(summary["store"])) as corpus:
         assert len(corpus.findings(summary["run"])) == summary["findings"]

@@ -20,7 +20,7 @@ def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Fa
 
 
 def found(*failures: Failure, **counts: int) -> Found:
-    run = Run(1, manifest(strategy="mine", seed=4), "finished", "", seconds=9.0)
+    run = Run(1, manifest(strategy="mine", seed=4), "finished", "", seconds=9.0, search_seconds=0.9)
     return Found(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
 
 
@@ -61,6 +61,12 @@ def test_the_figures_of_a_run_are_those_that_one_counts_by_hand():
     assert (told.strategy, told.seed, told.failures, told.cells) == ("mine", 4, 10, 2)
     assert (told.first_failure, told.tenth_failure) == (3, 12)
     assert (told.coverage, told.valid_share, told.rejected) == (pytest.approx(2 / 3), 0.8, 4)
+
+
+def test_the_time_of_a_search_is_a_share_of_wall_time_where_it_is_known():
+    told = figures(found(), {})
+    assert (told.search_seconds, told.search_share) == (0.9, pytest.approx(0.1))
+    assert (told.store_seconds, told.store_share) == (None, None)
 
 
 def test_a_run_without_failures_has_no_distances():

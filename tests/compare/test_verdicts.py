@@ -7,6 +7,7 @@ RUN = Figures(
     run=1, strategy="random", seed=0, rollouts=20, failures=5, cells=3, coverage=0.5, cid=1.0, qd_score=2.0,
     sparseness=0.5, severity=3.0, first_failure=4, tenth_failure=None, proposals=30, valid_share=0.9,
     rejected=3, errors=0, seconds=9.0, rollout_seconds=8.0,
+    search_seconds=0.9, search_share=0.1, store_seconds=None, store_share=None,
 )  # fmt: skip
 
 

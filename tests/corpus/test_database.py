@@ -290,3 +290,13 @@ def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path, monkeypat
     monkeypatch.undo()
     with Corpus.open(path, "write") as corpus:
         assert (len(corpus.findings()), corpus.triaged()) == (30, [])
+
+
+def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("vlafuzz.corpus.database.MIGRATIONS", migrations.MIGRATIONS[:2])
+    monkeypatch.setattr(migrations, "MIGRATIONS", migrations.MIGRATIONS[:2])
+    written(path)
+    monkeypatch.undo()
+    with Corpus.open(path) as corpus:
+        (run,) = corpus.runs()
+        assert (run.search_seconds, run.store_seconds) == (None, None)

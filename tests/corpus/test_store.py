@@ -32,6 +32,11 @@ def test_a_run_comes_back_with_its_manifest(corpus: Corpus):
     assert (run.id, run.manifest, run.status, run.seconds) == (number, asked, "finished", 1.5)
 
 
+def test_a_run_that_is_gone_on_with_has_what_it_took(corpus: Corpus):
+    corpus.finish(corpus.begin(manifest()), "interrupted", 1.5, 0.25, 0.5)
+    assert corpus.reopen(1) == (1.5, 0.25, 0.5)
+
+
 def test_a_failing_trial_comes_back_bit_by_bit(corpus: Corpus):
     actions = np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32)
     rolled = replace(rollout(0.25, ("grasp",)), actions=actions, trace=actions[:, 0])

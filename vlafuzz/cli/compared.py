@@ -28,12 +28,17 @@ _COST = {
     "rejected": "rejected",
     "seconds": "seconds",
     "rollout_seconds": "in rollouts",
+    "search_seconds": "search",
+    "search_share": "search share",
+    "store_seconds": "store",
+    "store_share": "store share",
 }
 _EVIDENCE = ("confirmed", "witnessed", "minimal", "distinct signatures")
 _SHARES = ("coverage", "valid_share")
+_SMALL_SHARES = ("search_share", "store_share")
 _NOTE = (
     "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
-    "less is better; to 1st, to 10th: rollouts"
+    "less is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, as share of the wall time"
 )
 
 
@@ -118,6 +123,8 @@ def _number(value: float | None, name: str) -> str:
         return "–"
     if name in _SHARES:
         return f"{value:.0%}"
+    if name in _SMALL_SHARES:
+        return f"{value:.1%}"
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
 
 

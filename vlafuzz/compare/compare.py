@@ -18,6 +18,7 @@ from vlafuzz.compare.verdicts import Pair, Runs, against, each_pair
 SPREAD = (
     "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
     "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
+    "search_seconds", "search_share", "store_seconds", "store_share",
 )  # fmt: skip
 _NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
 

@@ -30,6 +30,8 @@ class Figures:
         valid_share: of the proposals, those of fair scenes.
         rejected: distinct scenes that are not fair.
         seconds: wall time, ``rollout_seconds`` of the rollouts alone, added up over all processes.
+        search_seconds: in the strategy's ask and tell, ``search_share`` of the wall time.
+        store_seconds: in the store, ``store_share`` of the wall time.
     """
 
     run: int
@@ -51,6 +53,10 @@ class Figures:
     errors: int
     seconds: float | None
     rollout_seconds: float
+    search_seconds: float | None
+    search_share: float | None
+    store_seconds: float | None
+    store_share: float | None
 
 
 def figures(found: Found, union: Mapping[str, Failure]) -> Figures:
@@ -62,9 +68,9 @@ def figures(found: Found, union: Mapping[str, Failure]) -> Figures:
     failures = found.failures
     cells = {failure.cell for failure in failures}
     fair = found.judged + found.rejected
-    manifest = found.run.manifest
+    run, manifest = found.run, found.run.manifest
     return Figures(
-        run=found.run.id,
+        run=run.id,
         strategy=manifest.strategy,
         seed=manifest.seed,
         rollouts=found.rollouts,
@@ -81,9 +87,17 @@ def figures(found: Found, union: Mapping[str, Failure]) -> Figures:
         valid_share=found.judged / fair if fair else None,
         rejected=found.rejected_scenes,
         errors=found.errors,
-        seconds=found.run.seconds,
+        seconds=run.seconds,
         rollout_seconds=found.rollout_seconds,
+        search_seconds=run.search_seconds,
+        search_share=_share(run.search_seconds, run.seconds),
+        store_seconds=run.store_seconds,
+        store_share=_share(run.store_seconds, run.seconds),
     )
+
+
+def _share(part: float | None, whole: float | None) -> float | None:
+    return None if part is None or not whole else part / whole
 
 
 def coverage_inverted_distance(found: Sequence[Failure], reference: Sequence[Failure]) -> float | None:

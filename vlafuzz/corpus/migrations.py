@@ -135,7 +135,13 @@ def _triage(connection: sqlite3.Connection) -> None:
     connection.execute(_TRIAGE)
 
 
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage]
+def _seconds_apart(connection: sqlite3.Connection) -> None:
+    """Of the runs that are there already nobody knows them."""
+    for name in ("search_seconds", "store_seconds"):
+        connection.execute(f"ALTER TABLE run ADD COLUMN {name} REAL")
+
+
+MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from vlafuzz.evidence import Causes, Witness
 from vlafuzz.outcome import Outcome
@@ -81,9 +81,22 @@ class Manifest:
         return f"{self.subject}:{hashlib.blake2b(decisive.encode(), digest_size=6).hexdigest()}"
 
 
+class Spent(NamedTuple):
+    """Seconds of wall time: all, and of these those in the strategy's ask and tell, and in the store."""
+
+    seconds: float
+    search: float | None = None
+    store: float | None = None
+
+
 @dataclass(frozen=True)
 class Run:
-    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run says ``running`` for ever."""
+    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run says ``running`` for ever.
+
+    Attributes:
+        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
+            store. Both are None in runs of earlier versions.
+    """
 
     id: int
     manifest: Manifest
@@ -91,6 +104,8 @@ class Run:
     started: str
     ended: str | None = None
     seconds: float | None = None
+    search_seconds: float | None = None
+    store_seconds: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

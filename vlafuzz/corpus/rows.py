@@ -20,6 +20,15 @@ from vlafuzz.scene import Scene
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
+_OF_RUN = (
+    "id",
+    "status",
+    "started",
+    "ended",
+    "seconds",
+    "search_seconds",
+    "store_seconds",
+)  # not its manifest's
 
 
 def number(value: float) -> float | None:
@@ -54,7 +63,7 @@ def to_run(row: sqlite3.Row) -> Run:
     """A row of ``run``."""
     values = dict(row)
     values.pop("subject_key")
-    about = {name: values.pop(name) for name in ("id", "status", "started", "ended", "seconds")}
+    about = {name: values.pop(name) for name in _OF_RUN}
     values["versions"] = json.loads(values["versions"])
     values["stop_early"] = bool(values["stop_early"])
     return Run(manifest=Manifest(**values), **about)

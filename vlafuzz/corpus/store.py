@@ -12,7 +12,7 @@ from typing import Literal, Self
 
 from vlafuzz.corpus import rows
 from vlafuzz.corpus.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
-from vlafuzz.corpus.records import UNFINISHED, Finding, Manifest, Run, Status, Triaged, Trial
+from vlafuzz.corpus.records import UNFINISHED, Finding, Manifest, Run, Spent, Status, Triaged, Trial
 from vlafuzz.errors import CorpusError
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
@@ -75,13 +75,14 @@ class Corpus:
         with self._transaction():
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
-    def reopen(self, run: int) -> float:
-        """Go on with a run that ended early; the seconds that it is known to have taken.
+    def reopen(self, run: int) -> Spent:
+        """Go on with a run that ended early; what it is known to have taken.
 
         Raises:
             CorpusError: it did not end early.
         """
-        rolling = "SELECT max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
+        rolling = "max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
+        query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
             reopened = self._connection.execute(
                 f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}",
@@ -89,8 +90,7 @@ class Corpus:
             )
             if not reopened.rowcount:
                 raise CorpusError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
-            (seconds,) = self._connection.execute(f"{rolling} FROM run WHERE id = ?1", (run,)).fetchone()
-        return float(seconds)
+            return Spent(*self._connection.execute(query, (run,)).fetchone())
 
     def add(self, run: int, trial: Trial) -> None:
         """Keep a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
@@ -114,12 +114,19 @@ class Corpus:
                 (triaged.evidence, triaged.scene.digest, triaged.subject_key),
             )
 
-    def finish(self, run: int, status: Status, seconds: float) -> None:
-        """The run is over, after so many seconds."""
+    def finish(
+        self,
+        run: int,
+        status: Status,
+        seconds: float,
+        search_seconds: float | None = None,
+        store_seconds: float | None = None,
+    ) -> None:
+        """The run is over, after so many seconds; see ``Spent``."""
+        query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
         with self._transaction():
             self._connection.execute(
-                "UPDATE run SET status = ?, ended = ?, seconds = ? WHERE id = ?",
-                (status, _now(), seconds, run),
+                f"{query} WHERE id = ?", (status, _now(), seconds, search_seconds, store_seconds, run)
             )
 
     # reading

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vlafuzz.corpus.records import Manifest, Trial
+from vlafuzz.corpus.records import Manifest, Spent, Trial
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 
@@ -29,7 +30,8 @@ class Summary:
         first_failure: digest of the first scene that failed.
         last_error: what the last ERROR was, in a sentence.
         stopped: why it ended before its budget was spent, in a sentence.
-        seconds: wall time.
+        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
+            store.
     """
 
     run: int
@@ -52,7 +54,23 @@ class Summary:
     last_error: str | None
     stopped: str | None
     seconds: float
+    search_seconds: float
+    store_seconds: float
     store: str
+
+
+class Stopwatch:
+    """Adds up the seconds inside of its ``with`` blocks."""
+
+    def __init__(self, seconds: float = 0.0) -> None:
+        self.seconds = seconds
+        self._began = 0.0
+
+    def __enter__(self) -> None:
+        self._began = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += time.perf_counter() - self._began
 
 
 @dataclass(slots=True)  # there is one for every scene of a run
@@ -67,10 +85,19 @@ class _Seen:
 
 
 class Tally:
-    """Counts trials as they are stored, and judges whether proposals still lead to rollouts."""
+    """Counts trials as they are stored, and judges whether proposals still lead to rollouts.
 
-    def __init__(self, run: int, manifest: Manifest, stages: Sequence[str]) -> None:
+    Args:
+        before: what the run has taken already.
+
+    Attributes:
+        search: to run while the strategy asks or tells, ``store`` while the store is asked or written.
+    """
+
+    def __init__(self, run: int, manifest: Manifest, stages: Sequence[str], before: Spent) -> None:
         self.run, self.manifest = run, manifest
+        self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
+        self._began = time.perf_counter() - before.seconds
         self.rollouts = self.proposals = self.duplicates = 0
         self.last_error: str | None = None
         self.stopped: str | None = None
@@ -118,8 +145,13 @@ class Tally:
         if patience is not None and len(self._barren) >= patience:
             self.stopped = self._why()
 
-    def summary(self, *, seconds: float, store: str, clusters: int | None = None) -> Summary:
-        """All of it, after so many seconds."""
+    @property
+    def spent(self) -> Spent:
+        """By now."""
+        return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
+
+    def summary(self, store: str, clusters: int | None = None) -> Summary:
+        """All of it."""
         manifest, scenes = self.manifest, self._seen.values()
         judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
         failed = {digest: seen.first for digest, seen in self._seen.items() if seen.verdict is Verdict.FAILED}
@@ -145,7 +177,9 @@ class Tally:
             first_failure=min(failed, key=failed.__getitem__, default=None),
             last_error=self.last_error,
             stopped=self.stopped,
-            seconds=seconds,
+            seconds=self.spent.seconds,
+            search_seconds=self.search.seconds,
+            store_seconds=self.store.seconds,
             store=store,
         )
 
