@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 
 import pytest
@@ -145,7 +146,7 @@ def test_nobody_is_left_when_it_is_closed_or_given_up(executor):
     chosen = executor(partial(same, Treacherous(hang, Path("/nowhere"), always=True)), workers=2)
     results = chosen.run([(0, [DARK]), (1, [OTHERS[0]])])
     next(results)
-    pids = [worker._process.pid for worker in chosen._workers]
+    pids = [process.pid for process in active_children()]
     results.close()
     assert len(pids) == 2
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)

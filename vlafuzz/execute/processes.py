@@ -5,31 +5,19 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing import connection, get_context
 from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import VlafuzzError
+from vlafuzz.execute.crew import LOOK, TIMEOUT, Crew, Lost
 from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.execute.threads import single_threaded
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
-
-TRIES = 2  # of a batch, in different processes, before it is an ERROR
-TIMEOUT = 300.0  # seconds that a scene may take
-LOOK = 0.5  # seconds between two looks at time and memory
-
-
-@dataclass
-class _Batch:
-    tag: int
-    scenes: Sequence[Scene]
-    tries: int = 0
 
 
 class ProcessExecutor:
@@ -43,7 +31,8 @@ class ProcessExecutor:
         workers: number of processes.
         timeout: seconds that a scene may take before its worker is killed; the first one of a worker with the
             start of its simulator.
-        memory: bytes that a worker may hold; None for its share of four fifths of the machine's.
+        memory: bytes that a worker may hold; None for its share.
+        after: what is to be done at the end, when the workers are gone.
     """
 
     def __init__(
@@ -53,120 +42,78 @@ class ProcessExecutor:
         *,
         timeout: float = TIMEOUT,
         memory: int | None = None,
+        after: Callable[[], None] = lambda: None,
     ) -> None:
-        self._make, self._timeout = make, timeout
-        self._memory = memory or int(0.8 * _machine_memory() / workers)
-        self._count, self._workers = workers, list[_Worker]()
+        most = memory or share(workers)
+        self._crew = Crew(lambda: _Process(make, timeout, most), _wait, workers)
+        self._after = after
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
         """See ``Executor``."""
-        todo, again = iter(batches), deque[_Batch]()
-        self._workers = self._workers or [_Worker(self._make) for _ in range(self._count)]
-        try:
-            while True:
-                self._hand_out(todo, again)
-                busy = [worker for worker in self._workers if worker.batch]
-                if not busy:
-                    return
-                for worker in _ready(busy):
-                    yield from self._collect(worker, again)
-                for worker in busy:
-                    if worker.batch and (why := worker.trouble(self._timeout, self._memory)):
-                        yield from self._replace(worker, why, again)
-        except BaseException:
-            self.close()  # what the workers are still at belongs to nobody
-            raise
+        return self._crew.run(batches)
 
     def close(self) -> None:
         """End all workers."""
-        for worker in self._workers:
-            worker.kill()
-        self._workers = []
-
-    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]]], again: deque[_Batch]) -> None:
-        for worker in self._workers:
-            if worker.batch is None:
-                batch = again.popleft() if again else _next(todo)
-                if batch is None:
-                    return
-                worker.begin(batch)
-
-    def _collect(self, worker: _Worker, again: deque[_Batch]) -> Iterator[tuple[int, list[Outcome]]]:
-        assert worker.batch is not None
-        try:
-            answer = worker.pipe.recv()
-        except (EOFError, OSError):
-            yield from self._replace(worker, worker.cause_of_death(), again)
-            return
-        if answer is None:
-            worker.up()
-            return
-        if isinstance(answer, BaseException):
-            raise answer
-        batch, worker.batch = worker.batch, None
-        yield batch.tag, answer
-
-    def _replace(
-        self, worker: _Worker, why: str, again: deque[_Batch]
-    ) -> Iterator[tuple[int, list[Outcome]]]:
-        """A new worker in place of one that is of no use; its batch is tried again, or given up."""
-        batch = worker.batch
-        assert batch is not None
-        worker.kill()
-        self._workers[self._workers.index(worker)] = _Worker(self._make)
-        if batch.tries < TRIES:
-            again.append(batch)
-        else:
-            yield batch.tag, [Outcome.error(f"worker: {why}, {TRIES} times")] * len(batch.scenes)
+        self._crew.kill()
+        self._after()
 
 
-class _Worker:
-    """One process, the pipe to it, and what it is at."""
+def share(workers: int) -> int:
+    """Bytes of memory for each of these workers: they share four fifths of the machine's."""
+    return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
 
-    def __init__(self, make: Callable[[], Evaluator]) -> None:
+
+class _Process:
+    """A worker, and the pipe to it."""
+
+    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(make, theirs), daemon=True)
         with single_threaded():
             self._process.start()
         theirs.close()
-        self.batch: _Batch | None = None
-        self._up, self._began = False, 0.0
+        self._timeout, self._memory = timeout, memory
+        self._up, self._began, self._scenes = False, 0.0, 0
 
-    def begin(self, batch: _Batch) -> None:
-        """Send it; when nobody is there to read, ``recv`` will tell."""
-        self.batch, self._began = batch, time.monotonic()
-        batch.tries += 1
+    def begin(self, scenes: Sequence[Scene]) -> None:
+        """See ``Worker``. When nobody is there to read, ``recv`` will tell."""
+        self._began, self._scenes = time.monotonic(), len(scenes)
         with suppress(OSError):
-            self.pipe.send(list(batch.scenes))
+            self.pipe.send(list(scenes))
 
-    def up(self) -> None:
-        """It has started: from now on, time counts."""
-        self._up, self._began = True, time.monotonic()
-
-    def trouble(self, timeout: float, memory: int) -> str | None:
-        """Why it is of no use any more, in words."""
-        assert self.batch is not None
-        allowed = timeout * max(len(self.batch.scenes), 1) if self._up else TIMEOUT
-        if time.monotonic() - self._began > allowed:
-            return f"no answer within {allowed:.0f} s"
-        if _resident(self._process.pid) > memory:
-            return f"held more than {memory / 2**30:.1f} GiB of memory"
-        return None
-
-    def cause_of_death(self) -> str:
-        """In words, once the pipe is closed."""
-        self._process.join(5.0)
-        code = self._process.exitcode
-        if code is not None and code < 0:
-            return f"was killed by {signal.Signals(-code).name}"
-        return f"ended with exit code {code}"
+    def answer(self) -> list[Outcome] | None:
+        """See ``Worker``."""
+        try:
+            if not self.pipe.poll():
+                self._check()
+                return None
+            told = self.pipe.recv()
+        except (EOFError, OSError):
+            raise Lost(cause_of_death(self._process)) from None
+        if told is None:  # it has started: from now on, time counts
+            self._up, self._began = True, time.monotonic()
+        if isinstance(told, BaseException):
+            raise told
+        return told  # type: ignore[no-any-return]
 
     def kill(self) -> None:
-        """At once."""
+        """See ``Worker``."""
         self._process.kill()
         self._process.join()
         self.pipe.close()
+
+    def _check(self) -> None:
+        """Whether it may go on."""
+        allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
+        if time.monotonic() - self._began > allowed:
+            raise Lost(f"no answer within {allowed:.0f} s")
+        if _resident(self._process.pid) > self._memory:
+            raise Lost(f"held more than {self._memory / 2**30:.1f} GiB of memory")
+
+
+def _wait(workers: Sequence[Any]) -> None:
+    connection.wait([worker.pipe for worker in workers], timeout=LOOK)
 
 
 def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
@@ -182,18 +129,17 @@ def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
         try:
             evaluator = evaluator or make()
             pipe.send(evaluate_safely(evaluator, scenes))
-        except (VlafuzzError, KeyboardInterrupt) as error:  # nothing that another scene would not meet, too
+        except (VlafuzzError, KeyboardInterrupt, Lost) as error:  # nothing that this worker can help
             pipe.send(error)
 
 
-def _ready(workers: Sequence[_Worker]) -> list[_Worker]:
-    """Those that have answered or died, within a short time."""
-    pipes = connection.wait([worker.pipe for worker in workers], timeout=LOOK)
-    return [worker for worker in workers if worker.pipe in pipes]
-
-
-def _next(todo: Iterator[tuple[int, Sequence[Scene]]]) -> _Batch | None:
-    return next((_Batch(tag, scenes) for tag, scenes in todo), None)
+def cause_of_death(process: Any) -> str:
+    """Of a process that has closed its pipe, in words."""
+    process.join(5.0)
+    code = process.exitcode
+    if code is not None and code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
 
 
 def _resident(pid: int | None) -> int:
@@ -203,7 +149,3 @@ def _resident(pid: int | None) -> int:
     except (OSError, IndexError, ValueError):
         return 0
     return pages * os.sysconf("SC_PAGE_SIZE")
-
-
-def _machine_memory() -> int:
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
