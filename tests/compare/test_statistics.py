@@ -13,8 +13,10 @@ from vlafuzz.compare.statistics import (
     ratio,
     ratio_interval,
     repeats_needed,
+    share_interval,
     smallest_p,
 )
+from vlafuzz.scoring import wilson
 
 
 @pytest.mark.parametrize(
@@ -96,3 +98,39 @@ def test_the_interval_covers_the_truth_about_as_often_as_it_says():
         low, high = ratio_interval(rng.poisson(20, 20).tolist(), rng.poisson(10, 20).tolist())
         covered += low <= 2.0 <= high
     assert covered >= 86
+
+
+def cases(*runs: tuple[int, int]) -> list[tuple[int, bool]]:
+    """Of each run, how many of how many are so."""
+    return [(run, number < so) for run, (so, of) in enumerate(runs) for number in range(of)]
+
+
+def test_the_interval_of_a_share_is_wilsons_of_fewer_cases_where_runs_differ():
+    # Shares 0.2, 0.5, 0.8: of 30 cases a variance of 0.03, against 0.25/30; t is 4.303 with 3 runs.
+    effective = 0.25 / 0.03 * (1.959964 / 4.302653) ** 2
+    expected = wilson(effective / 2, effective)
+    assert share_interval(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
+
+
+def test_runs_that_are_more_alike_than_chance_do_not_make_it_narrower():
+    assert share_interval(cases((5, 10), (5, 10), (5, 10))) == wilson(15, 30)
+
+
+@pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], []])
+def test_where_nothing_varies_it_is_wilsons(runs: list[tuple[int, int]]):
+    so, of = sum(each[0] for each in runs), sum(each[1] for each in runs)
+    assert share_interval(cases(*runs)) == wilson(so, of)
+
+
+def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
+    rng = np.random.default_rng([0, 4])
+    covered = {share_interval: 0, lambda its: wilson(sum(so for _, so in its), len(its)): 0}
+    for _ in range(200):
+        shares = rng.beta(0.6 * 4, 0.4 * 4, size=5)  # failures of one run correlate by 0.2
+        its = cases(*((int(rng.binomial(10, share)), 10) for share in shares))
+        for method in covered:
+            low, high = method(its)
+            covered[method] += low <= 0.6 <= high
+    ours, theirs = covered.values()
+    assert ours >= 184
+    assert theirs <= 164

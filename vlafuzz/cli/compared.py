@@ -38,7 +38,8 @@ _SHARES = ("coverage", "valid_share")
 _SMALL_SHARES = ("search_share", "store_share")
 _NOTE = (
     "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
-    "less is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, as share of the wall time"
+    "less is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, as share of the wall time; "
+    "solvable, confirmed: with the 95 % interval, in which failures of one run count as alike as they are"
 )
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.compare.solvable import Sampled
+from vlafuzz.compare.statistics import share_interval
 from vlafuzz.corpus.records import Finding, Triaged
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.scoring import wilson
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Evidence:
 
     Attributes:
         triaged: of the sample; those that could not be judged are not.
-        confirmed: failed again, ``low`` and ``high`` Wilson's 95 % interval of their share.
+        confirmed: failed again, ``low`` and ``high`` the 95 % interval of their share over the runs.
         witnessed: of these, solved by the expert.
         minimal: of these, every operator left in it matters.
         signatures: distinct bugs, without those that fail at nominal.
@@ -51,16 +51,16 @@ def findings(corpus: Corpus, chosen: Sequence[Sampled]) -> dict[Sampled, Finding
 def evidence(found: Mapping[Sampled, Finding], triaged: Iterable[Triaged]) -> Evidence | None:
     """What triage has made of some findings; None where it has judged none of them."""
     known = {(each.scene, each.subject_key): each for each in triaged}
-    keys = [(each.scene, each.subject_key) for each in found.values()]
-    judged = [known[key] for key in keys if key in known]
+    made = [(each.run, known.get((finding.scene, finding.subject_key))) for each, finding in found.items()]
+    judged = [each for _, each in made if each]
     if not judged:
         return None
-    confirmed = sum(each.bucket != "flaky" for each in judged)
+    confirmed = [(run, each.bucket != "flaky") for run, each in made if each]
     bugs = {each.signature for each in judged if each.signature and each.bucket != "base"}
     return Evidence(
         len(judged),
-        confirmed,
-        *wilson(confirmed, len(judged)),
+        sum(so for _, so in confirmed),
+        *share_interval(confirmed),
         witnessed=sum(each.witness is not None for each in judged),
         minimal=sum(each.bucket == "minimal" for each in judged),
         signatures=len(bugs),

@@ -13,11 +13,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from vlafuzz.compare.failures import Found
+from vlafuzz.compare.statistics import share_interval
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
-from vlafuzz.scoring import wilson
 from vlafuzz.triage.witness import find_witness
 
 # What, beside the scene, decides over whether the expert solves it.
@@ -43,7 +43,7 @@ class Sampled(NamedTuple):
 
 @dataclass(frozen=True)
 class Solvable:
-    """Of a sample of failures, those that the expert solves, with Wilson's 95 % interval."""
+    """Of a sample of failures, those that the expert solves, with its 95 % interval over the runs."""
 
     solved: int
     of: int
@@ -74,8 +74,8 @@ def solvable(sampled: Sequence[Sampled], solved: Mapping[str, bool]) -> Solvable
     """
     if not sampled:
         return None
-    count = sum(solved[each.scene.digest] for each in sampled)
-    return Solvable(count, len(sampled), *wilson(count, len(sampled)))
+    cases = [(each.run, solved[each.scene.digest]) for each in sampled]
+    return Solvable(sum(so for _, so in cases), len(cases), *share_interval(cases))
 
 
 class Witnesses:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.scoring import Interval
+from vlafuzz.scoring import Interval, wilson
 
 _EXACT = 20_000  # ways to deal two samples out, up to which all of them are counted
 _RESAMPLES = 10_000
@@ -83,6 +83,34 @@ def ratio_interval(
     tail = (1 - confidence) / 2
     low, high = np.quantile(ratios, [tail, 1 - tail], method="inverted_cdf")
     return Interval(float(low), float(high)) if math.isfinite(high) else None
+
+
+def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) -> Interval:
+    """Interval of the share of cases that are so, where they come from several runs.
+
+    Cases of one run resemble each other, so that they say less than as many independent ones. This is
+    Wilson's interval of the effective number of cases: as many independent ones as would vary like the runs
+    do, and fewer of them the fewer runs say how they vary (Korn, Graubard 1998; Franco, Little, Louis, Slud
+    2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>). A bootstrap over 3 or 5 runs is too narrow.
+    With one run, and where none or all of the cases are so, nothing varies: there it is Wilson's interval of
+    all cases, which may then be too narrow.
+
+    Args:
+        cases: the run of each, and whether it is so.
+    """
+    number, found = len(cases), sum(so for _, so in cases)
+    runs = [[so for of, so in cases if of == run] for run in {of for of, _ in cases}]
+    if len(runs) < 2 or found in (0, number):
+        return wilson(found, number, confidence)
+    from scipy.stats import norm, t
+
+    share, tail = found / number, (1 + confidence) / 2
+    # The variance of a ratio of totals, by linearisation.
+    squares = sum((sum(its) - share * len(its)) ** 2 for its in runs)
+    variance = squares / number**2 * len(runs) / (len(runs) - 1)
+    few = float(norm.ppf(tail) / t.ppf(tail, len(runs) - 1)) ** 2
+    effective = min(number, few * share * (1 - share) / variance) if variance else number
+    return wilson(share * effective, effective, confidence)
 
 
 def _ranked(values: Sequence[float]) -> NDArray[np.float64]:
