@@ -88,10 +88,21 @@ def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFi
 def test_plots_and_tables_are_in_the_folder(folder: Path, capsys: pytest.CaptureFixture[str]):
     compare()
     assert {path.name for path in (folder / "out").iterdir()} == {
-        "compare.json", "compare.md", "runs.csv", "curves.png", "figures.png", "witnesses.jsonl",
+        "compare.html", "compare.json", "compare.md", "runs.csv", "curves.png", "figures.png",
+        "witnesses.jsonl",
     }  # fmt: skip
     assert (folder / "out/curves.png").read_bytes().startswith(b"\x89PNG")
-    assert "written to out: curves.png, figures.png" in capsys.readouterr().err
+    assert "written to out: compare.html, curves.png, figures.png" in capsys.readouterr().err
+
+
+def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: Path):
+    compare()
+    page = (folder / "out/compare.html").read_text(encoding="utf-8")
+    assert page.count('src="data:image/png;base64,iVBOR') == 2
+    for part in ("Found: pick-up", "All repeats together", "Cost", "Against random", "too few repeats"):
+        assert part in page
+    assert "vlafuzz report a.db --out a.html" in page
+    assert not re.search(r'(src|href)="(?!data:)', page)
 
 
 def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):

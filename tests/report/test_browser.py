@@ -1,13 +1,18 @@
 """The page in a browser: it loads, filters and plays."""
 
+import io
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 
+import imageio.v3 as imageio
+import numpy as np
 import pytest
 
 from tests.report.stores import MadeUpFilms, store, view
 from vlafuzz.report.films import filmed
-from vlafuzz.report.page import render
+from vlafuzz.report.page import render, render_sheet
+from vlafuzz.report.sheet import Picture, Sheet, Table
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")
@@ -91,6 +96,23 @@ def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme)
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": width, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") == width
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(
+    browser: "sync.Browser", tmp_path: Path, width: int
+):
+    picture = io.BytesIO()
+    imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
+    rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]
+    made = Sheet("a", "a.db", "b", (), (Picture("c", picture.getvalue(), "d"),), (Table("e", rows),))
+    (tmp_path / "sheet.html").write_text(render_sheet(made), encoding="utf-8")
+    page = browser.new_page(viewport={"width": width, "height": 800})
+    page.goto((tmp_path / "sheet.html").as_uri())
+    assert page.evaluate("document.querySelector('img').naturalWidth") == 1200
+    assert page.evaluate("document.querySelector('table').scrollWidth") > width
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    page.close()
 
 
 def test_in_print_there_are_cards_and_no_controls(page: "sync.Page"):

@@ -52,7 +52,7 @@ def command(
         Path | None, typer.Option(help="Where to keep all runs.", show_default="runs/compare-….db")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for plots and tables.", show_default="runs/compare-…")
+        Path | None, typer.Option(help="Folder for page, plots and tables.", show_default="runs/compare-…")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV, a row a strategy.")] = False,
@@ -131,15 +131,18 @@ def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int
 
 def _write(compared: Comparison, folder: Path) -> None:
     from vlafuzz.cli import compared as shown
+    from vlafuzz.cli.compared_page import page
     from vlafuzz.compare.plots import plot
+    from vlafuzz.report.page import write_page
 
     told = json_format.dumps(asdict(compared), indent=2, allow_nan=False)
     (folder / "compare.json").write_text(told + "\n", encoding="utf-8")
     (folder / "compare.md").write_text(shown.markdown(compared), encoding="utf-8")
     shown.write_runs(compared, folder / "runs.csv")
     plots = plot(compared, folder)
-    names = [path.name for path in (*plots, folder / "compare.json", folder / "compare.md")]
-    stderr().print(f"written to {folder}: {', '.join(names)}, runs.csv", soft_wrap=True)
+    write_page(folder / "compare.html", page(compared, {path.name: path.read_bytes() for path in plots}))
+    names = ["compare.html", *(path.name for path in plots), "compare.json", "compare.md", "runs.csv"]
+    stderr().print(f"written to {folder}: {', '.join(names)}", soft_wrap=True)
 
 
 def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:

@@ -36,7 +36,7 @@ _COST = {
 _EVIDENCE = ("confirmed", "witnessed", "minimal", "distinct signatures")
 _SHARES = ("coverage", "valid_share")
 _SMALL_SHARES = ("search_share", "store_share")
-_NOTE = (
+NOTE = (
     "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
     "less is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, as share of the wall time; "
     "solvable, confirmed: with the 95 % interval, in which failures of one run count as alike as they are"
@@ -80,7 +80,7 @@ def print_comparison(compared: Comparison) -> None:
     """To look at."""
     for title, rows in tables(compared).items():
         print_rows(rows, title=title)
-    stdout().print(_NOTE, soft_wrap=True)
+    stdout().print(NOTE, soft_wrap=True)
     for sentence in sentences(compared):
         stdout().print(sentence, soft_wrap=True)
 
@@ -89,7 +89,7 @@ def markdown(compared: Comparison) -> str:
     """To paste."""
     parts = [f"**{title}**\n\n{_pipes(rows)}" for title, rows in tables(compared).items()]
     said = "\n".join(f"- {sentence}" for sentence in sentences(compared))
-    return "\n\n".join([*parts, _NOTE, *([said] if said else [])]) + "\n"
+    return "\n\n".join([*parts, NOTE, *([said] if said else [])]) + "\n"
 
 
 def csv_rows(compared: Comparison) -> list[Row]:
@@ -116,7 +116,8 @@ def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
 
 def _shown(spread: Spread, name: str) -> str:
     low, middle, high = (_number(value, name) for value in (spread.low, spread.median, spread.high))
-    return middle if low == middle == high else f"{middle} ({low}–{high})"
+    to = " to " if "–" in (low, high) else "–"
+    return middle if low == middle == high else f"{middle} ({low}{to}{high})"
 
 
 def _number(value: float | None, name: str) -> str:

@@ -1,20 +1,30 @@
-"""The page: a view as HTML that needs nothing else."""
+"""Pages: a view, or a sheet, as HTML that needs nothing else."""
 
 from __future__ import annotations
 
 from base64 import b64encode
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
+from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import BUCKETS, SPEED, View
 from vlafuzz.report.words import interval, percent
 
 
 def render(view: View) -> str:
     """One HTML page, with all that it shows inside of it."""
+    return _template("page.html.j2").render(view=view, buckets=BUCKETS, speed=SPEED, version=__version__)
+
+
+def render_sheet(sheet: Sheet) -> str:
+    """The same of a sheet."""
+    return _template("sheet.html.j2").render(sheet=sheet, version=__version__)
+
+
+def _template(name: str) -> Template:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,  # names and instructions are foreign text
@@ -24,8 +34,7 @@ def render(view: View) -> str:
     )
     environment.filters |= {"percent": percent, "data": _data}
     environment.globals["interval"] = interval
-    page = environment.get_template("page.html.j2")
-    return page.render(view=view, buckets=BUCKETS, speed=SPEED, version=__version__)
+    return environment.get_template(name)
 
 
 def _data(content: bytes, kind: str) -> str:
