@@ -20,8 +20,7 @@ from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import SceneError, UsageError, suggestion
 from vlafuzz.execute.base import Executor
-from vlafuzz.execute.local import LocalExecutor
-from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.execute.registry import Place, executor_at, subject_at
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene, load_scenes
@@ -39,7 +38,8 @@ from vlafuzz.tasks.tabletop import task as find_task
 BUDGET = 100  # rollouts
 MOST = 2**63 - 1
 CRITERIA = ("strict", "published")
-# What a manifest has of a RunConfig under the same name.
+# What a manifest has of a RunConfig under the same name, and what every command says anew.
+_ANEW = ("scenes", "pool", "workers", "executor", "address")
 _STORED = ("task", "subject", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria")
 
 
@@ -60,7 +60,7 @@ class RunConfig:
         scenes: a file of scenes to run in place of generated ones.
         pool: a file of scenes from which the strategy chooses, each of them once at most.
         store: None for ``runs/<task>-<subject>-<strategy>-<seed>.db``.
-        workers: processes that evaluate scenes; 1 for this one alone.
+        workers, executor, address: see ``Place``.
     """
 
     task: str | None = None
@@ -78,6 +78,8 @@ class RunConfig:
     pool: Path | None = None
     store: Path | None = None
     workers: int = 1
+    executor: str | None = None
+    address: str | None = None
     command: str = ""
 
 
@@ -93,7 +95,7 @@ class Plan:
     subject: Subject
     store: Path
     patience: int | None
-    workers: int = 1
+    place: Place
     resume: int | None = None
 
 
@@ -107,6 +109,8 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
         UsageError: a name, number or file is wrong.
     """
     _check_numbers(config)
+    place = Place(config.workers, config.executor, config.address)
+    place.check()
     subject_name = config.subject or default_subject()
     scenes = _scenes(config)
     task = _task(config, scenes)
@@ -116,7 +120,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     space = SearchSpace(operators or _operators(config), load_catalogue(), task.name)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
-    subject = make_subject(subject_name)
+    subject = subject_at(place, subject_name)
     return Plan(
         manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
         task=task,
@@ -126,7 +130,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
         subject=subject,
         store=config.store or default_store(task.name, subject_name, strategy_name, config.seed),
         patience=None if scenes else campaign.PATIENCE,  # a file of scenes ends by itself, fair or not
-        workers=config.workers,
+        place=place,
     )
 
 
@@ -147,7 +151,8 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in _STORED}
-    known = RunConfig(**stored, scenes=asked.scenes, pool=asked.pool, store=store, workers=asked.workers)
+    anew = {name: getattr(asked, name) for name in _ANEW}
+    known = RunConfig(**stored, **anew, store=store)
     made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
@@ -181,10 +186,7 @@ def fuzz(
 
 def make_executor(plan: Plan) -> Executor:
     """What evaluates the run's scenes."""
-    if plan.workers == 1:
-        return LocalExecutor(make_evaluator(plan.manifest, plan.subject))
-    plan.subject.close()  # each worker makes its own
-    return ProcessExecutor(partial(make_evaluator, plan.manifest), plan.workers)
+    return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.subject)
 
 
 def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evaluator:
@@ -223,7 +225,6 @@ def _check_numbers(config: RunConfig) -> None:
         ("--repeats", config.repeats, 1),
         ("--budget", config.budget, config.repeats),
         ("--batch", config.batch, 1),
-        ("--workers", config.workers, 1),
         ("--seed", config.seed, 0),
     ):
         if value is not None and value < least:

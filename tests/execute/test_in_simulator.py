@@ -6,8 +6,8 @@ from vlafuzz import config
 from vlafuzz.corpus.store import Corpus
 
 
-def trials(store: Path, workers: int) -> list[tuple[object, ...]]:
-    flags = {"subject": "pinhole", "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
+def trials(store: Path, workers: int, subject: str = "pinhole") -> list[tuple[object, ...]]:
+    flags = {"subject": subject, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
     summary = config.start(
         config.plan(config.RunConfig(**flags, store=store, workers=workers)), lambda tally: None
     )

@@ -154,7 +154,14 @@ class ActionChunk:
 
 
 class Subject(Protocol):
-    """The policy under test."""
+    """The policy under test.
+
+    Every worker has one of its own, unless what makes it (the class, or the factory that its name names) says
+    ``shared = True``: then there is one for all of them, in a process of its own, which is asked for whatever
+    they want at the same time in one call. That is for a model that fills a device; a small one on a CPU is
+    faster in the workers. A shared subject whose ``act`` raises has gone on with none of the observations:
+    they may be asked again, one by one.
+    """
 
     @property
     def spec(self) -> SubjectSpec:

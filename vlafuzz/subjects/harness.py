@@ -28,7 +28,7 @@ class Harness:
         self._subject, self._spec = subject, subject.spec
         self._queue: deque[Array] = deque()
         self._gripper = Gripper(self._spec.action)
-        with _blamed_on(self._spec.name):
+        with blamed_on(self._spec.name):
             subject.reset([start])
         self.finish = weakref.finalize(self, _finish, subject, start)
 
@@ -42,7 +42,7 @@ class Harness:
         """
         if not self._queue:
             observation = observe()
-            with _blamed_on(self._spec.name):
+            with blamed_on(self._spec.name):
                 chunk = check_chunks(self._subject.act([observation]), 1, self._spec.name)[0]
             self._queue.extend(chunk[: self._spec.execute])
         return self._metric(self._queue.popleft())
@@ -63,7 +63,7 @@ def _finish(subject: Subject, start: EpisodeStart) -> None:
 
 
 @contextmanager
-def _blamed_on(name: str) -> Iterator[None]:
+def blamed_on(name: str) -> Iterator[None]:
     """Whatever a subject's own code raises is the subject's error, with its cause."""
     try:
         yield

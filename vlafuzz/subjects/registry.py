@@ -60,6 +60,17 @@ def check_subject_name(name: str) -> None:
         raise UsageError(f"unknown subject {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
 
 
+def is_shared(name: str) -> bool:
+    """Whether all workers share one subject of that name: see ``Subject``. Makes none.
+
+    Raises:
+        UsageError: no such subject.
+    """
+    check_subject_name(name)
+    factory = load_factory(name) if is_reference(name) else _server(name) or SUBJECTS[name]
+    return bool(getattr(factory, "shared", False))
+
+
 def make_subject(name: str) -> Subject:
     """The subject of that name.
 

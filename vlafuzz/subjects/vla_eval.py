@@ -27,7 +27,8 @@ class VlaEval:
     """A model behind a vla-eval server; options come after a question mark: ?camera=256&wrist=1.
 
     A live rollout has a connection of its own, since servers keep chunks of actions for each. When it breaks,
-    the rollout cannot be gone on with.
+    the rollout cannot be gone on with. So it is not ``shared``: the server already puts observations together
+    that arrive on several connections, and workers that ask it themselves save a way.
     """
 
     form: ClassVar[str] = "vla-eval:ws://host:port"

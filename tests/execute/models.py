@@ -1,0 +1,94 @@
+"""Subjects that workers share. They keep something for each rollout, as models do that remember."""
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vlafuzz.errors import UsageError
+from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
+from vlafuzz.subjects.pinhole import Pinhole
+
+
+class Own(Pinhole):
+    """Pinhole under a name of its own; it remembers what it saw and tried."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spec = replace(self.spec, name="model", max_batch=8)
+
+
+class Common(Own):
+    """The same for all workers; notes in the current folder in which process it was made."""
+
+    shared = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        with Path("made").open("a") as noted:
+            noted.write(f"{os.getpid()}\n")
+
+
+class Mortal(Common):
+    """Takes its process down at the first rollout, the first time only."""
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        super().reset(episodes)
+        if len(Path("made").read_text().split()) == 1:
+            os.abort()
+
+
+class Counter:
+    """Says how often it was asked in a rollout; dislikes some words."""
+
+    shared = True
+
+    def __init__(self, max_batch: int = 8) -> None:
+        self.spec = SubjectSpec("counter", max_batch=max_batch)
+        self.batches: list[int] = []
+        self.finished: list[str] = []
+        self._asked: dict[str, int] = {}
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        for start in episodes:
+            if start.instruction == "sit":
+                raise ValueError("cannot sit")
+            self._asked[start.episode] = 0
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        self.batches.append(len(observations))
+        if any(seen.instruction == "jump" for seen in observations):
+            raise ValueError("cannot jump")
+        for seen in observations:
+            self._asked[seen.episode] += 1
+        counted = [[float(self._asked[seen.episode])] * 7 for seen in observations]
+        return [ActionChunk(np.array([each])) for each in counted]
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.finished += [start.episode for start in episodes]
+
+    def close(self) -> None:
+        pass
+
+
+class Sleeper(Counter):
+    """Never answers."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        time.sleep(600)
+        raise AssertionError
+
+
+def refused() -> Counter:
+    raise UsageError("no weights", hint="download them")
+
+
+def unmade() -> Counter:
+    raise OSError("no device")
+
+
+def deadly() -> Counter:
+    os._exit(4)

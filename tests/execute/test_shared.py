@@ -1,0 +1,161 @@
+"""A subject that all workers share: one process, the same outcomes, and what comes of a death."""
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from functools import partial
+from multiprocessing import Process, active_children, get_context
+from pathlib import Path
+
+import pytest
+
+from tests.execute.models import Counter, Sleeper, deadly, refused, unmade
+from tests.execute.test_in_simulator import trials
+from vlafuzz.errors import SubjectError, UsageError
+from vlafuzz.execute.crew import Lost
+from vlafuzz.execute.host import Host
+from vlafuzz.execute.shared import Shared, share
+from vlafuzz.subjects.base import EpisodeStart, Observation
+from vlafuzz.subjects.harness import Harness
+from vlafuzz.subjects.registry import is_shared
+
+MODELS = "python:tests.execute.models"
+
+
+@pytest.fixture
+def hosted() -> Iterator[Callable[..., Callable[[], Shared]]]:
+    """``hosted(make)()``: somebody who shares what that makes."""
+    hosts: list[Host] = []
+
+    def host(make: Callable[[], Counter], **options: float) -> Callable[[], Shared]:
+        hosts.append(Host("counter", make, **options))  # type: ignore[arg-type]
+        return partial(Shared, "counter", hosts[-1].address, hosts[-1].key, hosts[-1].spec)
+
+    yield host
+    for each in hosts:
+        each.close()
+
+
+def start(name: str = "scene", instruction: str = "move") -> EpisodeStart:
+    return EpisodeStart(name, instruction, "pick-up", 0)
+
+
+def seen(name: str = "scene", instruction: str = "move") -> Observation:
+    return Observation(name, 0, instruction)
+
+
+def ask(subject: Shared, name: str = "scene", instruction: str = "move") -> float:
+    return float(subject.act([seen(name, instruction)])[0].actions[0, 0])
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
+    """What comes of a campaign in one process, with a model of its own."""
+    return trials(tmp_path_factory.mktemp("alone") / "a.db", 1, f"{MODELS}:Own")
+
+
+def test_two_workers_with_one_model_do_what_one_process_does(tmp_path: Path, monkeypatch, alone):
+    monkeypatch.chdir(tmp_path)
+    assert trials(tmp_path / "b.db", 2, f"{MODELS}:Common") == alone
+    (pid,) = Path("made").read_text().split()
+    assert int(pid) != os.getpid()
+
+
+def test_a_model_that_takes_its_process_down_costs_one_more_try(tmp_path: Path, monkeypatch, alone):
+    monkeypatch.chdir(tmp_path)
+    assert trials(tmp_path / "b.db", 2, f"{MODELS}:Mortal") == alone
+    assert len(Path("made").read_text().split()) == 2
+
+
+def test_rollouts_of_several_workers_do_not_meet(hosted):
+    share = hosted(Counter)
+    one, two = share(), share()
+    for each in (one, two):
+        each.reset([start()])
+    assert [ask(one), ask(one), ask(two), ask(one)] == [1, 2, 1, 3]
+
+
+def test_a_rollout_that_begins_anew_counts_from_the_beginning(hosted):
+    subject = hosted(Counter)()
+    old = Harness(subject, start())
+    assert [ask(subject), ask(subject)] == [1, 2]
+    new = Harness(subject, start())
+    old.finish()
+    assert [ask(subject), ask(subject)] == [1, 2]
+    new.finish()
+
+
+def test_an_error_is_the_same_as_without_a_host_and_the_rollout_goes_on(hosted):
+    subject = hosted(Counter)()
+    subject.reset([start()])
+    with pytest.raises(SubjectError, match="counter raised ValueError: cannot jump") as caught:
+        ask(subject, instruction="jump")
+    assert caught.value.cause == "remote"
+    assert ask(subject) == 1
+
+
+def ask_and_die(subject: Shared) -> None:
+    subject.reset([start("gone")])
+    subject._ask = lambda asked: (subject._pipe.send(asked), os.kill(os.getpid(), signal.SIGKILL))
+    subject.act([seen("gone")])
+
+
+def test_a_worker_that_is_killed_while_it_waits_leaves_the_others_alone(hosted):
+    share = hosted(Counter)
+    one, dying = share(), share()
+    one.reset([start()])
+    killed: Process = get_context("spawn").Process(target=ask_and_die, args=(dying,))
+    killed.start()
+    killed.join()
+    assert killed.exitcode == -signal.SIGKILL
+    assert [ask(one), ask(one)] == [1, 2]
+
+
+def test_a_host_that_is_killed_loses_its_rollouts_and_is_there_again(hosted):
+    share = hosted(Counter)
+    before = share()
+    before.reset([start()])
+    (host,) = active_children()
+    os.kill(host.pid, signal.SIGKILL)
+    with pytest.raises(Lost, match="the process of counter died"):
+        ask(before)
+    after = share()
+    after.reset([start()])
+    assert ask(after) == 1
+
+
+def test_a_model_that_never_answers_is_lost_not_waited_for(hosted, capfd):
+    subject = hosted(Sleeper, longest=1.0)()
+    subject.reset([start()])
+    with pytest.raises(Lost, match="the process of counter died"):
+        ask(subject)
+    assert "Timeout" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("make", "kind", "says"),
+    [
+        (refused, UsageError, "no weights"),
+        (unmade, UsageError, "the subject cannot be made: OSError: no device"),
+        (deadly, SubjectError, "counter: the process that was to make it ended with exit code 4"),
+    ],
+)
+def test_a_model_that_cannot_be_made_is_one_sentence(make, kind, says):
+    with pytest.raises(kind, match=f"^{says}$"):
+        Host("counter", make)
+    assert active_children() == []
+
+
+def test_all_who_share_a_name_share_a_process_until_the_last_is_closed():
+    one, two = share(f"{MODELS}:Counter"), share(f"{MODELS}:Counter")
+    assert len(active_children()) == 1
+    one.close()
+    two.reset([start()])
+    assert ask(two) == 1
+    two.close()
+    assert active_children() == []
+
+
+def test_only_who_says_so_is_shared():
+    named = [f"{MODELS}:Common", f"{MODELS}:Own", "pinhole", "vla-eval:ws://gpu:8000"]
+    assert [is_shared(name) for name in named] == [True, False, False, False]

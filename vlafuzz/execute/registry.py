@@ -1,0 +1,106 @@
+"""Executors by name: where a run's scenes are evaluated."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
+from vlafuzz.execute.base import Executor
+from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.execute.shared import Shared, share
+from vlafuzz.sim.base import Evaluator
+from vlafuzz.subjects.base import Subject
+from vlafuzz.subjects.registry import is_shared, make_subject
+
+EXECUTORS = ("local", "processes", "ray")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where scenes are evaluated.
+
+    Attributes:
+        workers: processes, or actors of ray.
+        executor: of ``EXECUTORS``; None for local with one worker, else processes.
+        address: of a ray cluster; None for one that is started here.
+    """
+
+    workers: int = 1
+    executor: str | None = None
+    address: str | None = None
+
+    @property
+    def kind(self) -> str:
+        """Which executor it is."""
+        return self.executor or ("local" if self.workers == 1 else "processes")
+
+    def check(self) -> None:
+        """Fail early for what cannot be made.
+
+        Raises:
+            UsageError: a flag is wrong.
+            PrerequisiteError: ray is not installed.
+        """
+        if self.workers < 1:
+            raise UsageError(
+                f"--workers: expected at least 1, got {self.workers}", hint="give --workers 1 or more"
+            )
+        if self.kind not in EXECUTORS:
+            raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))
+        if self.kind == "local" and self.workers > 1:
+            raise UsageError(
+                f"--executor local: it has one worker, not {self.workers}", hint="--executor processes"
+            )
+        if self.address is not None and self.kind != "ray":
+            raise UsageError(
+                f"--address {self.address}: the executor {self.kind} has no address",
+                hint="add --executor ray",
+            )
+        if self.address not in (None, "auto") and not re.fullmatch(r"[^/:]+:\d{1,5}", self.address or ""):
+            raise UsageError(
+                f"--address {self.address}: no address of a ray cluster", hint="expected auto or host:port"
+            )
+        if self.kind == "ray" and importlib.util.find_spec("ray") is None:
+            raise PrerequisiteError(
+                "--executor ray needs the package 'ray'", hint="pip install 'vlafuzz[ray]'"
+            )
+
+
+def subject_at(place: Place, name: str) -> Subject:
+    """The subject of that name, or what stands for it where workers share it."""
+    if place.kind != "local" and is_shared(name):
+        return share(name, everywhere=place.kind == "ray")
+    return make_subject(name)
+
+
+def executor_at(place: Place, make: Callable[..., Evaluator], subject: Subject) -> Executor:
+    """What evaluates scenes there.
+
+    Args:
+        make: makes an evaluator, of a subject or of one that it makes itself; picklable for workers.
+        subject: of ``subject_at``; closed with the executor at the latest.
+
+    Raises:
+        PrerequisiteError: no ray cluster answers.
+    """
+    if place.kind == "local":
+        return LocalExecutor(make(subject))
+    if isinstance(subject, Shared):
+        make, after = partial(make, subject), subject.close
+    else:
+        subject.close()  # each worker makes its own
+        after = _nothing
+    if place.kind == "processes":
+        return ProcessExecutor(make, place.workers, after=after)
+    from vlafuzz.execute.ray import RayExecutor  # loads ray
+
+    return RayExecutor(make, place.workers, address=place.address, after=after)
+
+
+def _nothing() -> None:
+    pass
