@@ -47,3 +47,15 @@ def expert_on():
     yield evaluator
     for each in made.values():
         each.close()
+
+
+@pytest.fixture(scope="module")
+def connected():
+    """A ray of this machine, one for a module: it takes seconds to start."""
+    from contextlib import closing
+
+    from tests.doubles import ClosedForm
+    from vlafuzz.execute.ray import RayExecutor
+
+    with closing(RayExecutor(ClosedForm, workers=2)):
+        yield

@@ -30,7 +30,17 @@ def processes(evaluator: Evaluator) -> ProcessExecutor:
     return ProcessExecutor(partial(same, evaluator), workers=1)
 
 
-MAKERS: dict[str, Callable[[Evaluator], Executor]] = {"local": LocalExecutor, "processes": processes}
+def on_ray(evaluator: Evaluator) -> Executor:
+    from vlafuzz.execute.ray import RayExecutor
+
+    return RayExecutor(partial(same, evaluator), workers=1)
+
+
+MAKERS: dict[str, Callable[[Evaluator], Executor]] = {
+    "local": LocalExecutor,
+    "processes": processes,
+    "ray": on_ray,
+}
 DARK, BRIGHT, FAR = scene(light=0.25), scene(light=4.0), scene(x=0.1)
 
 
@@ -38,13 +48,20 @@ def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
     return {tag: [each.verdict for each in outcomes] for tag, outcomes in executor.run(enumerate(batches))}
 
 
-@pytest.fixture(params=MAKERS)
-def make(request: pytest.FixtureRequest) -> Iterator[Callable[[Evaluator], Executor]]:
+@pytest.fixture(params=MAKERS, scope="module")
+def kind(request: pytest.FixtureRequest) -> str:
+    if request.param == "ray":
+        request.getfixturevalue("connected")
+    return request.param
+
+
+@pytest.fixture
+def make(kind: str) -> Iterator[Callable[[Evaluator], Executor]]:
     """Makes executors of a kind, and closes them."""
     executors: list[Executor] = []
 
     def maker(evaluator: Evaluator) -> Executor:
-        executors.append(MAKERS[request.param](evaluator))
+        executors.append(MAKERS[kind](evaluator))
         return executors[-1]
 
     yield maker

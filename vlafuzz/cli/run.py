@@ -68,6 +68,16 @@ def command(
     workers: Annotated[
         int | None, typer.Option(help="Processes that evaluate scenes.", show_default="1")
     ] = None,
+    executor: Annotated[
+        str | None,
+        typer.Option(
+            help="Where they are: local, processes, or ray.", show_default="local; processes for several"
+        ),
+    ] = None,
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"),
+    ] = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -108,6 +118,8 @@ def command(
         "pool": pool,
         "store": store,
         "workers": workers,
+        "executor": executor,
+        "address": address,
     }
     flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     if resume:
