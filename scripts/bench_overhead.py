@@ -1,0 +1,208 @@
+#!/usr/bin/env python
+"""What a campaign spends beside its rollouts: in the strategy's ask and tell, and in the store.
+
+First one campaign of pinhole in the simulator for each strategy: seconds of search and of store, and their
+share of the wall time. All use one simulator, which has started before. Then one long campaign for each
+strategy on the toy evaluator, in a process of its own: milliseconds of search and of store a proposal in each
+successive block, and resident memory after it. What costs the same at the end as at the beginning is flat.
+
+Both go through campaign.fuzz with a store on the disk, which syncs every trial, and is deleted in the end.
+--rollouts 0 leaves the first part out, --evaluations 0 the second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from vlafuzz import config
+from vlafuzz.campaign import fuzz
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.corpus.tally import Tally
+from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.objects import load_catalogue
+from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.sim.toy import Region, Toy, near
+from vlafuzz.space import SearchSpace, load_operators
+
+CONDITIONS = (
+    near("targets.0.x", -0.10, 0.32),
+    near("targets.0.y", 0.12, 0.50),
+    near("light.intensity", -2.0, 8.6),
+    near("camera.roll", 2.0, 10.0),
+)
+SAMPLES, SHARE = 2000, 0.01  # scenes by which the region gets as wide as it takes for 1 % of them to fail
+
+
+@dataclass(frozen=True)
+class Block:
+    """Some proposals in a row: up to which one, milliseconds each, and resident memory after them."""
+
+    proposals: int
+    search_ms: float
+    store_ms: float
+    mib: float
+
+
+class Blocks:
+    """Watches a campaign: a block after every ``size`` proposals."""
+
+    def __init__(self, size: int) -> None:
+        self.made: list[Block] = []
+        self._size, self._before = size, (0.0, 0.0)
+
+    def __call__(self, tally: Tally) -> None:
+        """One more trial is stored."""
+        if tally.proposals % self._size:
+            return
+        now = (tally.search.seconds, tally.store.seconds)
+        search, store = (1e3 * (b - a) / self._size for a, b in zip(self._before, now, strict=True))
+        self._before = now
+        self.made.append(Block(tally.proposals, search, store, resident()))
+
+
+def resident() -> float:
+    """MiB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def plan(options: argparse.Namespace, strategy: str, budget: int, folder: str) -> config.Plan:
+    asked = config.RunConfig(
+        task=options.task,
+        subject="pinhole",
+        strategy=strategy,
+        budget=budget,
+        seed=options.seed,
+        store=Path(folder) / "a.db",
+    )
+    return config.plan(asked)
+
+
+def space_of(options: argparse.Namespace) -> SearchSpace:
+    return SearchSpace(load_operators(), load_catalogue(), options.task)
+
+
+def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """One campaign a strategy in the simulator."""
+    rows = []
+    with TemporaryDirectory(dir=options.folder) as folder:
+        first = plan(options, options.strategies[0], options.rollouts, folder)
+        evaluator = config.make_evaluator(first.manifest, first.subject)
+        with closing(LocalExecutor(evaluator)) as executor:
+            scene = space_of(options).sample(np.random.default_rng(options.seed))
+            list(executor.run([(0, [scene])]))  # its start takes seconds
+            with Corpus.open(first.store, "write") as corpus:
+                for name in options.strategies:
+                    made = plan(options, name, options.rollouts, folder)
+                    summary = config.fuzz(made, corpus, executor, lambda tally: None, alone=True)
+                    spent = {"search": summary.search_seconds, "store": summary.store_seconds}
+                    row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
+                    row |= {"proposals": summary.proposals, "seconds": summary.seconds}
+                    row |= {f"{part}_seconds": seconds for part, seconds in spent.items()}
+                    rows.append(
+                        row | {f"{part}_share": each / summary.seconds for part, each in spent.items()}
+                    )
+    return rows
+
+
+def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
+    """One long campaign on the toy."""
+    with TemporaryDirectory(dir=options.folder) as folder:
+        made, space = plan(options, strategy, options.evaluations, folder), space_of(options)
+        scenes = [space.sample(np.random.default_rng([options.seed, 1, index])) for index in range(SAMPLES)]
+        toy = Toy(
+            Region(CONDITIONS).calibrated(scenes, SHARE),
+            space.catalogue,
+            min_distance=made.manifest.min_distance,
+        )
+        blocks = Blocks(options.block)
+        with Corpus.open(made.store, "write") as corpus:
+            summary = fuzz(
+                manifest=made.manifest,
+                stages=made.task.stage_names,
+                space=space,
+                strategy=made.strategy,
+                executor=LocalExecutor(toy),
+                corpus=corpus,
+                patience=None,
+                alone=True,
+                watch=blocks,
+            )
+        size = made.store.stat().st_size / 2**20
+    return {
+        "strategy": strategy,
+        "evaluations": summary.rollouts,
+        "seconds": summary.seconds,
+        "store_mib": size,
+        "blocks": [asdict(block) for block in blocks.made],
+    }
+
+
+def apart(work: Callable[..., Any], *args: Any) -> Any:
+    """Done in a process of its own, whose memory is its own, too."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(work, *args).result()
+
+
+def show_simulated(rows: list[dict[str, Any]]) -> None:
+    print("pinhole in the simulator")
+    print(f"{'':14} rollouts  proposals  seconds  search s   share  store s   share")
+    for row in rows:
+        print(
+            f"{row['strategy']:14} {row['rollouts']:8}  {row['proposals']:9}  {row['seconds']:7.1f}", end="  "
+        )
+        print(f"{row['search_seconds']:8.3f}  {row['search_share']:6.2%}", end="  ")
+        print(f"{row['store_seconds']:7.3f}  {row['store_share']:6.2%}", flush=True)
+
+
+def show_endured(row: dict[str, Any]) -> None:
+    took = (
+        f"{row['evaluations']} evaluations in {row['seconds']:.0f} s, a store of {row['store_mib']:.1f} MiB"
+    )
+    print(f"\n{row['strategy']} on the toy: {took}")
+    print("proposals  search ms  store ms  resident MiB")
+    for each in row["blocks"]:
+        print(f"{each['proposals']:9}  {each['search_ms']:9.3f}  {each['store_ms']:8.3f}", end="  ")
+        print(f"{each['mib']:12.1f}", flush=True)
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--task", default="pick-up")
+    whole = [name for name in STRATEGIES if "without" not in name]  # the others are ablations
+    parser.add_argument("--strategies", nargs="+", default=whole, choices=list(STRATEGIES))
+    parser.add_argument("--rollouts", type=int, default=100, help="in the simulator, of each strategy")
+    parser.add_argument("--evaluations", type=int, default=20_000, help="of the toy, for each strategy")
+    parser.add_argument("--block", type=int, default=1000, help="proposals")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, default=Path(), help="where the stores are, on the disk")
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead")
+    options = parser.parse_args()
+    report: dict[str, list[dict[str, Any]]] = {"simulated": [], "endured": []}
+    if options.rollouts:
+        report["simulated"] = apart(simulate, options)
+        if not options.json:
+            show_simulated(report["simulated"])
+    for name in options.strategies if options.evaluations else []:
+        report["endured"].append(apart(endure, options, name))
+        if not options.json:
+            show_endured(report["endured"][-1])
+    if options.json:
+        print(json.dumps(report, indent=2))
+
+
+if __name__ == "__main__":
+    main()
