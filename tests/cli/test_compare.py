@@ -105,6 +105,14 @@ def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: P
     assert not re.search(r'(src|href)="(?!data:)', page)
 
 
+def test_one_strategy_alone_has_a_page_without_tests(folder: Path):
+    compare("--strategies", "random")
+    page = (folder / "out/compare.html").read_text(encoding="utf-8")
+    assert "All repeats together" in page
+    assert "Against random" not in page
+    assert "What can be said" not in page
+
+
 def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):
     compare("--csv")
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
@@ -175,6 +183,23 @@ def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.Monke
     with Corpus.open(Path("a.db")) as corpus:
         assert len(corpus.triaged()) > first > 0
         assert len(corpus.triaged()) == sum(each.renewed for each in made)  # none of them twice
+
+
+class Breaking(PlantedDesk):
+    """The subject broke."""
+
+    def evaluate(self, scenes, number):  # type: ignore[no-untyped-def]
+        return [Outcome.error("refused") for _ in scenes]
+
+
+def test_failures_that_cannot_be_judged_are_told_and_not_counted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda *_: Breaking([]))
+    compare("--strategies", "random", "--triage-sample", "2", "--json")
+    printed = capsys.readouterr()
+    assert "2 of the sampled failures could not be judged: the subject broke" in printed.err
+    assert json.loads(printed.out)["standings"][0]["evidence"] is None
 
 
 def test_nothing_is_triaged_by_default(capsys: pytest.CaptureFixture[str]):
