@@ -166,6 +166,17 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
     assert not (folder / "a.db").exists()
 
 
+@pytest.mark.parametrize("address", ["auto", "127.0.0.1:1"])
+def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], address: str
+):
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    assert main(["run", *IDLE, "--store", "a.db", "--executor", "ray", "--address", address]) == 3
+    first, hint = capsys.readouterr().err.splitlines()
+    assert first.startswith(f"error: --address {address}: no ray cluster answers: ")
+    assert hint == "hint: `ray start --head` starts one and says its address"
+
+
 def test_a_wrong_flag_is_noticed_before_a_simulator_is_loaded():
     code = (
         "import sys; from vlafuzz.cli import main; code = main(['run', '--budget', '0']);"

@@ -2,14 +2,19 @@
 
 from pathlib import Path
 
+import pytest
+
 from vlafuzz import config
 from vlafuzz.corpus.store import Corpus
 
 
-def trials(store: Path, workers: int, subject: str = "pinhole") -> list[tuple[object, ...]]:
+def trials(
+    store: Path, workers: int, subject: str = "pinhole", executor: str | None = None
+) -> list[tuple[object, ...]]:
     flags = {"subject": subject, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
     summary = config.start(
-        config.plan(config.RunConfig(**flags, store=store, workers=workers)), lambda tally: None
+        config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)),
+        lambda tally: None,
     )
     assert summary.rollouts == 12
     with Corpus.open(store) as corpus:
@@ -25,5 +30,12 @@ def trials(store: Path, workers: int, subject: str = "pinhole") -> list[tuple[ob
         )
 
 
-def test_two_workers_do_what_one_process_does(tmp_path: Path):
-    assert trials(tmp_path / "a.db", 1) == trials(tmp_path / "b.db", 2)
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
+    """What comes of it in this process."""
+    return trials(tmp_path_factory.mktemp("alone") / "a.db", 1)
+
+
+@pytest.mark.parametrize("executor", ["processes", "ray"])
+def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str):
+    assert trials(tmp_path / "a.db", 2, executor=executor) == alone

@@ -22,14 +22,16 @@ OTHERS = [scene(light=2.0**power) for power in (-3, -1, 0, 1, 2.5, 3)]
 
 
 class Treacherous(ClosedForm):
-    """Misbehaves in a bright scene, the first time only or always; ``folder`` remembers across processes."""
+    """Misbehaves in one scene, the first time only or always; ``folder`` remembers across processes."""
 
-    def __init__(self, what: Callable[[], None], folder: Path, *, always: bool) -> None:
+    def __init__(
+        self, what: Callable[[], None], folder: Path, *, always: bool, where: Scene = BRIGHT
+    ) -> None:
         super().__init__()
-        self._what, self._folder, self._always = what, folder, always
+        self._what, self._folder, self._always, self._where = what, folder, always, where
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        if BRIGHT in scenes:
+        if self._where in scenes:
             (self._folder / str(os.getpid())).touch()
             if self._always or len(list(self._folder.iterdir())) == 1:
                 self._what()

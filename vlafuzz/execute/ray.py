@@ -157,7 +157,7 @@ def _connect(address: str | None, workers: int) -> bool:
             socket.create_connection((host, int(port)), REPLY).close()
             ray.init(found, **quiet)
     except Exception as error:  # it raises whatever it meets on the way
-        told = (str(error) or type(error).__name__).splitlines()[0]
+        told = (str(error) or type(error).__name__).splitlines()[0].partition(". ")[0]
         if address is None:
             raise PrerequisiteError(f"ray does not start here: {told}", hint="--executor processes") from None
         raise PrerequisiteError(

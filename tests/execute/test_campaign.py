@@ -1,0 +1,75 @@
+"""A campaign whose workers die, hang or eat the memory loses nothing: every proposal is in the store."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import STAGES, ClosedForm, TinySpace, manifest
+from tests.execute.test_processes import TROUBLES, Treacherous, same
+from vlafuzz.campaign import fuzz
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.execute.base import Executor
+from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.search.random import Random
+from vlafuzz.sim.base import Evaluator
+
+SPACE = TinySpace()
+FATAL = next(
+    scene
+    for scene in (SPACE.decode(proposal.genome) for proposal in Random(SPACE, 0).ask(8))
+    if ClosedForm().outcome(scene).verdict is Verdict.PASSED
+)
+
+
+class Erring(ClosedForm):
+    """What is to be expected: an ERROR in one scene, all else as ever."""
+
+    def outcome(self, scene: Scene) -> Outcome:
+        if scene == FATAL:
+            raise OSError("this one")
+        return super().outcome(scene)
+
+
+def on_processes(evaluator: Evaluator, **options: float) -> Executor:
+    return ProcessExecutor(partial(same, evaluator), 2, **options)  # type: ignore[arg-type]
+
+
+def on_ray(evaluator: Evaluator, **options: float) -> Executor:
+    from vlafuzz.execute.ray import RayExecutor
+
+    return RayExecutor(partial(same, evaluator), 2, **options)  # type: ignore[arg-type]
+
+
+def stored(path: Path, executor: Executor) -> Sequence[tuple[int, str, Verdict]]:
+    with Corpus.open(path, "write") as corpus:
+        about = manifest(budget=20, batch=8)
+        strategy = Random(SPACE, 0)
+        summary = fuzz(
+            manifest=about, stages=STAGES, space=SPACE, strategy=strategy, executor=executor, corpus=corpus
+        )
+        executor.close()
+        trials = list(corpus.trials(summary.run))
+    assert (summary.rollouts, summary.proposals) == (20, len(trials))
+    assert sum(summary.verdicts.values()) == len({trial.scene for trial in trials})
+    assert summary.verdicts["error"] == 1
+    return sorted((trial.proposal, trial.scene.digest, trial.outcome.verdict) for trial in trials)
+
+
+@pytest.mark.parametrize(
+    ("make", "trouble"),
+    [(on_processes, "killed"), (on_processes, "hung"), (on_processes, "greedy"), (on_ray, "killed")],
+)
+def test_only_the_scene_that_is_to_blame_is_an_error(
+    tmp_path: Path, make: Callable[..., Executor], trouble: str
+):
+    what, options, _ = TROUBLES[trouble]
+    (tmp_path / "pids").mkdir()
+    evaluator = Treacherous(what, tmp_path / "pids", always=True, where=FATAL)
+    expected = stored(tmp_path / "a.db", LocalExecutor(Erring()))
+    assert stored(tmp_path / "b.db", make(evaluator, **options)) == expected
+    assert len(list((tmp_path / "pids").iterdir())) == 2

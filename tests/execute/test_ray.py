@@ -1,0 +1,123 @@
+"""Workers on ray: the rules are those of processes, and an actor that dies is replaced, too."""
+
+import importlib.util
+import os
+import signal
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm
+from tests.execute.models import Counter
+from tests.execute.test_processes import BRIGHT, DARK, OTHERS, TROUBLES, Treacherous, same
+from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.execute.ray import RayExecutor
+from vlafuzz.execute.registry import Place
+from vlafuzz.execute.shared import share
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.sim.base import Evaluator
+from vlafuzz.subjects.base import EpisodeStart, Observation, Subject
+
+pytestmark = pytest.mark.usefixtures("connected")
+MODELS = "python:tests.execute.models"
+
+
+@pytest.fixture
+def executor() -> Iterator[Callable[..., RayExecutor]]:
+    made: list[RayExecutor] = []
+
+    def make(evaluator: Evaluator, workers: int = 2, **options: float) -> RayExecutor:
+        made.append(RayExecutor(partial(same, evaluator), workers, **options))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def run(executor: RayExecutor) -> list[Outcome]:
+    """Of a bright scene among others, all of which must be there and as they should be."""
+    scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
+    got = dict(executor.run((number, [each]) for number, each in enumerate(scenes)))
+    assert len(got) == len(scenes)
+    bright = got.pop(3)
+    expected = [each.verdict for each in ClosedForm().evaluate(OTHERS)]
+    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
+    return bright
+
+
+@pytest.mark.parametrize("trouble", TROUBLES)
+def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path, trouble):
+    what, options, says = TROUBLES[trouble]
+    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), **options))
+    assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, says)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def kill_actor() -> None:
+    os.kill(os.getppid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("always", [False, True], ids=["once", "always"])
+def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(
+    executor, tmp_path, always, capfd
+):
+    (outcome,) = run(executor(Treacherous(kill_actor, tmp_path, always=always)))
+    told = (Verdict.ERROR, "worker: its actor died, 2 times") if always else (Verdict.PASSED, "")
+    assert (outcome.verdict, outcome.detail) == told
+    assert len(list(tmp_path.iterdir())) == 2
+    assert capfd.readouterr().out == ""
+
+
+class Named(ClosedForm):
+    """Leaves a file with the number of its process, and never ends."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+
+    def evaluate(self, scenes: object) -> list[Outcome]:
+        (self._folder / str(os.getpid())).touch()
+        signal.pause()
+        return []
+
+
+def test_nobody_is_left_when_it_is_closed(executor, tmp_path):
+    chosen = executor(Named(tmp_path), workers=1, timeout=2.0)
+    dict(chosen.run([(0, [DARK])]))
+    chosen.close()
+    assert len(list(tmp_path.iterdir())) == 2
+    assert not any(Path(f"/proc/{pid.name}").exists() for pid in tmp_path.iterdir())
+
+
+class Asking(ClosedForm):
+    """Asks a subject once for each scene."""
+
+    def __init__(self, subject: Subject) -> None:
+        super().__init__()
+        self._subject = subject
+
+    def outcome(self, scene: object) -> Outcome:
+        self._subject.reset([EpisodeStart("one", "move", "pick-up", 0)])
+        (chunk,) = self._subject.act([Observation("one", 0, "move")])
+        return Outcome.error(f"asked {chunk.actions[0, 0]:g} times")
+
+
+def test_actors_share_a_subject_too(executor):
+    subject = share(f"{MODELS}:{Counter.__name__}", everywhere=True)
+    got = dict(executor(Asking(subject), after=subject.close).run([(0, [DARK]), (1, [BRIGHT])]))
+    assert [outcome.detail for (outcome,) in got.values()] == ["asked 1 times"] * 2
+
+
+def test_more_workers_than_the_cluster_has_room_for_are_refused():
+    with pytest.raises(UsageError, match="--workers 3: the ray cluster has 2 CPUs"):
+        RayExecutor(ClosedForm, 3)
+
+
+def test_ray_that_is_not_installed_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(PrerequisiteError, match="--executor ray needs the package 'ray'") as caught:
+        Place(executor="ray").check()
+    assert caught.value.hint == "pip install 'vlafuzz[ray]'"
