@@ -48,7 +48,7 @@ def run(executor: RayExecutor) -> list[Outcome]:
     return bright
 
 
-@pytest.mark.parametrize("trouble", TROUBLES)
+@pytest.mark.parametrize("trouble", ["killed", "hung", "greedy"])
 def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path, trouble):
     what, options, says = TROUBLES[trouble]
     (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), **options))
@@ -69,6 +69,22 @@ def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(
     assert (outcome.verdict, outcome.detail) == told
     assert len(list(tmp_path.iterdir())) == 2
     assert capfd.readouterr().out == ""
+
+
+def load() -> Evaluator:
+    raise ModuleNotFoundError("No module named 'mine'")
+
+
+class Foreign(ClosedForm):
+    """Cannot be loaded in another process."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (load, ())
+
+
+def test_a_machine_that_lacks_a_package_says_so(executor):
+    ((_, (outcome,)),) = executor(Foreign()).run([(0, [DARK])])
+    assert outcome.detail == "worker: its actor died: ModuleNotFoundError: No module named 'mine', 2 times"
 
 
 class Named(ClosedForm):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 
@@ -24,6 +26,9 @@ class Lost(BaseException):
 
 class Worker(Protocol):
     """Somebody who evaluates one batch at a time, elsewhere."""
+
+    def ready(self) -> bool:
+        """Whether it can be given one. A process can at once; an actor has to find room in its cluster."""
 
     def begin(self, scenes: Sequence[Scene]) -> None:
         """Start on a batch. Raises nothing: ``answer`` will tell."""
@@ -71,13 +76,21 @@ class Crew:
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
         """See ``Executor``."""
-        todo = iter(batches)
+        todo, worked = iter(batches), time.monotonic()
         self._again.clear()
         try:
             while len(self._posts) < self._count:
                 self._posts.append(_Post(self._hire()))
-            while busy := self._hand_out(todo):
-                self._wait([post.worker for post in busy])
+            while True:
+                over = self._hand_out(todo)
+                busy = [post for post in self._posts if post.batch]
+                if busy:
+                    worked = time.monotonic()
+                elif over:
+                    return
+                elif time.monotonic() - worked > TIMEOUT:
+                    raise PrerequisiteError(f"no worker is ready within {TIMEOUT:.0f} s", hint="`ray status`")
+                self._wait([post.worker for post in busy or self._posts])
                 for post in busy:
                     yield from self._look_at(post)
         except BaseException:
@@ -90,16 +103,16 @@ class Crew:
             post.worker.kill()
         self._posts = []
 
-    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]]]) -> list[_Post]:
-        """Give batches to those who have none, as long as there are any: who is busy then."""
+    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]]]) -> bool:
+        """Give batches to those who have none and are ready; whether there were too few."""
         for post in self._posts:
-            if post.batch is None:
+            if post.batch is None and post.worker.ready():
                 post.batch = self._again.popleft() if self._again else _next(todo)
                 if post.batch is None:
-                    break
+                    return True
                 post.batch.tries += 1
                 post.worker.begin(post.batch.scenes)
-        return [post for post in self._posts if post.batch]
+        return False
 
     def _look_at(self, post: _Post) -> Iterator[tuple[int, list[Outcome]]]:
         assert post.batch is not None

@@ -76,6 +76,10 @@ class _Process:
         self._timeout, self._memory = timeout, memory
         self._up, self._began, self._scenes = False, 0.0, 0
 
+    def ready(self) -> bool:
+        """See ``Worker``."""
+        return True
+
     def begin(self, scenes: Sequence[Scene]) -> None:
         """See ``Worker``. When nobody is there to read, ``recv`` will tell."""
         self._began, self._scenes = time.monotonic(), len(scenes)

@@ -85,9 +85,14 @@ class _Actor:
     def __init__(
         self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int
     ) -> None:
-        self._actor: Any = ray.remote(num_cpus=1)(_Hand).remote(make, timeout, memory, workers)
+        hand: Any = ray.remote(num_cpus=1)(_Hand)
+        self._actor = hand.remote(make, timeout, memory, workers)
         self._timeout = timeout
-        self.asked: Any = None
+        self.asked: Any = self._actor.greet.remote()
+
+    def ready(self) -> bool:
+        """See ``Worker``."""
+        return bool(ray.wait([self.asked], timeout=0)[0])
 
     def begin(self, scenes: Sequence[Scene]) -> None:
         """See ``Worker``."""
@@ -97,14 +102,14 @@ class _Actor:
 
     def answer(self) -> list[Outcome] | None:
         """See ``Worker``."""
-        if not ray.wait([self.asked], timeout=0)[0]:
+        if not self.ready():
             if time.monotonic() - self._began > self._allowed:
                 raise Lost(f"no answer of its actor within {self._allowed:.0f} s")
             return None
         try:
             told = ray.get(self.asked)
-        except RayActorError:
-            raise Lost("its actor died") from None
+        except RayActorError as error:
+            raise Lost(f"its actor died{_unmade(error)}") from None
         except RayError as error:
             raise Lost(f"its actor broke: {type(error).__name__}") from None
         if isinstance(told, BaseException):
@@ -127,6 +132,9 @@ class _Hand:
         beside = min(workers, os.cpu_count() or 1)  # so many may be on this machine
         self._executor = ProcessExecutor(make, 1, timeout=timeout, memory=memory or share(beside))
 
+    def greet(self) -> None:
+        """It is there."""
+
     def evaluate(self, scenes: list[Scene]) -> list[Outcome] | BaseException:
         """Outcomes, or what the user has to mend first: ray would wrap what is raised."""
         try:
@@ -134,6 +142,12 @@ class _Hand:
         except (VlafuzzError, KeyboardInterrupt) as error:
             return error
         return outcomes
+
+
+def _unmade(error: RayActorError) -> str:
+    """Why it could not even be made, as where a machine lacks a package."""
+    lines = str(error).strip().splitlines()
+    return f": {lines[-1]}" if "creation task" in lines[0] else ""
 
 
 def _wait(workers: Sequence[Any]) -> None:
@@ -162,6 +176,6 @@ def _connect(address: str | None, workers: int) -> bool:
             raise PrerequisiteError(f"ray does not start here: {told}", hint="--executor processes") from None
         raise PrerequisiteError(
             f"--address {address}: no ray cluster answers: {told}",
-            hint="`ray start --head` starts one and says its address",
+            hint="`ray start --head` starts one; where it has a token, set RAY_AUTH_MODE=token here",
         ) from None
     return True
