@@ -7,9 +7,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 from vlafuzz.execute.base import Executor
+from vlafuzz.execute.crew import TIMEOUT
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import Shared, share
@@ -90,17 +92,15 @@ def executor_at(place: Place, make: Callable[..., Evaluator], subject: Subject) 
     """
     if place.kind == "local":
         return LocalExecutor(make(subject))
+    options: dict[str, Any] = {}
     if isinstance(subject, Shared):
-        make, after = partial(make, subject), subject.close
+        make = partial(make, subject)
+        # They may wait for each other at every step.
+        options = {"timeout": TIMEOUT * place.workers, "after": subject.close}
     else:
         subject.close()  # each worker makes its own
-        after = _nothing
     if place.kind == "processes":
-        return ProcessExecutor(make, place.workers, after=after)
+        return ProcessExecutor(make, place.workers, **options)
     from vlafuzz.execute.ray import RayExecutor  # loads ray
 
-    return RayExecutor(make, place.workers, address=place.address, after=after)
-
-
-def _nothing() -> None:
-    pass
+    return RayExecutor(make, place.workers, address=place.address, **options)
