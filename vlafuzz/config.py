@@ -18,7 +18,7 @@ from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
-from vlafuzz.errors import SceneError, UsageError, suggestion
+from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import Place, executor_at, subject_at
 from vlafuzz.objects.catalogue import load_catalogue
@@ -36,7 +36,7 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
-MOST = 2**63 - 1
+MOST = 2**63 - 1  # what stores hold
 CRITERIA = ("strict", "published")
 # What a manifest has of a RunConfig under the same name, and what every command says anew.
 _ANEW = ("scenes", "pool", "workers", "executor", "address")
@@ -221,20 +221,10 @@ def default_store(task: str, subject: str, strategy: str, seed: int) -> Path:
 
 
 def _check_numbers(config: RunConfig) -> None:
-    for name, value, least in (
-        ("--repeats", config.repeats, 1),
-        ("--budget", config.budget, config.repeats),
-        ("--batch", config.batch, 1),
-        ("--seed", config.seed, 0),
-    ):
-        if value is not None and value < least:
-            raise UsageError(
-                f"{name}: expected at least {least}, got {value}", hint=f"give {name} {least} or more"
-            )
-        if value is not None and value > MOST:
-            raise UsageError(
-                f"{name}: expected at most {MOST}, got {value}", hint="stores hold 64-bit numbers"
-            )
+    check_number("--repeats", config.repeats, 1, MOST)
+    check_number("--budget", config.budget, config.repeats, MOST)
+    check_number("--batch", config.batch, 1, MOST)
+    check_number("--seed", config.seed, 0, MOST)
     if config.criteria not in CRITERIA:
         raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
 

@@ -75,6 +75,20 @@ class SimulatorError(VlafuzzError):
     """The simulator broke: this says nothing about the subject."""
 
 
+def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
+    """Fail for what is too small or too large.
+
+    Raises:
+        UsageError: it is.
+    """
+    if value is not None and value < least:
+        raise UsageError(
+            f"{flag}: expected at least {least}, got {value}", hint=f"give {flag} {least} or more"
+        )
+    if value is not None and most is not None and value > most:
+        raise UsageError(f"{flag}: expected at most {most}, got {value}", hint=f"give {flag} {most} or less")
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """A hint for an unknown name: the nearest known one, or all of them."""
     known = sorted(known)

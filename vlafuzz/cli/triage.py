@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.output import print_json, print_rows, progress, stderr
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
     from vlafuzz.corpus.harvest import Harvest
@@ -37,8 +37,7 @@ def command(
     them. Findings that were triaged before are left as they are.
     """
     for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit), ("--workers", workers)):
-        if value is not None and value < 1:
-            raise UsageError(f"{name}: expected at least 1, got {value}", hint=f"give {name} 1 or more")
+        check_number(name, value, 1)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     found = triage_store(store, max_rollouts, limit, workers, show=not json)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.crew import TIMEOUT
 from vlafuzz.execute.local import LocalExecutor
@@ -48,10 +48,7 @@ class Place:
             UsageError: a flag is wrong.
             PrerequisiteError: ray is not installed.
         """
-        if self.workers < 1:
-            raise UsageError(
-                f"--workers: expected at least 1, got {self.workers}", hint="give --workers 1 or more"
-            )
+        check_number("--workers", self.workers, 1)
         if self.kind not in EXECUTORS:
             raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))
         if self.kind == "local" and self.workers > 1:
