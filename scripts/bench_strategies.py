@@ -1,124 +1,128 @@
 #!/usr/bin/env python
-"""What strategies find on the real simulator: paired runs at equal budget, each in a store of its own.
+"""Strategies side by side, at equal budget and with paired seeds, on four grounds.
 
-The n-th repeats of all strategies have the same seed. A failure is a distinct failing scene, a cell what
-vlafuzz.scoring.cell says, a severity the mean over a run's failures. Medians over the repeats, and ranges.
-Runs that a store in the folder has already are not run again: a second call goes on, or only prints.
+    toy       planted failures in closed form, no physics
+    replay    published labels of real VLAs (VLATest's folder `data`) as oracle: choose 200 of 1,000 scenes
+    pinhole   the real simulator, a scripted subject that sees through a pinhole, physics only
+    mini      the real simulator, a learned subject, rendered
+
+Ratios are of means, with 95 % bootstrap intervals over paired runs; A12 says how often a run has more than
+one of random (Vargha and Delaney 2000), ties counted half; p is Mann and Whitney's, corrected after Holm.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
-from statistics import fmean, median
 from typing import Any
 
-from vlafuzz import config
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.outcome import Verdict
-from vlafuzz.tasks.tabletop import TASKS
+import numpy as np
+from strategies import replay, results, simulated, toy
 
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
-MEASURES = ("failures", "cells", "severity", "invalid")
+from vlafuzz.cli.compared import print_comparison
+from vlafuzz.compare.statistics import ratio, ratio_interval
+from vlafuzz.search.registry import STRATEGIES
 
-
-@dataclass(frozen=True)
-class Job:
-    """One run."""
-
-    task: str
-    strategy: str
-    seed: int
-    subject: str
-    budget: int
-    store: Path
-
-    def run(self) -> dict[str, Any]:
-        """Run it, go on with it, or only read it; a row of figures."""
-        flags = {
-            name: getattr(self, name) for name in ("task", "strategy", "seed", "subject", "budget", "store")
-        }
-        if not self.store.exists():
-            config.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
-        elif not self._finished():
-            config.start(config.resume(flags), lambda tally: None)
-        return self._figures()
-
-    def _finished(self) -> bool:
-        with Corpus.open(self.store) as corpus:
-            return all(run.status in ("finished", "stopped") for run in corpus.runs())
-
-    def _figures(self) -> dict[str, Any]:
-        with Corpus.open(self.store) as corpus:
-            (run,) = corpus.runs()
-            trials = {trial.scene.digest: trial for trial in corpus.trials(run.id)}.values()
-        failures = [trial for trial in trials if trial.outcome.verdict is Verdict.FAILED]
-        return {
-            "task": self.task,
-            "strategy": self.strategy,
-            "seed": self.seed,
-            "failures": len(failures),
-            "cells": len({trial.cell for trial in failures}),
-            "severity": fmean(trial.severity for trial in failures) if failures else 0.0,
-            "invalid": sum(trial.outcome.verdict is Verdict.INVALID for trial in trials),
-            "seconds": run.seconds,
-        }
+SIGNALS = ("smooth", "flat", "noise")
+ALL = [name for name in STRATEGIES if "-without-" not in name]
 
 
-def show(rows: Sequence[dict[str, Any]], options: argparse.Namespace) -> None:
-    print(f"{'':11}{'':10}" + "".join(f"{name:>20}" for name in MEASURES))
-    for task in options.tasks:
-        for strategy in options.strategies:
-            line = f"{task:11}{strategy:10}"
-            for name in MEASURES:
-                values = [row[name] for row in rows if (row["task"], row["strategy"]) == (task, strategy)]
-                digits = 2 if name == "severity" else 0
-                line += (
-                    f"{median(values):.{digits}f} ({min(values):.{digits}f}-{max(values):.{digits}f})".rjust(
-                        20
-                    )
-                )
-            print(line)
+def planted(options: argparse.Namespace) -> dict[str, Any]:
+    cases = toy.cases(options.shares, options.signals, options.seed)
+    found = _run(cases, options)
+    tables = {measure: results.rows(found, measure) for measure in ("cells", "failures")}
+    results.show(tables["cells"])
+    return {"widths": {case.name: case.width for case in cases}} | tables
+
+
+def replayed(options: argparse.Namespace) -> dict[str, Any]:
+    cases = replay.cases(options.data)
+    table = results.rows(_run(cases, options), "found")
+    means = {(row["case"], row["strategy"]): row["mean"] for row in table}
+    for row, case in ((row, case) for row in table for case in cases if case.name == row["case"]):
+        base, most = means[case.name, results.RANDOM], case.most(options.budget)
+        row |= {"most": most, "gain": (row["mean"] - base) / (most - base)}
+    results.show(table)
+    rare = [row for row in table if row["case"].endswith("passes")]
+    pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}
+    print("\nof what is possible over random, and the rare outcome of all VLAs together beside random's:")
+    for name, row in pooled.items():
+        gains = ", ".join(
+            f"{each['case']} {each['gain']:.0%}"
+            for each in table
+            if each["strategy"] == name and "failures" in each["case"]
+        )
+        print(f"{name}: {results.times(row)}; {gains}")
+    return {"pooled": pooled, "found": table}
+
+
+def _pooled(rare: list[results.Row], name: str) -> results.Row:
+    """The rare outcome over all VLAs: the n-th runs of all together are the n-th run."""
+    ours, theirs = (
+        np.sum([row["runs"] for row in rare if row["strategy"] == each], axis=0).tolist()
+        for each in (name, results.RANDOM)
+    )
+    interval = ratio_interval(ours, theirs)
+    low, high = interval or (None, None)
+    return {"ratio": ratio(ours, theirs), "low": low, "high": high, "runs": ours}
+
+
+def simulate(options: argparse.Namespace) -> dict[str, Any]:
+    compared = simulated.simulate(
+        options.tasks,
+        options.strategies,
+        range(options.seed, options.seed + options.repeats),
+        subject=options.ground,
+        budget=options.budget,
+        witnesses=options.witnesses,
+        workers=options.workers,
+        folder=options.stores,
+    )
+    for each in compared.values():
+        print_comparison(each)
+    return simulated.contents(compared)
+
+
+def _run(cases: list[Any], options: argparse.Namespace) -> dict[str, dict[str, list[dict[str, float]]]]:
+    seeds = range(options.seed, options.seed + options.repeats)
+    return results.run(cases, options.strategies, seeds=seeds, budget=options.budget, workers=options.workers)
 
 
 def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
-    parser.add_argument("--strategies", nargs="+", default=["random", "nsga2", "feedback"])
-    parser.add_argument("--subject", default="pinhole")
-    parser.add_argument("--budget", type=int, default=300, help="rollouts a run")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--out", type=Path, default=Path("runs/strategies"), help="folder of the stores")
-    parser.add_argument("--json", action="store_true", help="print one JSON array instead")
+    grounds = parser.add_subparsers(dest="ground", required=True)
+    one = _ground(grounds, "toy", planted, strategies=ALL, budget=300, repeats=20)
+    one.add_argument("--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="that fail")
+    one.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
+    one = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
+    one.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
+    for name, repeats, tasks in (
+        ("pinhole", 20, ["pick-up", "put-on"]),
+        ("mini", 5, ["pick-up", "move-near"]),
+    ):
+        one = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
+        one.add_argument("--tasks", nargs="+", default=tasks)
+        one.add_argument("--witnesses", type=int, default=5, help="failures of a run that the expert tries")
+        one.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
     options = parser.parse_args()
-    os.environ.update(ONE_THREAD)
-    options.out.mkdir(parents=True, exist_ok=True)
-    jobs = [
-        Job(
-            task,
-            strategy,
-            seed,
-            options.subject,
-            options.budget,
-            options.out / f"{task}-{strategy}-{seed}.db",
-        )
-        for task in options.tasks
-        for seed in range(1, options.repeats + 1)
-        for strategy in options.strategies
-    ]
-    with get_context("spawn").Pool(options.workers, maxtasksperchild=1) as pool:
-        rows = list(pool.imap(Job.run, jobs, chunksize=1))
-    if options.json:
-        print(json.dumps(rows, indent=2))
-    else:
-        show(rows, options)
+    if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:
+        options.strategies.insert(0, results.RANDOM)
+    settings = {key: value for key, value in vars(options).items() if key in ("budget", "repeats", "seed")}
+    results.write(options.out, {"ground": options.ground, **settings, **options.work(options)})
+
+
+def _ground(grounds: Any, name: str, work: Any, *, strategies: list[str], budget: int, repeats: int) -> Any:
+    one = grounds.add_parser(name)
+    one.set_defaults(work=work)
+    one.add_argument("--strategies", nargs="+", default=strategies, metavar="NAME")
+    one.add_argument("--budget", type=int, default=budget, help="rollouts a run")
+    one.add_argument("--repeats", type=int, default=repeats, help="runs a strategy")
+    one.add_argument("--seed", type=int, default=1, help="of the first run; the others count on")
+    one.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    one.add_argument("--out", type=Path, help="JSON file for the raw results")
+    return one
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.registry import POOL, strategy_factory
+from vlafuzz.search.registry import POOL, Factory, strategy_factory
 from vlafuzz.search.selection import Selection
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
@@ -36,6 +36,7 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
+STRATEGY = "surrogate"  # what finds most distinct cells: scripts/bench_strategies.py
 MOST = 2**63 - 1  # what stores hold
 CRITERIA = ("strict", "published")
 # What a manifest has of a RunConfig under the same name, and what every command says anew.
@@ -50,7 +51,7 @@ class RunConfig:
     Attributes:
         task: None for the one that ``scenes`` are of, else pick-up.
         subject: None for ``default_subject``.
-        strategy: None for the scenes of a file in order, else random.
+        strategy: None for the scenes of a file in order, else surrogate.
         budget: in subject rollouts; None for all scenes of a file, else 100.
         batch: proposals that are asked for at once.
         repeats: rollouts a scene.
@@ -119,14 +120,14 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     check_subject_name(subject_name)
     space = SearchSpace(operators or _operators(config), load_catalogue(), task.name)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
-    strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
+    strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     subject = subject_at(place, subject_name)
     return Plan(
         manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         meaningful=space.meaningful,
-        strategy=Selection(strategy, space, scenes) if config.pool else strategy,
+        strategy=strategy,
         subject=subject,
         store=config.store or default_store(task.name, subject_name, strategy_name, config.seed),
         patience=None if scenes else campaign.PATIENCE,  # a file of scenes ends by itself, fair or not
@@ -250,13 +251,22 @@ def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
 
 def _strategy_name(config: RunConfig) -> str:
     if config.scenes is None:
-        return config.strategy or "random"
+        return config.strategy or STRATEGY
     if config.strategy not in (None, POOL):
         raise UsageError(
             f"--scenes: strategy {config.strategy!r} makes its own scenes",
             hint="--pool lets it choose from the file",
         )
     return POOL
+
+
+def _strategy(
+    factory: Factory | None, space: SearchSpace, scenes: Sequence[Scene], seed: int, budget: int
+) -> Strategy:
+    """What proposes: scenes of its own, of a pool, or those of a file in order."""
+    if factory is None:
+        return InOrder(len(scenes))
+    return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)
 
 
 def _operators(config: RunConfig) -> OperatorSet:

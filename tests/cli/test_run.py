@@ -33,7 +33,7 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
     assert (summary["rollouts"], summary["task"], summary["strategy"], summary["seed"]) == (
         30,
         "pick-up",
-        "random",
+        "surrogate",
         0,
     )
     assert list(summary["verdicts"]) == NAMES
@@ -52,9 +52,12 @@ def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pyt
         assert corpus.scene(digest) in [found.scene for found in corpus.findings()]
 
 
-def test_the_same_seed_gives_the_same_scenes_whatever_the_batch(folder: Path):
+def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):
     for name, batch in (("a.db", "5"), ("b.db", "20")):
-        assert main(["run", *IDLE, "--budget", "20", "--store", name, "--batch", batch]) == 0
+        assert (
+            main(["run", *IDLE, "--strategy", "random", "--budget", "20", "--store", name, "--batch", batch])
+            == 0
+        )
     proposed = []
     for name in ("a.db", "b.db"):
         with Corpus.open(folder / name) as corpus:
@@ -66,7 +69,7 @@ def test_the_default_store_is_named_after_the_run_and_gets_one_run_more(folder: 
     for _ in range(2):
         assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0
     (store,) = (folder / "runs").iterdir()
-    assert store.name == "pick-up-python-tests.doubles-make_idle-random-7.db"
+    assert store.name == "pick-up-python-tests.doubles-make_idle-surrogate-7.db"
     with Corpus.open(store) as corpus:
         assert [run.manifest.seed for run in corpus.runs()] == [7, 7]
 

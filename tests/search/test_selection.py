@@ -10,7 +10,7 @@ from vlafuzz.config import RunConfig, plan
 from vlafuzz.errors import UsageError
 from vlafuzz.scene import Scene, write_scenes
 from vlafuzz.scoring import Score
-from vlafuzz.search.base import Proposal, about
+from vlafuzz.search.base import Proposal, Source, about
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.search.selection import Selection
 
@@ -20,6 +20,11 @@ class Wishes:
 
     def __init__(self, *scenes: Scene) -> None:
         self.scenes, self.asked, self.told = list(scenes), 0, []
+
+    def __call__(self, source: Source, seed: int, budget: int | None) -> "Wishes":
+        """The strategy, as a factory of itself."""
+        self.source = source
+        return self
 
     def ask(self, n: int) -> list[Proposal]:
         first, self.asked = self.asked, self.asked + n
@@ -41,7 +46,7 @@ def brighter(scene: Scene) -> Scene:
 
 def test_it_takes_the_nearest_scene_that_is_not_used_yet():
     pool = sampled(20)
-    selection = Selection(Wishes(pool[3], pool[3], pool[7]), space(), pool)
+    selection = Selection(Wishes(pool[3], pool[3], pool[7]), space(), pool, 0)
     first, second, third = indices(selection.ask(3))
     points = np.array([space().meaningful(scene) for scene in pool])
     distances = np.linalg.norm(points - points[3], axis=1)
@@ -51,25 +56,41 @@ def test_it_takes_the_nearest_scene_that_is_not_used_yet():
 
 def test_the_strategy_is_told_of_what_was_taken():
     pool, wishes = sampled(20), Wishes(*sampled(40)[30:])
-    selection = Selection(wishes, space(), pool)
+    selection = Selection(wishes, space(), pool, 0)
     asked = selection.ask(5)
     selection.tell(asked, [dark(wish) for wish in Wishes(*pool[:5]).ask(5)])
     assert wishes.told == [pool[index] for index in indices(asked)]
 
 
-def test_of_a_scene_that_no_genome_has_it_is_told_its_own_proposal():
+def test_of_a_scene_that_no_genome_has_it_is_told_the_nearest_one_that_has():
     scene = sampled(1)[0]
-    wishes = Wishes(scene)
-    selection = Selection(wishes, space(), [brighter(scene)])
-    asked = selection.ask(1)
-    selection.tell(asked, [dark(Proposal(0, space().encode(scene)))])
+    wishes = Wishes(*sampled(3)[2:])
+    selection = Selection(wishes, space(), [brighter(scene)], 0)
+    selection.tell(selection.ask(1), [dark(Proposal(0, space().encode(scene)))])
     assert wishes.told == [scene]
+
+
+def test_the_strategy_sees_nothing_but_what_is_left():
+    pool, wishes = sampled(20), Wishes(*sampled(8))
+    selection = Selection(wishes, space(), pool, 0)
+    taken = {pool[index] for index in indices(selection.ask(8))}
+    rng = np.random.default_rng(0)
+    drawn = {wishes.source.sample(rng) for _ in range(200)}
+    repaired = {wishes.source.repaired(scene, rng) for scene in sampled(60)[20:]}
+    assert drawn == set(pool) - taken
+    assert repaired <= set(pool) - taken
+
+
+def test_a_scene_of_a_pool_is_a_site_of_its_own():
+    pool, wishes = sampled(20), Wishes()
+    Selection(wishes, space(), pool, 0)
+    assert len({wishes.source.site(scene, space().severities(scene)) for scene in pool}) == 20
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_strategy_chooses_each_scene_of_a_pool_once_and_ends(name: str):
     pool = sampled(40)
-    selection = Selection(STRATEGIES[name](space(), 0, 40), space(), pool)
+    selection = Selection(STRATEGIES[name], space(), pool, 0, 40)
     taken = []
     while asked := selection.ask(16):
         selection.tell(asked, [dark(Wishes(pool[index]).ask(1)[0]) for index in indices(asked)])
@@ -78,7 +99,7 @@ def test_every_strategy_chooses_each_scene_of_a_pool_once_and_ends(name: str):
 
 
 def test_it_says_how_large_the_pool_is():
-    assert about(Selection(Wishes(), space(), sampled(3))) == "from a pool of 3"
+    assert about(Selection(Wishes(), space(), sampled(3), 0)) == "from a pool of 3"
 
 
 def test_a_run_chooses_from_a_file(tmp_path: Path):

@@ -43,6 +43,39 @@ def test_every_genome_is_a_scene_and_every_decoded_scene_comes_back(task: str, s
 
 
 @tasks
+@quickly
+@given(seed=seeds)
+def test_the_nearest_genome_of_a_scene_of_the_space_is_its_own(task: str, seed: int) -> None:
+    one = space(task)
+    scene = one.decode(np.random.default_rng(seed).random(one.dim))
+    assert np.array_equal(one.nearest(scene), one.encode(scene))
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_of_a_scene_from_elsewhere_the_nearest_genome_is_half_a_step_off_at_most(
+    task: str, seed: int
+) -> None:
+    one, rng = space(task), np.random.default_rng(seed)
+    scene = one.sample(rng)
+    step = one.by_path["targets.0.x"].grid.step
+    first, *others = scene.targets
+    low, high = one.by_path["targets.0.x"].grid.low, one.by_path["targets.0.x"].grid.high
+    moved = replace(first, x=float(np.clip(first.x + rng.uniform(-0.3, 0.3) * step, low, high)))
+    near = one.decode(one.nearest(replace(scene, targets=(moved, *others))))
+    assert near == scene
+
+
+def test_what_no_operator_gives_has_no_nearest_genome() -> None:
+    scene = space("pick-up").nominal()
+    with pytest.raises(SceneError, match="'anvil' is not a value of the operator target-type"):
+        space("pick-up").nearest(replace(scene, targets=(replace(scene.targets[0], object="anvil"),)))
+    with pytest.raises(SceneError, match="'pick-up' is not 'put-on'"):
+        space("put-on").nearest(scene)
+
+
+@tasks
 @pytest.mark.parametrize("edge", [0.0, 1.0])
 def test_the_corners_of_the_space_are_scenes_too(task: str, edge: float) -> None:
     one = space(task)

@@ -32,7 +32,7 @@ def command(
     ] = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="random"),
+        typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="surrogate"),
     ] = None,
     budget: Annotated[int | None, typer.Option(help="Subject rollouts.", show_default="100")] = None,
     seed: Annotated[

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -44,8 +44,14 @@ class Source(Measure, Protocol):
     def decode(self, genome: Genome) -> Scene:
         """The scene at these coordinates."""
 
+    def nearest(self, scene: Scene) -> Genome:
+        """The coordinates of the nearest scene that has any: for scenes from elsewhere."""
+
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
         """One near it that keeps the preconditions; None when there is no room for it."""
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        """Where in the space it lies: what fails at one site may well be one bug."""
 
     def meaningful(self, scene: Scene) -> NDArray[np.float64]:
         """``(k,)`` numbers whose Euclidean distance says how different two scenes are."""

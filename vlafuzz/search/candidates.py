@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlafuzz.rig import rig
-from vlafuzz.scoring import Score, site
+from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Source
 from vlafuzz.search.forest import Numbers
 from vlafuzz.search.nursery import Nursery
@@ -52,7 +51,7 @@ class Breeder:
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
         features = np.concatenate([self._space.meaningful(scene), genome, list(severities.values())])
-        return Candidate(genome, features, site(scene, severities, rig(scene.robot).workspace))
+        return Candidate(genome, features, self._space.site(scene, severities))
 
     def learn(self, genome: Genome, score: Score) -> None:
         """Keep what may become a parent."""
@@ -68,7 +67,7 @@ class Breeder:
         return [self.candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new]
 
     def _fresh(self, rng: Rng) -> Genome:
-        self._drawn.append(self._space.encode(self._space.sample(rng)))
+        self._drawn.append(self._space.nearest(self._space.sample(rng)))
         return self._drawn[-1]
 
     def _child(self, rng: Rng) -> Genome:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from ribs.archives import GridArchive
 
-from vlafuzz.rig import rig
-from vlafuzz.scoring import Score, site
+from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.nursery import Nursery
 from vlafuzz.search.variation import Variation
@@ -66,7 +65,7 @@ class MapElites:
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
         farthest = max(severities, key=lambda name: severities[name])
-        square = site(scene, severities, rig(scene.robot).workspace).rpartition("|")[2]
+        square = self._space.site(scene, severities).rpartition("|")[2]
         lost = (score.cell or "none").partition("|")[0]
         names = (lost, farthest if severities[farthest] > 0 else "base", square)
         return [known.setdefault(name, len(known)) for known, name in zip(self._numbers, names, strict=True)]

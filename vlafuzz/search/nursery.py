@@ -1,4 +1,7 @@
-"""Nursery: where genomes become proposals: fair scenes, as far as bounded repair goes, and new ones."""
+"""Nursery: where genomes become proposals: fair scenes, as far as bounded repair goes, and new ones.
+
+It makes genomes as the space encodes scenes: of one scene there is one only.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,7 @@ class Nursery:
     def fresh(self, rng: np.random.Generator) -> Genome:
         """A random scene, a new one if there still are any; from now on it is known."""
         for _ in range(REDRAWS):
-            genome = self._space.encode(self._space.sample(rng))
+            genome = self._space.nearest(self._space.sample(rng))
             if self._mark(genome) not in self._seen:
                 break
         return self.registered(genome)
@@ -30,7 +33,7 @@ class Nursery:
     def fair(self, genome: Genome, rng: np.random.Generator) -> Genome:
         """The genome of the fair scene nearest to this one's; a random one where there is no room for it."""
         scene = self._space.repaired(self._space.decode(genome), rng)
-        return self._space.encode(self._space.sample(rng) if scene is None else scene)
+        return self._space.nearest(self._space.sample(rng) if scene is None else scene)
 
     def new(self, genomes: Sequence[Genome], earlier: Sequence[Genome] = ()) -> NDArray[np.bool_]:
         """``(n,)`` whether a genome's scene is new: not proposed, not ``earlier``, not here twice."""
@@ -46,5 +49,5 @@ class Nursery:
         return genome
 
     def _mark(self, genome: Genome) -> int:
-        """64 bits of the scene's digest: millions take little room, and two hardly ever have the same."""
-        return int(self._space.decode(genome).digest[:16], 16)
+        """64 bits of it: millions take little room, and two hardly ever have the same."""
+        return hash(genome.tobytes())

@@ -13,7 +13,7 @@ from vlafuzz.search.candidates import Breeder, Candidate
 from vlafuzz.search.forest import VOTES, Forest, Numbers
 from vlafuzz.search.nursery import Nursery
 
-SUPPLY = 4  # candidates made for each proposal
+SUPPLY = 6  # candidates made for each proposal
 KEPT = 256  # of those that were not chosen, the best: they may be at another time
 WARM = 16  # fresh scenes to begin with
 BLIND = 0.5  # share of fresh scenes before the first failure, where lateness can be foreseen; else all

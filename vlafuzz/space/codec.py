@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +13,7 @@ from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.rig import rig
 from vlafuzz.scene import Scene
+from vlafuzz.scoring import site
 from vlafuzz.space.catalogue import OperatorSet
 from vlafuzz.space.compose import Composer, Values
 from vlafuzz.space.generate import generate
@@ -78,6 +79,23 @@ class SearchSpace:
             path, value = _difference(asdict(scene), asdict(again))
             raise SceneError(f"{path}: {value!r} is not a value that the operators give in this place")
         return genome
+
+    def nearest(self, scene: Scene) -> Genome:
+        """The genome of the scene of this space that is nearest to one from elsewhere, value by value.
+
+        Raises:
+            SceneError: it is of another task, or has something that is not a value of any operator.
+        """
+        if (scene.task, len(scene.targets)) != (self.task.name, self.task.targets):
+            raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
+        values = self.values(scene)
+        for path, gene in self.by_path.items():
+            if math.isnan(values[path]):
+                raise SceneError(
+                    f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}"
+                )
+        middles = [(gene.grid.snap(values[gene.path]) + 0.5) / gene.grid.size for gene in self.genes]
+        return np.array(middles, dtype=np.float64)
 
     def sample(self, rng: np.random.Generator) -> Scene:
         """A random scene that passes the semantic and the geometric checks.
@@ -145,6 +163,10 @@ class SearchSpace:
     def severity(self, scene: Scene) -> float:
         """The sum over all operators."""
         return sum(self.severities(scene).values())
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        """What of the cell of its failure is known before a rollout, see ``scoring.site``."""
+        return site(scene, severities, self.rig.workspace)
 
     def _levels(self, values: Values, scene: Scene) -> dict[str, int]:
         levels: dict[str, int] = {}

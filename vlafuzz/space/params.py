@@ -48,8 +48,14 @@ class Grid:
 
     def value(self, level: int) -> float:
         """The value of a level."""
-        scaled = round(self._scaled(self.nominal) + (level + self._first) * self.step, 9) + 0.0
-        return float(f"{2.0**scaled:.6g}") if self.log else scaled  # short floats: equal on every machine
+        return self._values[level]
+
+    @cached_property
+    def _values(self) -> tuple[float, ...]:
+        start = self._scaled(self.nominal)
+        scaled = [round(start + (level + self._first) * self.step, 9) + 0.0 for level in range(self.size)]
+        # Short floats: equal on every machine.
+        return tuple(float(f"{2.0**each:.6g}") for each in scaled) if self.log else tuple(scaled)
 
     def snap(self, value: float) -> int:
         """The level nearest to a value."""

@@ -1,0 +1,130 @@
+"""Simulated: strategies on the real simulator. Each run has a store of its own, so that they go side by side.
+
+The n-th runs of all strategies have the same seed and the same budget. Runs that a store in the folder has
+already are not run again: a second call goes on, or only counts. What is counted is what `vlafuzz compare`
+counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from strategies.results import side_by_side
+from vlafuzz import config
+from vlafuzz.compare.compare import Comparison, compare
+from vlafuzz.compare.failures import Found, found
+from vlafuzz.compare.plots import plot
+from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solvable
+from vlafuzz.corpus.ranges import stored_operators
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.desk import SimulatorDesk
+from vlafuzz.objects import load_catalogue
+from vlafuzz.space import SearchSpace
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A run, counted; of a sample of its failures, those that the expert solves."""
+
+    found: Found
+    sampled: tuple[Sampled, ...]
+    solved: dict[str, bool]
+
+    def numbered(self, number: int) -> Ran:
+        """With another number of the run: in a store of its own each is the first."""
+        found = replace(self.found, run=replace(self.found.run, id=number))
+        return replace(self, found=found, sampled=tuple(each._replace(run=number) for each in self.sampled))
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run. ``witnesses`` is how many of its failures the expert tries."""
+
+    task: str
+    strategy: str
+    seed: int
+    subject: str
+    budget: int
+    witnesses: int
+    store: Path
+
+    def play(self) -> Ran:
+        """Run it, go on with it, or only count."""
+        flags = {
+            name: getattr(self, name) for name in ("task", "strategy", "seed", "subject", "budget", "store")
+        }
+        if not self.store.exists():
+            config.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
+        elif not self._finished():
+            config.start(config.resume(flags), lambda tally: None)
+        return self._counted()
+
+    def _finished(self) -> bool:
+        with Corpus.open(self.store) as corpus:
+            return all(run.status in ("finished", "stopped") for run in corpus.runs())
+
+    def _counted(self) -> Ran:
+        with Corpus.open(self.store) as corpus:
+            (run,) = corpus.runs()
+            operators = stored_operators(self.store, run.manifest)
+            counted = found(corpus, run, SearchSpace(operators, load_catalogue(), self.task).meaningful)
+        sampled = sample([counted], self.witnesses)
+        scenes = [each.scene for each in sampled]
+        witnesses = Witnesses(self.store.with_suffix(".witnesses.jsonl"), run.manifest)
+        if witnesses.missing(scenes):
+            with closing(SimulatorDesk(self.store, run.manifest)) as desk:
+                witnesses.find(scenes, desk, lambda done, of: None)
+        return Ran(counted, tuple(sampled), dict(witnesses.solved))
+
+
+def simulate(
+    tasks: Sequence[str],
+    strategies: Sequence[str],
+    seeds: Sequence[int],
+    *,
+    subject: str,
+    budget: int,
+    witnesses: int,
+    workers: int,
+    folder: Path,
+) -> dict[str, Comparison]:
+    """Do what is missing; a comparison a task, with ``strategies[0]`` as the reference."""
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs = [
+        Job(task, name, seed, subject, budget, witnesses, folder / f"{task}-{subject}-{name}-{seed}.db")
+        for task in tasks
+        for seed in seeds
+        for name in strategies
+    ]
+    played = side_by_side(jobs, Job.play, workers)
+    ran = {job: its.numbered(number) for number, (job, its) in enumerate(zip(jobs, played, strict=True))}
+    compared = {}
+    for task in tasks:
+        of = {
+            name: [its for job, its in ran.items() if (job.task, job.strategy) == (task, name)]
+            for name in strategies
+        }
+        compared[task] = compare(
+            {name: [each.found for each in its] for name, its in of.items()},
+            strategies[0],
+            store=str(folder),
+            solvable={name: _solvable(its) for name, its in of.items()},
+        )
+        (folder / task).mkdir(exist_ok=True)
+        plot(compared[task], folder / task)
+    return compared
+
+
+def _solvable(its: Sequence[Ran]) -> Solvable | None:
+    sampled = list(chain.from_iterable(each.sampled for each in its))
+    return solvable(sampled, {digest: so for each in its for digest, so in each.solved.items()})
+
+
+def contents(compared: dict[str, Comparison]) -> dict[str, Any]:
+    """For a file."""
+    return {task: asdict(each) for task, each in compared.items()}

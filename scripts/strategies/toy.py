@@ -1,0 +1,114 @@
+"""Toy: planted failures in closed form. It is known what there is to find; no strategy knows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import score
+from vlafuzz.search.registry import strategy_factory
+from vlafuzz.sim.toy import Region, Signal, Toy, among, band, near
+from vlafuzz.space import SearchSpace, load_operators
+
+TASK = "pick-up"
+BATCH = 16
+SAMPLES = 20_000  # scenes by which a region's share is found: 100 of them in a region of 0.5 %
+SHAPES = {
+    "box of 3 genes": Region(
+        (
+            near("targets.0.x", 0.05, 0.32),
+            near("targets.0.yaw", 90.0, 360.0, period=360.0),
+            near("camera.pitch", -2.5, 10.0),
+        )
+    ),
+    "box of 4 genes": Region(
+        (
+            near("targets.0.x", -0.10, 0.32),
+            near("targets.0.y", 0.12, 0.50),
+            near("light.intensity", -2.0, 8.6),
+            near("camera.roll", 2.0, 10.0),
+        )
+    ),
+    "thin slab": Region(
+        (
+            band(
+                {"targets.0.x": 3.1, "targets.0.y": 2.0, "light.intensity": 0.116, "camera.yaw": 0.1},
+                centre=1.0,
+            ),
+        )
+    ),
+    "three operators": Region(
+        (
+            near("light.intensity", -4.3, 8.6),
+            near("camera.distance", 0.05, 0.05),
+            near("confounders", 3.0, 3.0),
+        )
+    ),
+    "three objects": Region(
+        (
+            among("targets.0.object", load_catalogue().graspable()[3:6]),
+            near("light.intensity", 4.3, 8.6),
+            near("camera.yaw", 5.0, 10.0),
+        )
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Planted:
+    """A region of a shape and a share of the random scenes, and what passes and failures tell of it."""
+
+    shape: str
+    share: float
+    signal: Signal
+    width: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.shape}, {self.share:.1%}, {self.signal}"
+
+    def play(self, strategy: str, seed: int, budget: int) -> dict[str, float]:
+        """A campaign without a store: known scenes and invalid ones cost nothing."""
+        space = _space()
+        region = replace(SHAPES[self.shape], width=self.width)
+        toy = Toy(region, space.catalogue, min_distance=space.operators.min_distance, signal=self.signal)
+        searching = strategy_factory(strategy)(space, seed, budget)
+        known, cells, failures, spent = {}, set(), 0, 0
+        while spent < budget:
+            proposals = searching.ask(min(BATCH, budget - spent))
+            scores = []
+            for scene in (space.decode(proposal.genome) for proposal in proposals):
+                if scene.digest not in known:
+                    (outcome,) = toy.evaluate([scene])
+                    spent += len(outcome.rollouts)
+                    known[scene.digest] = score(scene, outcome, space)
+                    failures += known[scene.digest].failed
+                scores.append(known[scene.digest])
+            cells |= {each.cell for each in scores if each.failed}
+            searching.tell(proposals, scores)
+        return {"cells": len(cells), "failures": failures}
+
+
+def cases(shares: Sequence[float], signals: Sequence[Signal], seed: int) -> list[Planted]:
+    """All shapes, as wide as each share needs, found by sampling."""
+    scenes = _samples(seed)
+    return [
+        Planted(shape, share, signal, region.calibrated(scenes, share).width)
+        for shape, region in SHAPES.items()
+        for share in shares
+        for signal in signals
+    ]
+
+
+@cache
+def _space() -> SearchSpace:
+    return SearchSpace(load_operators(), load_catalogue(), TASK)
+
+
+def _samples(seed: int) -> list[Scene]:
+    return [_space().sample(np.random.default_rng([seed, 1, index])) for index in range(SAMPLES)]
