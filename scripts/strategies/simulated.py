@@ -97,8 +97,8 @@ def simulate(
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
         Job(task, name, seed, subject, budget, witnesses, folder / f"{task}-{subject}-{name}-{seed}.db")
-        for task in tasks
         for seed in seeds
+        for task in tasks
         for name in strategies
     ]
     played = side_by_side(jobs, Job.play, workers)

@@ -294,6 +294,8 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
         (("--task", "pick_up"), "unknown task 'pick_up'"),
         (("--subject", "pinhol"), "unknown subject 'pinhol'"),
+        (("--executor", "cloud"), "unknown executor 'cloud'"),
+        (("--address", "auto"), "the executor local has no address"),
         (("--json", "--csv"), "--json, --csv and --markdown exclude each other"),
     ],
 )

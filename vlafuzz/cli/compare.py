@@ -42,6 +42,16 @@ def command(
         str | None, typer.Option(help="Only these operators vary: light,camera-position,…")
     ] = None,
     workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
+    executor: Annotated[
+        str | None,
+        typer.Option(
+            help="local, processes or ray.", show_default="local, or processes with several workers"
+        ),
+    ] = None,
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"),
+    ] = None,
     solvable: Annotated[
         int, typer.Option(help="Failures of every strategy that the expert tries to solve.")
     ] = 50,
@@ -80,6 +90,8 @@ def command(
         vary=tuple(each.strip() for each in vary.split(",")) if vary is not None else (),
         store=where,
         workers=workers,
+        executor=executor,
+        address=address,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     folder = out or where.with_suffix("")

@@ -102,7 +102,8 @@ def _run(
                 made = config.plan(replace(asked, strategy=job.strategy, seed=job.seed))
                 return replace(made, manifest=replace(made.manifest, commit=commit))
             flags: dict[str, object] = {"task": asked.task, "subject": asked.subject, "budget": asked.budget}
-            flags |= {"store": asked.store, "workers": asked.workers, "batch": asked.batch}
+            flags |= {"store": asked.store, "batch": asked.batch, "workers": asked.workers}
+            flags |= {"executor": asked.executor, "address": asked.address}
             return config.resume(flags | job._asdict())
 
         def fuzz(planned: Plan, executor: Executor) -> None:
