@@ -33,7 +33,7 @@ def planted(options: argparse.Namespace) -> dict[str, Any]:
     found = _run(cases, options)
     tables = {measure: results.rows(found, measure) for measure in ("cells", "failures")}
     results.show(tables["cells"])
-    return {"widths": {case.name: case.width for case in cases}} | tables
+    return dict(tables)
 
 
 def replayed(options: argparse.Namespace) -> dict[str, Any]:

@@ -18,7 +18,7 @@ REGIONS = {
         (among("targets.0.object", ("apple", "orange", "sponge")), near("confounders", 3.0, 3.0))
     ),
 }
-guided = pytest.mark.parametrize("name", ["nsga2", "feedback"])
+guided = pytest.mark.parametrize("name", ["nsga2", "feedback", "surrogate"])
 
 
 @cache
