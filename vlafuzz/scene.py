@@ -16,6 +16,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
+_COUNTS = ("schema", "listed")  # written as whole numbers
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
@@ -23,7 +24,8 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 class Placement:
     """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
-    ``quaternion`` (w, x, y, z) replaces rest pose and yaw, ``scale`` the object's size: for imported scenes.
+    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw, ``scale`` the object's size,
+    and ``listed`` is its place among all objects where they are not listed with the targets first.
     """
 
     __pydantic_config__ = _STRICT
@@ -34,6 +36,7 @@ class Placement:
     yaw: float = 0.0
     quaternion: tuple[float, float, float, float] | None = None
     scale: float = 1.0
+    listed: int | None = None
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,12 @@ class Scene:
         """All objects, the targets first."""
         return self.targets + self.confounders
 
+    @property
+    def listing(self) -> tuple[Placement, ...]:
+        """All objects, in the order in which an imported scene lists them."""
+        places = [place if each.listed is None else each.listed for place, each in enumerate(self.placements)]
+        return tuple(self.placements[place] for place in sorted(range(len(places)), key=places.__getitem__))
+
     @cached_property
     def digest(self) -> str:
         """32 hexadecimal digits of the canonical JSON."""
@@ -124,7 +133,9 @@ def _canonical(value: Any) -> Any:
     if isinstance(value, (int, float)):
         return float(value) + 0.0  # 1 and 1.0 are one value, and so are -0.0 and 0.0
     if isinstance(value, dict):
-        return {key: item if key == "schema" else _canonical(item) for key, item in value.items()}
+        # Digests are older than `listed`: without a value it is not there.
+        kept = {key: item for key, item in value.items() if key != "listed" or item is not None}
+        return {key: item if key in _COUNTS else _canonical(item) for key, item in kept.items()}
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]
     return value

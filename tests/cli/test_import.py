@@ -41,3 +41,14 @@ def test_another_file_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFix
     path.write_text("[]")
     assert main(["import", "vlatest", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
     assert "not a scene file of VLATest" in capsys.readouterr().err
+
+
+def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "scenes.jsonl"
+    file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
+    assert main(["import", "vlatest", str(file), "--out", str(out), "--frame", "original"]) == 0
+    assert [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)] == [
+        ("google", "hammer"),
+        ("google", "opened_pepsi_can"),
+    ]
+    assert capsys.readouterr().err == ""

@@ -23,6 +23,7 @@ class Frame(StrEnum):
 
     FIT = "fit"
     KEEP = "keep"
+    ORIGINAL = "original"
 
 
 @app.callback()
@@ -35,13 +36,18 @@ def vlatest(
     files: Annotated[list[Path], typer.Argument(help="Scene files of VLATest.")],
     out: Annotated[Path, typer.Option(help="JSON-lines file to write.")],
     frame: Annotated[
-        Frame, typer.Option(help="fit: stretch their box onto ours; keep: keep distances.")
+        Frame,
+        typer.Option(
+            help="fit: stretch their box onto ours; keep: keep distances; original: change nothing, keep "
+            "their robots and names."
+        ),
     ] = Frame.FIT,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
-    A scene with an object that has no counterpart in our catalogue is left out, and said so.
+    A scene with an object that has no counterpart in our catalogue is left out, and said so; with --frame
+    original none is.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")

@@ -1,0 +1,76 @@
+"""Scenes of VLATest as published: its coordinates, orientations, names, sizes and robots, both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vlafuzz.corpus.vlatest_format import Entry, Thing
+from vlafuzz.corpus.vlatest_table import vlatest_table
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.tasks.instructions import load_wordings, say
+
+YCB = "ycb:"  # before the names of YCB, some of which are names of others as well
+
+
+def original_scene(entry: Entry, task: str, *, ycb: bool) -> Scene:
+    """A scene in its own frame.
+
+    Args:
+        ycb: whether its objects are those of YCB; the places of the put tasks never are.
+    """
+    placed = [_placement(thing, task, ycb=ycb) for thing in entry.things]
+    order = entry.order
+    if order != tuple(range(len(order))):
+        placed = [replace(placement, listed=place) for place, placement in enumerate(placed)]
+    targets, others = order[: len(entry.targets)], order[len(entry.targets) :]
+    return Scene(
+        task,
+        tuple(placed[place] for place in targets),
+        original_instruction(task, [entry.things[place].model for place in targets]),
+        tuple(placed[place] for place in others),
+        robot=vlatest_table().original.robots[task],
+    )
+
+
+def original_entry(scene: Scene) -> Entry:
+    """The inverse; wording, light and camera are not in it."""
+    listing = scene.listing
+    things = tuple(_thing(placement) for placement in listing)
+    return Entry(things, tuple(listing.index(target) for target in scene.targets))
+
+
+def is_original(scene: Scene) -> bool:
+    """Whether a scene is in a frame of VLATest."""
+    return scene.robot in vlatest_table().original.robots.values()
+
+
+def original_instruction(task: str, models: Sequence[str]) -> str:
+    """The task's nominal wording with the targets' names as they are spoken there."""
+    return say(load_wordings()[task][0], [spoken(model) for model in models])
+
+
+def original_scale(task: str, name: str) -> float:
+    """How large an object is there, of its mesh's size: half of it for most in the put tasks."""
+    original = vlatest_table().original
+    small = name.startswith(YCB) or name in original.small
+    return original.small_scale if small and task in original.small_tasks else 1.0
+
+
+def spoken(model: str) -> str:
+    """How a name is spoken there: ``opened_7up_can`` is "7up can"."""
+    original = vlatest_table().original
+    words = model.removeprefix(YCB).split("_")
+    kept = [word for word in words if word not in original.unspoken and not word.endswith("cm")]
+    return original.spoken.get(model) or " ".join(kept)
+
+
+def _placement(thing: Thing, task: str, *, ycb: bool) -> Placement:
+    table = vlatest_table()
+    name = YCB + thing.model if ycb and thing.model not in table.places else thing.model
+    return Placement(name, "", *thing.xy, quaternion=thing.quaternion, scale=original_scale(task, name))
+
+
+def _thing(placement: Placement) -> Thing:
+    quaternion = placement.quaternion or (1.0, 0.0, 0.0, 0.0)
+    return Thing(placement.object.removeprefix(YCB), (placement.x, placement.y), quaternion)
