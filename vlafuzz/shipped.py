@@ -29,6 +29,11 @@ def corpus_dir() -> Path:
     return _folder("corpus")
 
 
+def published_dir() -> Path:
+    """The folder of what the VLATest paper found."""
+    return _folder("published")
+
+
 def cache_dir() -> Path:
     """The user's cache, for what is built once: ``$VLAFUZZ_CACHE``, or ``~/.cache/vlafuzz``."""
     named = os.environ.get("VLAFUZZ_CACHE")

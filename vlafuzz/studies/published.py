@@ -1,0 +1,122 @@
+"""What the VLATest paper reports, as rows: published/*.csv, each of which names its source."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from vlafuzz.errors import CatalogueError
+from vlafuzz.shipped import published_dir
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Trajectory coverage: share of the cells that the first ``scenes`` of a task reach."""
+
+    task: str
+    scenes: int
+    share: float
+
+
+@dataclass(frozen=True)
+class Passed:
+    """RQ1: scenes that a subject passed, counted in the authors' data."""
+
+    task: str
+    subject: str
+    passed: int
+    of: int
+
+
+@dataclass(frozen=True)
+class Success:
+    """RQ1: a share as printed, of one subject or the ``mean`` or ``best`` of all.
+
+    Attributes:
+        as_well: another value that the paper prints for the same.
+    """
+
+    task: str
+    subject: str
+    share: float
+    as_well: float | None
+
+
+@dataclass(frozen=True)
+class Mutated:
+    """RQ3 (light) and RQ4 (camera): passes of RQ1, and how many of them are left.
+
+    Attributes:
+        task, subject: ``all`` for totals.
+        default: passes of RQ1.
+        mutated: of these, the mean of three mutations each.
+        kept: ``mutated / default``.
+        right_default, right_mutated, right_kept: what a sum or ratio that is printed wrong should be.
+    """
+
+    study: str
+    task: str
+    subject: str
+    default: int | None
+    mutated: float | None
+    kept: float | None
+    right_default: int | None
+    right_mutated: float | None
+    right_kept: float | None
+
+
+@dataclass(frozen=True)
+class Size:
+    """Scenes and executions of a study; RQ6 runs those of RQ1 once more."""
+
+    study: str
+    scenes: int | None
+    executions: int
+
+
+@cache
+def coverage() -> tuple[Coverage, ...]:
+    """12 rows: four tasks, three numbers of scenes."""
+    return _rows("coverage", Coverage)
+
+
+@cache
+def passed() -> tuple[Passed, ...]:
+    """28 rows: four tasks, seven subjects."""
+    return _rows("passed", Passed)
+
+
+@cache
+def success() -> tuple[Success, ...]:
+    """What is known of the paper's table of RQ1."""
+    return _rows("success", Success)
+
+
+@cache
+def mutated() -> tuple[Mutated, ...]:
+    """What is known of the paper's tables of RQ3 and RQ4."""
+    return _rows("mutated", Mutated)
+
+
+@cache
+def sizes() -> tuple[Size, ...]:
+    """Six rows, a study each."""
+    return _rows("sizes", Size)
+
+
+_Row = TypeVar("_Row")
+
+
+def _rows(name: str, kind: type[_Row]) -> tuple[_Row, ...]:
+    """The rows of a file, without the lines that begin with ``#``; an empty field is None."""
+    path = published_dir() / f"{name}.csv"
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+        found = [{key: value or None for key, value in row.items()} for row in csv.DictReader(lines)]
+        return tuple(TypeAdapter(list[kind]).validate_python(found))  # type: ignore[valid-type]
+    except (OSError, ValidationError) as error:
+        raise CatalogueError(f"{path}: {' '.join(str(error).split())}") from None
