@@ -48,7 +48,7 @@ def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.Ca
     file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
     assert main(["import", "vlatest", str(file), "--out", str(out), "--frame", "original"]) == 0
     assert [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)] == [
-        ("google", "hammer"),
-        ("google", "opened_pepsi_can"),
+        ("google", "custom:hammer"),
+        ("google", "custom:opened_pepsi_can"),
     ]
     assert capsys.readouterr().err == ""

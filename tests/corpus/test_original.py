@@ -53,9 +53,9 @@ def test_coordinates_names_orientation_and_robot_are_kept(tmp_path: Path) -> Non
     (target,) = scene.targets
     assert (scene.task, scene.robot, scene.instruction) == ("pick-up", "google", "pick up 7up can")
     assert (target.object, target.x, target.y, target.quaternion) == (
-        "opened_7up_can", -0.3, 0.2, tuple(UPRIGHT),
+        "custom:opened_7up_can", -0.3, 0.2, tuple(UPRIGHT),
     )  # fmt: skip
-    assert [each.object for each in scene.confounders] == ["hammer", "apple"]
+    assert [each.object for each in scene.confounders] == ["custom:hammer", "custom:apple"]
 
 
 def test_most_objects_of_the_put_tasks_have_half_their_size(tmp_path: Path) -> None:
@@ -70,7 +70,11 @@ def test_most_objects_of_the_put_tasks_have_half_their_size(tmp_path: Path) -> N
 def test_objects_of_ycb_have_names_of_their_own(tmp_path: Path) -> None:
     raw = two(0, 1, "apple", "table_cloth_generated", "plate")
     (scene,) = original(write(tmp_path / "ycb_t-put-on.json", raw))
-    assert [each.object for each in scene.placements] == ["ycb:apple", "table_cloth_generated", "ycb:plate"]
+    assert [each.object for each in scene.placements] == [
+        "ycb:apple",
+        "custom:table_cloth_generated",
+        "ycb:plate",
+    ]
     assert [each.scale for each in scene.placements] == [0.5, 1.0, 0.5]
     assert scene.instruction == "put apple on table cloth"
 
@@ -78,8 +82,8 @@ def test_objects_of_ycb_have_names_of_their_own(tmp_path: Path) -> None:
 def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) -> None:
     path = write(tmp_path / "x.json", two(2, 0, "apple", "orange", "sponge"), two(0, 1, "apple", "orange"))
     mixed, plain = original(path)
-    assert [each.object for each in mixed.placements] == ["sponge", "apple", "orange"]
-    assert [each.object for each in mixed.listing] == ["apple", "orange", "sponge"]
+    assert [each.object for each in mixed.placements] == ["custom:sponge", "custom:apple", "custom:orange"]
+    assert [each.object for each in mixed.listing] == ["custom:apple", "custom:orange", "custom:sponge"]
     assert Scene.from_json(mixed.to_json()) == mixed
     assert "listed" not in plain.to_json()
 
@@ -112,9 +116,11 @@ def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path) -> No
         replace(scene, instruction="fetch it"),
         replace(scene, targets=(replace(target, scale=0.9),)),
         replace(scene, targets=(replace(target, object="ycb:mug"),), instruction="pick up mug"),
+        replace(scene, targets=(replace(target, object="apple"),), instruction="pick up apple"),
+        replace(scene, targets=(replace(target, quaternion=None),)),
     ]
     unsaid = write_vlatest(tmp_path / "t-grasp.json", [*changed, scene], CATALOGUE)
-    assert Counter(unsaid.values()) == {1: 4}
+    assert Counter(unsaid.values()) == {1: 6}
     assert original(tmp_path / "t-grasp.json") == (scene,)
 
 

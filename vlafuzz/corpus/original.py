@@ -10,7 +10,8 @@ from vlafuzz.corpus.vlatest_table import vlatest_table
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
-YCB = "ycb:"  # before the names of YCB, some of which are names of others as well
+# Before a name, as packs put theirs: YCB and the others name things alike.
+CUSTOM, YCB = "custom:", "ycb:"
 
 
 def original_scene(entry: Entry, task: str, *, ycb: bool) -> Scene:
@@ -41,8 +42,14 @@ def original_entry(scene: Scene) -> Entry:
 
 
 def is_original(scene: Scene) -> bool:
-    """Whether a scene is in a frame of VLATest."""
-    return scene.robot in vlatest_table().original.robots.values()
+    """Whether a scene is in a frame of VLATest: with its robot, and things turned as it turns them."""
+    of_its_robot = scene.robot in vlatest_table().original.robots.values()
+    return of_its_robot and all(placement.quaternion for placement in scene.placements)
+
+
+def is_place(name: str) -> bool:
+    """Whether things are put on or into an object there."""
+    return name.removeprefix(CUSTOM) in vlatest_table().places
 
 
 def original_instruction(task: str, models: Sequence[str]) -> str:
@@ -53,24 +60,27 @@ def original_instruction(task: str, models: Sequence[str]) -> str:
 def original_scale(task: str, name: str) -> float:
     """How large an object is there, of its mesh's size: half of it for most in the put tasks."""
     original = vlatest_table().original
-    small = name.startswith(YCB) or name in original.small
+    small = name.startswith(YCB) or bare(name) in original.small
     return original.small_scale if small and task in original.small_tasks else 1.0
 
 
 def spoken(model: str) -> str:
-    """How a name is spoken there: ``opened_7up_can`` is "7up can"."""
+    """How a name of theirs is spoken there: ``opened_7up_can`` is "7up can"."""
     original = vlatest_table().original
-    words = model.removeprefix(YCB).split("_")
-    kept = [word for word in words if word not in original.unspoken and not word.endswith("cm")]
+    kept = [word for word in model.split("_") if word not in original.unspoken and not word.endswith("cm")]
     return original.spoken.get(model) or " ".join(kept)
 
 
+def bare(name: str) -> str:
+    """The name of an object of ours there."""
+    return name.removeprefix(CUSTOM).removeprefix(YCB)
+
+
 def _placement(thing: Thing, task: str, *, ycb: bool) -> Placement:
-    table = vlatest_table()
-    name = YCB + thing.model if ycb and thing.model not in table.places else thing.model
+    name = (YCB if ycb and not is_place(thing.model) else CUSTOM) + thing.model
     return Placement(name, "", *thing.xy, quaternion=thing.quaternion, scale=original_scale(task, name))
 
 
 def _thing(placement: Placement) -> Thing:
     quaternion = placement.quaternion or (1.0, 0.0, 0.0, 0.0)
-    return Thing(placement.object.removeprefix(YCB), (placement.x, placement.y), quaternion)
+    return Thing(bare(placement.object), (placement.x, placement.y), quaternion)

@@ -8,7 +8,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vlafuzz.corpus.interchange import quaternion
-from vlafuzz.corpus.original import YCB, is_original, original_entry, original_instruction, original_scale
+from vlafuzz.corpus.original import (
+    CUSTOM,
+    YCB,
+    bare,
+    is_original,
+    is_place,
+    original_entry,
+    original_instruction,
+    original_scale,
+)
 from vlafuzz.corpus.vlatest_format import Entry, Quaternion, Thing, is_ycb, write_entries
 from vlafuzz.corpus.vlatest_table import Counterpart, Table, our_box, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
@@ -45,14 +54,12 @@ def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> 
 
 
 def _original(scene: Scene, *, ycb: bool) -> Entry:
-    _refuse(scene, original_instruction(scene.task, [target.object for target in scene.targets]))
+    _refuse(scene, original_instruction(scene.task, [bare(target.object) for target in scene.targets]))
     for placement in scene.placements:
-        if placement.object not in vlatest_table().places and placement.object.startswith(YCB) != ycb:
-            raise _UnsaidError(
-                "VLATest has objects of YCB in files whose name begins with ycb_, and no others there"
-            )
-        if placement.quaternion is None:
-            raise _UnsaidError(UNSAID + "rest poses in its own frame")
+        if not placement.object.startswith((CUSTOM, YCB)):
+            raise _UnsaidError(f"VLATest has no {placement.object}")
+        if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
+            raise _UnsaidError("VLATest's objects of YCB are in files named ycb_…, and no others are")
         if placement.scale != original_scale(scene.task, placement.object):
             raise _UnsaidError(UNSAID + "sizes")
     if len({placement.object for placement in scene.placements}) < len(scene.placements):
@@ -61,6 +68,8 @@ def _original(scene: Scene, *, ycb: bool) -> Entry:
 
 
 def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
+    if scene.robot in vlatest_table().original.robots.values():
+        raise _UnsaidError(UNSAID + f"scenes of the {scene.robot} in another frame than its own")
     table = vlatest_table()
     spoken = [catalogue[target.object].spoken for target in scene.targets]
     _refuse(scene, say(load_wordings()[scene.task][0], spoken))
