@@ -42,7 +42,7 @@ def replayed(options: argparse.Namespace) -> dict[str, Any]:
     means = {(row["case"], row["strategy"]): row["mean"] for row in table}
     for row, case in ((row, case) for row in table for case in cases if case.name == row["case"]):
         base, most = means[case.name, results.RANDOM], case.most(options.budget)
-        row |= {"most": most, "gain": (row["mean"] - base) / (most - base)}
+        row |= {"most": most, "gain": (row["mean"] - base) / max(most - base, 1)}
     results.show(table)
     rare = [row for row in table if row["case"].endswith("passes")]
     pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}

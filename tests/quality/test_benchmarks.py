@@ -1,0 +1,56 @@
+"""What the benchmark of strategies counts is what there is."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vlafuzz.corpus.vlatest import write_vlatest
+from vlafuzz.objects import load_catalogue
+from vlafuzz.space import SearchSpace, load_operators
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_strategies.py"
+SAID = ("target-type", "target-position")
+
+
+def bench(tmp_path: Path, *args: str) -> dict[str, Any]:
+    out = tmp_path / "out.json"
+    command = [sys.executable, str(SCRIPT), *args, "--workers", "2", "--repeats", "2", "--out", str(out)]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    return json.loads(out.read_text())  # type: ignore[no-any-return]
+
+
+@pytest.fixture
+def labels(tmp_path: Path) -> Path:
+    """A pool of 120 scenes, of which a VLA passed those on the left."""
+    space = SearchSpace(load_operators().only(SAID), load_catalogue(), "pick-up")
+    scenes = [space.sample(np.random.default_rng(seed)) for seed in range(120)]
+    assert not write_vlatest(tmp_path / "t-grasp.json", scenes, load_catalogue())
+    left = [index for index, scene in enumerate(scenes) if scene.targets[0].y > 0]
+    assert 50 <= len(left) <= 70
+    (tmp_path / "all-correct-task.json").write_text(json.dumps({"t-grasp": {"vla": left}}))
+    return tmp_path
+
+
+def test_of_a_whole_pool_every_strategy_finds_all_that_is_wanted(labels: Path):
+    found = bench(labels, "replay", str(labels), "--strategies", "random", "surrogate", "--budget", "120")
+    passed = len(json.loads((labels / "all-correct-task.json").read_text())["t-grasp"]["vla"])
+    for row in found["found"]:
+        assert row["runs"] == [120 - passed if "failures" in row["case"] else passed] * 2
+
+
+def test_who_learns_from_labels_finds_more_of_what_is_wanted(labels: Path):
+    found = bench(labels, "replay", str(labels), "--strategies", "random", "surrogate", "--budget", "50")
+    assert all(row["gain"] > 0.3 for row in found["found"] if row["strategy"] == "surrogate")
+    assert found["pooled"]["surrogate"]["ratio"] > 1.2
+
+
+def test_random_scenes_fail_as_often_as_was_planted(tmp_path: Path):
+    flags = ["--strategies", "random", "--shares", "0.1", "--signals", "flat", "--budget", "200"]
+    rows = bench(tmp_path, "toy", *flags)["failures"]
+    assert len(rows) == 5
+    assert all(8 <= failures <= 35 for row in rows for failures in row["runs"])
