@@ -8,6 +8,9 @@ from vlafuzz.scene import Placement, Scene, write_scenes
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
 CROWDED = Scene("pick-up", FAIR.targets, "pick up apple", (Placement("orange", "resting", 0.1, 0.0),))
+FILES = sorted(
+    (Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "scenes").glob("*t-*_n-1000*.json")
+)
 UNKNOWN = Scene("pick-up", (Placement("duck", "resting", 0.0, 0.0),), "pick up duck")
 
 
@@ -64,3 +67,49 @@ def test_what_rolls_away_fails_settling(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["lint", "--json", str(path)]) == 1
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["valid"], row["settling"]) == (1, 1)
+
+
+def vlatest(folder: Path, apart: float) -> Path:
+    """A file of VLATest with one scene, of two objects."""
+    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+    first = {"init_xy": [-0.3, 0.2], "orientation": upright}
+    other = {"init_xy": [-0.3 - apart, 0.2], "init_rot_quat": upright}
+    raw = {"model_id": "apple", "obj_init_options": first}
+    raw |= {"distractor_model_ids": ["orange"], "distractor_obj_init_options": {"orange": other}}
+    path = folder / "t-grasp.json"
+    path.write_text(json.dumps({"0": raw, "seed": 1, "num": 1}))
+    return path
+
+
+def test_vlatests_files_are_read_without_the_simulator(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vlafuzz.cli.lint._judge_dynamically", None)
+    assert main(["lint", "--json", str(vlatest(tmp_path, 0.04))]) == 1
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["scenes"], row["geometry"]) == (1, 1)
+    assert (row["< 0.15 m"], row["< 0.05 m"], row["overlap"]) == (1.0, 1.0, 1.0)
+
+
+def test_in_their_own_frame_their_distances_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["lint", "--json", "--frame", "original", str(vlatest(tmp_path, 0.06))])
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["< 0.15 m"], row["< 0.05 m"], row["overlap"]) == (1.0, 0.0, None)
+
+
+@pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
+def test_the_published_files_are_as_close_as_known(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["lint", "--json", "--frame", "original", *map(str, FILES)])
+    rows = {
+        Path(row["file"]).name.partition("_n-1000")[0]: row for row in json.loads(capsys.readouterr().out)
+    }
+    near = {name: [row["< 0.15 m"], row["< 0.05 m"]] for name, row in rows.items()}
+    known = {
+        "t-grasp": [0.663, 0.143],
+        "t-move": [0.0, 0.0],
+        "t-put-on": [0.823, 0.0],
+        "t-put-in": [1.0, 0.787],
+        "ycb_t-grasp": [0.631, 0.142],
+        "ycb_t-put-on": [0.840, 0.0],
+    }
+    assert near == {name: pytest.approx(shares, abs=0.01) for name, shares in known.items()}

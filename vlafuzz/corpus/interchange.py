@@ -29,11 +29,13 @@ class Imported:
 
     Attributes:
         read: number of scenes in it.
+        numbers: of the scenes that came of it, in the file.
         missing: names without a counterpart of ours, and how many scenes have each; a scene may have several.
     """
 
     path: Path
     read: int
+    numbers: tuple[int, ...]
     scenes: tuple[Scene, ...]
     missing: dict[str, int]
 
@@ -58,18 +60,18 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     tasks = {key: _task(path, entry, table) for key, entry in entries.items()}
     if frame == "original":
         found = [original_scene(entry, tasks[key], ycb=is_ycb(path)) for key, entry in entries.items()]
-        return Imported(path, len(entries), tuple(found), {})
+        return Imported(path, len(entries), tuple(map(int, entries)), tuple(found), {})
     known = table.objects | (table.ycb if is_ycb(path) else {})
     missing: Counter[str] = Counter()
-    scenes = []
+    scenes: dict[int, Scene] = {}
     for key, entry in entries.items():
         absent = {thing.model for thing in entry.things if not _has(catalogue, known.get(thing.model))}
         missing.update(absent)
         if not absent:
             move = _Move(table.frames[tasks[key]], our_box(), stretched=frame == "fit")
             placed = [_placement(path, key, entry.things[i], known, move) for i in entry.order]
-            scenes.append(_scene(tasks[key], placed, catalogue))
-    return Imported(path, len(entries), tuple(scenes), dict(missing.most_common()))
+            scenes[int(key)] = _scene(tasks[key], placed, catalogue)
+    return Imported(path, len(entries), tuple(scenes), tuple(scenes.values()), dict(missing.most_common()))
 
 
 def _scene(task: str, placed: list[Placement], catalogue: Catalogue) -> Scene:
