@@ -73,3 +73,21 @@ def test_scenes_that_vlatest_cannot_say_are_counted(capsys: pytest.CaptureFixtur
     assert main(["export", "a.db", "--format", "vlatest", "--out", "t-grasp.json"]) == 0
     assert "left out: 3: VLATest's scene files have no" in capsys.readouterr().err
     assert json.loads(Path("t-grasp.json").read_text())["num"] == 0
+
+
+def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys: pytest.CaptureFixture[str]):
+    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+    raw = {"model_id": "hammer", "obj_init_options": {"init_xy": [-0.3, 0.2], "orientation": upright}}
+    theirs = Path("t-grasp_s-7.json")
+    theirs.write_text(json.dumps({"0": raw, "seed": 7, "num": 1}))
+    assert main(["export", str(theirs), "--out", "ours.jsonl"]) == 0
+    assert load_scenes(Path("ours.jsonl"))[0].robot == "google"
+    Path("again").mkdir()
+    assert main(["export", "ours.jsonl", "--format", "vlatest", "--out", f"again/{theirs}"]) == 0
+    assert json.loads(Path("again", theirs).read_text()) == json.loads(theirs.read_text())
+    assert "1 scenes written" in capsys.readouterr().err
+
+
+def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
+    assert main(["export", "a.jsonl", "--run", "1", "--out", "b.jsonl"]) == 2
+    assert "--run 1: a.jsonl is a file of scenes" in capsys.readouterr().err

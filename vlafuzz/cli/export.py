@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from vlafuzz.scene import Scene
 
 
+FILES = (".jsonl", ".json")  # of scenes: there is no run and no verdict in them
+
+
 class Wanted(StrEnum):
     """Which scenes."""
 
@@ -34,7 +37,10 @@ class Format(StrEnum):
 
 
 def command(
-    store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
+    store: Annotated[
+        Path,
+        typer.Argument(help="A store that `vlafuzz run` wrote; or a file of scenes, .jsonl or VLATest's."),
+    ],
     out: Annotated[Path, typer.Option(help="File to write; with --minimal a new folder.")],
     run: Annotated[int | None, typer.Option(help="Only this run.", show_default="all runs")] = None,
     verdict: Annotated[Wanted, typer.Option(help="Which scenes.")] = Wanted.failed,
@@ -58,12 +64,26 @@ def command(
     if minimal:
         _export(store, out, run)
         return
+    if store.suffix in FILES:
+        written = _write(out, _of_file(store, run), format_)
+        stderr().print(f"{written} scenes written to {out}")
+        return
     from vlafuzz.corpus.store import Corpus
 
     with Corpus.open(store) as corpus:
         scenes = _scenes(corpus, run, verdict)
     written = _write(out, scenes, format_)
     stderr().print(f"{written} {'' if verdict is Wanted.all else verdict + ' '}scenes written to {out}")
+
+
+def _of_file(path: Path, run: int | None) -> list[Scene]:
+    """All scenes of a file; VLATest's as they are."""
+    from vlafuzz.corpus.sources import read_source
+    from vlafuzz.objects import load_catalogue
+
+    if run is not None:
+        raise UsageError(f"--run {run}: {path} is a file of scenes, not a store", hint="leave out --run")
+    return read_source(path, load_catalogue(), "original").scenes()
 
 
 def _export(store: Path, out: Path, run: int | None) -> None:
