@@ -6,18 +6,18 @@ import pytest
 @pytest.fixture
 def no_pause(monkeypatch):
     """No waiting between attempts to connect."""
-    from vlafuzz.subjects import vla_eval_wire
+    from vlafuzz.subjects import wire
 
-    monkeypatch.setattr(vla_eval_wire, "PAUSES", (0.0, 0.0))
+    monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
 
 
 @pytest.fixture
 def opened(monkeypatch):
     """All connections that a test opens; it leaves none of them open."""
     from tests.subjects.served import still_open
-    from vlafuzz.subjects import vla_eval_wire
+    from vlafuzz.subjects import sockets
 
-    made, connect = [], vla_eval_wire.connect
-    monkeypatch.setattr(vla_eval_wire, "connect", lambda *a, **k: made.append(connect(*a, **k)) or made[-1])
+    made, connect = [], sockets.connect
+    monkeypatch.setattr(sockets, "connect", lambda *a, **k: made.append(connect(*a, **k)) or made[-1])
     yield made
     assert still_open(made) == 0

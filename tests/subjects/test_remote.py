@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.subjects.layouts import LAYOUTS
 from vlafuzz.subjects.registry import check_subject_name, known_subjects, make_subject
 from vlafuzz.subjects.remote import Options, parse
 from vlafuzz.subjects.vla_eval import VlaEval
-from vlafuzz.subjects.vla_eval_spec import LAYOUTS
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
@@ -124,11 +124,12 @@ def test_it_is_listed_with_its_form():
 
 @pytest.mark.parametrize("missing", ["msgpack", "websockets"])
 def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
-    monkeypatch.delitem(sys.modules, "vlafuzz.subjects.vla_eval_wire", raising=False)
+    for module in ("sockets", "vla_eval_wire"):
+        monkeypatch.delitem(sys.modules, f"vlafuzz.subjects.{module}", raising=False)
+        monkeypatch.delattr(f"vlafuzz.subjects.{module}", raising=False)
     for name in [name for name in sys.modules if name.split(".")[0] == missing]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
-    monkeypatch.delattr("vlafuzz.subjects.vla_eval_wire", raising=False)
     with pytest.raises(PrerequisiteError, match=f"needs the package '{missing}") as caught:
         make_subject("vla-eval:ws://127.0.0.1:9")
     assert caught.value.hint == "pip install 'vlafuzz[remote]'"

@@ -25,7 +25,7 @@ from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects import vla_eval_wire
+from vlafuzz.subjects import sockets
 from vlafuzz.subjects.controls import Random
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.subjects.registry import make_subject
@@ -221,14 +221,14 @@ class TestNoServer:
 
     def test_it_is_tried_three_times(self, monkeypatch):
         tried = []
-        real = vla_eval_wire.connect
-        monkeypatch.setattr(vla_eval_wire, "connect", lambda *a, **k: tried.append(a) or real(*a, **k))
+        real = sockets.connect
+        monkeypatch.setattr(sockets, "connect", lambda *a, **k: tried.append(a) or real(*a, **k))
         with pytest.raises(PrerequisiteError):
             make_subject(self.ABSENT)
         assert len(tried) == 3
 
     def test_a_connection_that_breaks_once_is_opened_again(self, monkeypatch):
-        real, broken = vla_eval_wire.connect, iter([ConnectionResetError(104, "Connection reset by peer")])
+        real, broken = sockets.connect, iter([ConnectionResetError(104, "Connection reset by peer")])
 
         def connect(*args, **more):
             for error in broken:
@@ -237,7 +237,7 @@ class TestNoServer:
 
         with serving(Rounded(Random())) as name:
             subject = make_subject(name)
-            monkeypatch.setattr(vla_eval_wire, "connect", connect)
+            monkeypatch.setattr(sockets, "connect", connect)
             subject.reset([start("one")])
             assert len(subject.act([seen("one")])) == 1
             subject.close()

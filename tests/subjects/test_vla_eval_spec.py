@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from tests.subjects.served import HELLO, STATE
 from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, SubjectSpec
+from vlafuzz.subjects.layouts import LAYOUTS, OWN
 from vlafuzz.subjects.remote import Options
-from vlafuzz.subjects.vla_eval_spec import LAYOUTS, OWN, Hello, layout_of, spec_of
+from vlafuzz.subjects.vla_eval_spec import Hello, layout_of, spec_of
 
 RGB = "rgb_hwc_uint8"
 

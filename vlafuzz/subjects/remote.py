@@ -3,32 +3,35 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 from vlafuzz.subjects.base import Subject
 
 INSTALL = "pip install 'vlafuzz[remote]'"
-_SIM_HZ = 100
+SIDE = 224  # pixels: what nearly all VLAs resize their pictures to
+SIM_HZ = 100
 
 
-def _size(text: object) -> object:
+def size(text: object) -> object:
     """``224`` and ``320x240`` in pixels; ``0`` for no picture."""
     found = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4}))?", str(text))
-    size = (int(found[1]), int(found[2] or found[1])) if found else (0, 1)
-    if size != (0, 0) and min(size) < 16:
+    pixels = (int(found[1]), int(found[2] or found[1])) if found else (0, 1)
+    if pixels != (0, 0) and min(pixels) < 16:
         raise ValueError(f"expected pixels as 224 or 320x240, or 0 for none, got {text!r}")
-    return size
+    return pixels
 
 
-def _divisor(hz: int) -> int:
-    if hz < 1 or _SIM_HZ % hz:
-        raise ValueError(f"expected a divisor of {_SIM_HZ}, got {hz}")
+def divisor(hz: int) -> int:
+    """``hz``, when the simulator's rate is a multiple of it; else ValueError."""
+    if hz < 1 or SIM_HZ % hz:
+        raise ValueError(f"expected a divisor of {SIM_HZ}, got {hz}")
     return hz
 
 
@@ -43,14 +46,15 @@ State = Literal[
 Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class Options(BaseModel):
-    """What the user says about a model. None: as its server declares it, else the default.
+Size = Annotated[tuple[int, int], BeforeValidator(size)]
+
+
+class Common(BaseModel):
+    """What can be said of any server's model. Words as in ``ActionSpec`` and ``SubjectSpec``.
 
     Attributes:
         camera: width and height of the third-person picture; (0, 0) for none.
-        wrist: whether a picture of the same size from the wrist comes second.
-        state: ``0``, ``1`` (in the layout that the server declares) or the name of a layout.
-        rotation: as in ``ActionSpec``; so are the scales, ``relative_to``, ``gripper``, ``sticky``, ``hz``.
+        wrist: whether a picture from the wrist comes second.
         execute: actions of a chunk to execute before asking again; None for all of them.
         deterministic: same observations and seed, same actions: no server can be trusted to say so.
         batch: most observations that are sent at once.
@@ -59,29 +63,46 @@ class Options(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    camera: Annotated[tuple[int, int], BeforeValidator(_size)] | None = None
+    camera: Size | None = None
     wrist: bool | None = None
-    state: State | None = None
-    rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
     gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
     position_scale: Scale = 1.0
-    rotation_scale: Scale = 1.0
     relative_to: Literal["target", "current"] = "target"
     sticky: int = Field(0, ge=0)
-    hz: Annotated[int, AfterValidator(_divisor)] = 5
     execute: Annotated[Annotated[int, Field(ge=1)] | None, BeforeValidator(_all)] = None
     deterministic: bool = False
     batch: int = Field(16, ge=1)
     timeout: float = Field(60.0, gt=0, le=86400)
 
+    @classmethod
+    def completed(cls, given: Mapping[str, object], protocol: str) -> Mapping[str, object]:
+        """What the user gave, and what follows from it."""
+        return given
+
+
+class Options(Common):
+    """What the user says about a model that declares itself. None: as declared, else the default.
+
+    Attributes:
+        state: ``0``, ``1`` (in the layout that the server declares) or the name of a layout.
+    """
+
+    state: State | None = None
+    rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
+    rotation_scale: Scale = 1.0
+    hz: Annotated[int, AfterValidator(divisor)] = 5
+
+
+Said = TypeVar("Said", bound=Common)
+
 
 @dataclass(frozen=True)
-class Address:
+class Address(Generic[Said]):
     """A model server by address. ``name`` is what the user wrote, up to the options."""
 
     name: str
     url: str
-    options: Options
+    options: Said
 
 
 class Remote(Subject, Protocol):
@@ -94,17 +115,29 @@ class Remote(Subject, Protocol):
 
     form: ClassVar[str]
     schemes: ClassVar[Sequence[str]]
+    options: ClassVar[type[Common]]
 
-    def __init__(self, address: Address) -> None: ...
+    def __init__(self, address: Address[Any]) -> None: ...
 
 
-def parse(name: str, kind: type[Remote]) -> Address:
+@contextmanager
+def needed(name: str) -> Iterator[None]:
+    """Packages that only model servers need are imported in here."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=INSTALL) from None
+
+
+def parse(name: str, kind: type[Remote]) -> Address[Any]:
     """An address, all of it checked; nothing is connected.
 
     Raises:
         UsageError: not of that form, an unknown option, or a value that an option does not have.
     """
-    prefix, _, rest = name.partition(":")
+    protocol, _, rest = name.partition(":")
+    prefix = "" if rest.startswith("//") else f"{protocol}:"  # else the address is the name
+    rest = name.removeprefix(prefix)
     try:
         parts = urlsplit(rest)
         complete = parts.scheme in kind.schemes and parts.hostname and parts.port
@@ -118,29 +151,29 @@ def parse(name: str, kind: type[Remote]) -> Address:
             f"the address of {parts.hostname!r} has a password", hint="stores keep names: leave it"
         )
     url = rest.partition("?")[0]
-    return Address(f"{prefix}:{url}", url, _options(name, options))
+    return Address(f"{prefix}{url}", url, _options(name, kind.options, options))
 
 
-def _options(name: str, given: Sequence[tuple[str, str]]) -> Options:
+def _options(name: str, kind: type[Common], given: Sequence[tuple[str, str]]) -> Common:
     keys = [key for key, _ in given]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     try:
-        return Options.model_validate(dict(given))
+        return kind.model_validate(kind.completed(dict(given), name.partition(":")[0]))
     except ValidationError as error:
-        raise _explain(name, error) from None
+        raise _explain(name, kind, error) from None
 
 
-def _explain(name: str, error: ValidationError) -> UsageError:
+def _explain(name: str, kind: type[Common], error: ValidationError) -> UsageError:
     """Pydantic's first complaint as one sentence with the option and its value."""
     first: Any = error.errors(include_url=False)[0]
-    option = str(first["loc"][0])
+    option, value = str(first["loc"][0]), first["input"]
     if first["type"] == "extra_forbidden":
-        return UsageError(f"{name!r}: unknown option {option!r}", suggestion(option, Options.model_fields))
+        return UsageError(f"{name!r}: unknown option {option!r}", suggestion(option, kind.model_fields))
     if first["type"] == "literal_error":
         known = re.findall(r"'([^']+)'", first["ctx"]["expected"])
-        return UsageError(f"{name!r}: unknown {option} {first['input']!r}", suggestion(first["input"], known))
+        return UsageError(f"{name!r}: unknown {option} {value!r}", suggestion(str(value), known))
     if first["type"] == "value_error":
         return UsageError(f"{name!r}: {option}: {first['ctx']['error']}")
     told = first["msg"].partition(",")[0]
-    return UsageError(f"{name!r}: {option}: {told[0].lower()}{told[1:]}, got {first['input']!r}")
+    return UsageError(f"{name!r}: {option}: {told[0].lower()}{told[1:]}, got {value!r}")

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from vlafuzz import __version__
 from vlafuzz.errors import PrerequisiteError, SubjectError
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.subjects.harness import check_chunks
-from vlafuzz.subjects.remote import INSTALL, Address
-from vlafuzz.subjects.vla_eval_spec import LAYOUTS, Hello, layout_of, spec_of
+from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
+from vlafuzz.subjects.layouts import LAYOUTS
+from vlafuzz.subjects.remote import Address, Common, Options, needed
+from vlafuzz.subjects.sessions import Sessions
+from vlafuzz.subjects.vla_eval_spec import Hello, layout_of, spec_of
+from vlafuzz.subjects.wire import actions_of
 
 if TYPE_CHECKING:
     from vlafuzz.subjects.vla_eval_wire import Connection
@@ -33,58 +36,35 @@ class VlaEval:
 
     form: ClassVar[str] = "vla-eval:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
+    options: ClassVar[type[Common]] = Options
 
-    def __init__(self, address: Address) -> None:
-        try:
+    def __init__(self, address: Address[Options]) -> None:
+        with needed(address.name):
             from vlafuzz.subjects import vla_eval_wire
-        except ModuleNotFoundError as error:
-            raise PrerequisiteError(
-                f"{address.name} needs the package {error.name!r}", hint=INSTALL
-            ) from None
         self._address, self._wire = address, vla_eval_wire
-        self._live: dict[str, tuple[EpisodeStart, Connection]] = {}
         connection, hello = self._greet()
         connection.close()
-        self._state = layout_of(address.name, hello, address.options)
+        self._layout = LAYOUTS.get(layout_of(address.name, hello, address.options) or "")
         self.spec = spec_of(address.name, hello, address.options)
+        self._sessions = Sessions(address.name, address.options.timeout, self._begin)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Open a connection for each."""
-        names = [start.episode for start in episodes]
-        self._drop(names)
-        try:
-            for start in episodes:
-                self._live[start.episode] = (start, self._begin(start))
-        except BaseException:
-            self._drop(names)
-            raise
+        self._sessions.reset(episodes)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all, then receive all, so that a server can batch. They break together."""
-        try:
-            asked = [self._ask(seen) for seen in observations]
-            until = time.monotonic() + self._address.options.timeout * len(asked)
-            chunks = [self._answer(connection, number, until) for connection, number in asked]
-            check_chunks(chunks, len(asked), self.spec.name)
-        except BaseException:  # replies may be under way that nobody will fetch
-            self._drop([seen.episode for seen in observations])
-            raise
-        return chunks
+        """Send all, then receive all, so that the server can batch."""
+        return self._sessions.act(observations)
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         """Tell the server, and close their connections."""
-        for start in episodes:
-            begun, connection = self._live.get(start.episode, (None, None))
-            if connection and begun is start:  # else it has begun anew under that name
-                with suppress(SubjectError):  # over is over
-                    connection.send("episode_end", {"metrics": {}})
-                self._drop([start.episode])
+        self._sessions.finish(episodes)
 
     def close(self) -> None:
         """No more rollouts."""
-        self.finish([start for start, _ in self._live.values()])
+        self._sessions.close()
 
-    def _begin(self, start: EpisodeStart) -> Connection:
+    def _begin(self, start: EpisodeStart) -> VlaEvalSession:
         connection, hello = self._open()
         try:
             if spec_of(self._address.name, hello, self._address.options) != self.spec:
@@ -94,7 +74,7 @@ class VlaEval:
         except BaseException:
             connection.close()
             raise
-        return connection
+        return VlaEvalSession(connection, self.spec.cameras, self._layout)
 
     def _greet(self) -> tuple[Connection, Hello]:
         """The first session: no server now means that there is none to test."""
@@ -125,30 +105,38 @@ class VlaEval:
             )
         return connection, hello
 
-    def _ask(self, seen: Observation) -> tuple[Connection, int]:
-        if seen.episode not in self._live:
-            raise SubjectError(f"{self.spec.name}: no live rollout {seen.episode!r}", cause="protocol")
-        _, connection = self._live[seen.episode]
+
+class VlaEvalSession:
+    """One rollout at such a server."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        cameras: Sequence[CameraRequest],
+        layout: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None,
+    ) -> None:
+        self._connection, self._cameras, self._layout = connection, cameras, layout
+        self._asked: deque[int] = deque()
+        self.close = connection.close
+
+    def ask(self, seen: Observation) -> None:
+        """Pictures in the cameras' order: servers tell them apart by it."""
         message: dict[str, Any] = {
-            "images": {camera.name: seen.images[camera.name] for camera in self.spec.cameras},
+            "images": {camera.name: seen.images[camera.name] for camera in self._cameras},
             "task_description": seen.instruction,
         }
-        if self._state is not None and seen.state is not None:
-            state = LAYOUTS[self._state](seen.state)
+        if self._layout is not None and seen.state is not None:
+            state = self._layout(seen.state)
             message |= {"state": state, "states": state}  # servers read the one or the other
-        return connection, connection.send("observation", message)
+        self._asked.append(self._connection.send("observation", message))
 
-    def _answer(self, connection: Connection, number: int, until: float) -> ActionChunk:
-        payload = connection.receive("action", number, until - time.monotonic())
-        try:
-            return ActionChunk(self._wire.actions_of(payload))
-        except ValueError as error:
-            raise SubjectError(f"{self.spec.name}: {error}", cause="bad_action") from None
+    def answer(self, wait: float) -> NDArray[np.float64]:
+        """The actions."""
+        return actions_of(self._connection.receive("action", self._asked.popleft(), wait))
 
-    def _drop(self, episodes: Sequence[str]) -> None:
-        for episode in episodes:
-            if episode in self._live:
-                self._live.pop(episode)[1].close()
+    def end(self) -> None:
+        """Without metrics: those are ours to judge."""
+        self._connection.send("episode_end", {"metrics": {}})
 
 
 def _task(start: EpisodeStart) -> Mapping[str, Any]:

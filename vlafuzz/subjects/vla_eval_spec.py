@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
-from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, SubjectSpec
-from vlafuzz.subjects.remote import Options
+from vlafuzz.subjects.layouts import LAYOUTS, OWN
+from vlafuzz.subjects.remote import SIDE, Options
 
-Array = NDArray[np.float32]
-SIDE = 224  # pixels: what nearly all VLAs resize their pictures to
 UNSAID = "raw"  # vla-eval's word for "no convention declared"
 POSITIONS = {"delta_xyz": "delta_xyz"}
 # Its Euler angles turn about fixed axes, as its rotation module says; ours of that name about moving ones.
@@ -160,23 +156,3 @@ def _cameras(name: str, hello: Hello, options: Options) -> tuple[CameraRequest, 
     if wrist:
         cameras.append(CameraRequest("wrist", *(size if cameras else (SIDE, SIDE)), role="wrist"))
     return tuple(cameras)
-
-
-def _two_fingers(state: Array) -> Array:
-    finger = state[6] * 0.04
-    return np.concatenate([state[:6], [finger, -finger]], dtype=np.float32)
-
-
-def _quaternion(state: Array) -> Array:
-    x, y, z, w = Rotation.from_rotvec(state[3:6]).as_quat(canonical=True)
-    return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)
-
-
-OWN = "eef_pos3_axisangle3_gripper1"  # as in ``SubjectSpec.state``
-# vla-eval's names, as its LIBERO (fingers in metres) and SimplerEnv (quaternion w x y z, opening in [0, 1])
-# send them.
-LAYOUTS: dict[str, Callable[[Array], Array]] = {
-    OWN: lambda state: state,
-    "eef_pos3_axisangle3_gripper2": _two_fingers,
-    "eef_pos3_quat4_gripper1": _quaternion,
-}

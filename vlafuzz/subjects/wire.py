@@ -1,0 +1,94 @@
+"""What the clients of all model servers share: limits, numbers from outside, new attempts, who is to blame.
+
+Replies come from outside: each is checked for size, type and shape before it is used.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import Cause, SubjectError
+
+MOST_BYTES = 4 << 20  # of a reply; a hundred actions are 3 kB
+OPENING = 10.0  # seconds for a connection to open
+PAUSES = (0.5, 1.0)  # seconds before the second attempt to open one, and before the third
+KINDS = "biuf"  # of arrays: boolean, integers, floating point
+Opened = TypeVar("Opened")
+
+
+def failure(url: str, told: str, cause: Cause, hint: str | None = None) -> SubjectError:
+    """The subject's error, with where it is."""
+    return SubjectError(f"{url}: {told}", hint, cause)
+
+
+def late(url: str, wait: float) -> SubjectError:
+    """No reply in time."""
+    return failure(url, f"no reply within {wait:.3g} s", "timeout", "the option timeout=… waits longer")
+
+
+def too_large(url: str) -> SubjectError:
+    """A reply that nobody has to read to its end."""
+    return failure(url, f"a reply of more than {MOST_BYTES >> 20} MiB", "protocol")
+
+
+def persistently(attempt: Callable[[], Opened]) -> Opened:
+    """A connection, opened up to three times: when it breaks meanwhile, a server has no state of ours yet.
+
+    Raises:
+        SubjectError: what the last attempt broke with, or the first that is not about the connection.
+    """
+    for pause in PAUSES:
+        try:
+            return attempt()
+        except SubjectError as error:
+            if error.cause != "connect":
+                raise
+        time.sleep(pause)
+    return attempt()
+
+
+def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
+    """The ``actions`` of a reply: ``(steps, n)``, also of a single one ``(n,)``.
+
+    Raises:
+        ValueError: there are none, or they are no numbers.
+    """
+    if "actions" not in reply:
+        raise ValueError(f"a reply without actions, but {short(sorted(map(str, reply)))}")
+    return numbers(reply["actions"])
+
+
+def numbers(found: object) -> NDArray[np.float64]:
+    """Actions ``(steps, n)``, also of a single one ``(n,)``.
+
+    Raises:
+        ValueError: they are no numbers.
+    """
+    actions = np.asarray(found)  # a ragged list is a ValueError
+    if actions.dtype.kind not in "iuf":
+        raise ValueError(f"actions that are no numbers: {short(found)}")
+    return np.atleast_2d(actions.astype(np.float64))
+
+
+def array_of(data: bytes, dtype: object, shape: Any) -> NDArray[Any]:
+    """An array from its bytes.
+
+    Raises:
+        ValueError: no array of numbers, or one of another size.
+        TypeError: no such type.
+    """
+    kind = np.dtype(dtype)  # type: ignore[call-overload]  # whatever came: TypeError
+    if kind.kind not in KINDS:
+        raise ValueError(f"an array of {kind}")
+    return np.frombuffer(data, kind).reshape(shape)
+
+
+def short(value: object) -> str:
+    """A value in one line of at most 300 characters."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= 300 else f"{text[:300]} …"
