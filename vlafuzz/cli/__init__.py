@@ -20,6 +20,7 @@ COMMANDS = {
     "triage": ("vlafuzz.cli.triage:command", "Say which failures can be trusted, and what they are due to."),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
     "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),
+    "coverage": ("vlafuzz.cli.coverage:command", "Say how much of the space scenes or runs cover."),
     "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
     "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
     "regress": ("vlafuzz.cli.regress:command", "Say whether a subject got worse in an exported corpus."),

@@ -43,9 +43,10 @@ class Rectangle(_Strict):
 
 
 class Original(_Strict):
-    """What its files leave unsaid: robots by task, sizes, and how its names are spoken."""
+    """What its files leave unsaid: robots by task, boxes, sizes, and how its names are spoken."""
 
     robots: dict[str, str]
+    boxes: dict[str, Rectangle]
     small_tasks: tuple[str, ...]
     small: tuple[str, ...]
     small_scale: float
@@ -61,6 +62,10 @@ class Table(_Strict):
     objects: dict[str, Counterpart]
     ycb: dict[str, Counterpart]
     original: Original
+
+    def drawn_from(self, task: str) -> Rectangle:
+        """Where its objects are drawn from: the frame, where nothing else is said."""
+        return self.original.boxes.get(task, self.frames[task])
 
 
 @cache

@@ -1,0 +1,57 @@
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import scene
+from tests.report.stores import store
+from vlafuzz.cli import main
+from vlafuzz.scene import write_scenes
+
+
+def scenes(folder: Path) -> Path:
+    path = folder / "scenes.jsonl"
+    write_scenes(path, [scene(x=-0.2 + 0.03 * number) for number in range(9)])
+    return path
+
+
+def test_a_file_and_a_store_in_one_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = store(tmp_path / "a.db", triaged=0)
+    assert main(["coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [(row["run"], row["scenes"]) for row in rows] == [(None, 4), (None, 9), (1, 4), (2, 4)]
+    assert [row["failures"] is None for row in rows] == [True, True, False, False]
+
+
+def test_rows_as_csv(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["coverage", str(scenes(tmp_path)), "--csv"]) == 0
+    (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
+    assert (row["task"], row["scenes"], row["positions"]) == ("pick-up", "9", "0.08")
+
+
+def test_vlatests_files_stand_beside_the_papers_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "t-grasp.json"
+    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+    options = {"init_xy": [-0.31, 0.17], "orientation": upright}
+    entries = {str(number): {"model_id": "hammer", "obj_init_options": options} for number in range(10)}
+    path.write_text(json.dumps(entries))
+    assert main(["coverage", str(path), "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert (row["scenes"], row["positions"], row["published"], row["sites"]) == (10, 0.01, 0.09, None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere.jsonl"], "nowhere.jsonl: cannot read scenes"),
+        (["nowhere.db"], "nowhere.db: cannot read scenes"),
+        (["a.jsonl", "--first", "0"], "--first"),
+    ],
+)
+def test_bad_input_is_a_sentence(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["coverage", *arguments]) == 2
+    assert says in capsys.readouterr().err

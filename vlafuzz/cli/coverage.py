@@ -1,0 +1,72 @@
+"""``vlafuzz coverage``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vlafuzz.cli.import_ import Frame
+from vlafuzz.cli.output import print_rows, progress, stderr
+from vlafuzz.corpus.sources import is_store, read_source
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import check_number
+from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.space import OperatorSet, load_operators
+from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
+
+
+def command(
+    files: Annotated[
+        list[Path], typer.Argument(help="Files of scenes, JSON lines or VLATest's; stores that runs wrote.")
+    ],
+    first: Annotated[
+        list[int] | None,
+        typer.Option(help="How many of the first scenes; may be repeated.", show_default="10, 100, 1000"),
+    ] = None,
+    frame: Annotated[
+        Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")
+    ] = Frame.ORIGINAL,
+    operators: Annotated[
+        str | None,
+        typer.Option(
+            help="Ranges that files of ours are measured in: YAML, or a shipped one's name.",
+            show_default="tabletop",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """Say how much of the space scenes or runs cover.
+
+    positions: the share of 10 x 10 cells of the box, from which positions are drawn, that have the first
+    object of one of the scenes; published is what VLATest's paper has. It grows with the number of scenes,
+    whatever is in them. sites: different sets of operators far from nominal, with the target's place. Of
+    runs also cells: sites with the stage at which the subject was lost; failures: those of its failures.
+    """
+    sizes = first or list(SIZES)
+    for size in sizes:
+        check_number("--first", size, 1, 10**9)
+    catalogue, ranges = load_catalogue(), load_operators(operators)
+    rows: list[dict[str, Any]] = []
+    with progress() as bar:
+        for path in bar.track(files, description="reading"):
+            for track in _tracks(path, catalogue, ranges, frame):
+                rows += [_row(path, track) | asdict(each) for each in covered(track, sizes)]
+    print_rows(rows, json=json, csv=csv, title="coverage")
+
+
+def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame) -> list[Track]:
+    if is_store(path):
+        with Corpus.open(path) as corpus:
+            return tracks_of_store(corpus, catalogue)
+    source = read_source(path, catalogue, frame.value)
+    if source.left_out:
+        stderr().print(f"{path}: {source.left_out} scenes with objects that we do not have are left out")
+    return tracks_of_scenes(source.scenes(), ranges, catalogue)
+
+
+def _row(path: Path, track: Track) -> dict[str, Any]:
+    return {"file": str(path), "run": track.run, "strategy": track.strategy}

@@ -1,0 +1,179 @@
+"""How much of the space scenes cover: places of the first object, as the paper counts, and behaviour."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+from vlafuzz.corpus.original import is_original
+from vlafuzz.corpus.ranges import stored_operators
+from vlafuzz.corpus.records import Run
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.corpus.vlatest_table import vlatest_table
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import cell
+from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space.operators import TargetPosition
+from vlafuzz.studies import published
+
+SIDE = 10  # cells along x and along y, of the box from which positions are drawn
+SIZES = (10, 100, 1000)  # the paper's
+_ROUNDING = 1e-6  # metres, of imported positions
+
+
+class Area(NamedTuple):
+    """A rectangle of the table, metres."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+class Step(NamedTuple):
+    """A scene, as coverage sees it.
+
+    Attributes:
+        place: the cell of the box in which its first object is; None outside.
+        site: the operators far from nominal, and the target's place; None where they are not known.
+        cell: its site with the stage at which it was lost, if it was run.
+    """
+
+    place: tuple[int, int] | None
+    site: str | None
+    cell: str | None = None
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class Track:
+    """The scenes of one task in a file, or of one run in a store, in order."""
+
+    task: str
+    steps: tuple[Step, ...]
+    run: int | None = None
+    strategy: str | None = None
+
+
+@dataclass(frozen=True)
+class Covered:
+    """What the first ``scenes`` of a track cover.
+
+    Attributes:
+        positions: share of the 10 × 10 cells of the box, ``published`` is what the paper has for as many.
+        sites: different ones.
+        cells, failures: different cells of all rollouts and of those that failed; None where nothing was run.
+    """
+
+    task: str
+    scenes: int
+    positions: float
+    published: float | None
+    sites: int | None
+    cells: int | None
+    failures: int | None
+
+
+def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue: Catalogue) -> list[Track]:
+    """A track for each task and robot, in the order in which they come first."""
+    by_kind: dict[tuple[str, str], list[Scene]] = {}
+    for scene in scenes:
+        by_kind.setdefault((scene.task, scene.robot), []).append(scene)
+    return [
+        Track(task, tuple(_seen(its, _space(operators, catalogue, its[0]))))
+        for (task, _), its in by_kind.items()
+    ]
+
+
+def tracks_of_store(corpus: Corpus, catalogue: Catalogue) -> list[Track]:
+    """A track for each run: its trials that were judged, whether new or answered with a known outcome."""
+    return [_run_track(corpus, run, catalogue) for run in corpus.runs()]
+
+
+def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
+    """For as many of the first scenes as there are, and for all."""
+    there = len(track.steps)
+    for size in [*sorted({size for size in sizes if size < there}), there]:
+        yield _covered(track, size)
+
+
+def positions(places: Iterable[tuple[int, int] | None]) -> float:
+    """Share of the cells that are among these places."""
+    return len({place for place in places if place}) / SIDE**2
+
+
+def place(x: float, y: float, area: Area) -> tuple[int, int] | None:
+    """The cell of a point; None outside."""
+    column, row = _along(x, area.x), _along(y, area.y)
+    return None if column is None or row is None else (column, row)
+
+
+def _along(value: float, bounds: tuple[float, float]) -> int | None:
+    low, high = bounds
+    if high == low:
+        return 0 if abs(value - low) <= _ROUNDING else None
+    if not low - _ROUNDING <= value <= high + _ROUNDING:
+        return None
+    return min(max(int((value - low) / (high - low) * SIDE), 0), SIDE - 1)
+
+
+def _covered(track: Track, size: int) -> Covered:
+    steps = track.steps[:size]
+    ran = [step for step in steps if step.cell]
+    sites = {step.site for step in steps}
+    return Covered(
+        task=track.task,
+        scenes=size,
+        positions=positions(step.place for step in steps),
+        published=_published().get((track.task, size)),
+        sites=None if None in sites else len(sites),
+        cells=len({step.cell for step in ran}) if ran else None,
+        failures=len({step.cell for step in ran if step.failed}) if ran else None,
+    )
+
+
+@cache
+def _published() -> dict[tuple[str, int], float]:
+    return {(row.task, row.scenes): row.share for row in published.coverage()}
+
+
+def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
+    """The space that scenes such as this one are measured in."""
+    if is_original(scene):  # of it, only the task counts
+        return SearchSpace(operators, catalogue, scene.task)
+    return SearchSpace(operators, catalogue, scene.task, scene.robot)
+
+
+def _seen(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
+    for scene in scenes:
+        first = scene.listing[0]
+        known = not is_original(scene)
+        site = space.site(scene, space.severities(scene)) if known else None
+        yield Step(place(first.x, first.y, _area(scene, space)), site)
+
+
+def _area(scene: Scene, space: SearchSpace) -> Area:
+    """Where first objects are drawn from."""
+    if is_original(scene):
+        theirs = vlatest_table().drawn_from(scene.task)
+        return Area(theirs.x, theirs.y)
+    ours = space.operators.get(TargetPosition)
+    return Area((ours.x.low, ours.x.high), (ours.y.low, ours.y.high))
+
+
+def _run_track(corpus: Corpus, run: Run, catalogue: Catalogue) -> Track:
+    manifest = run.manifest
+    judged = [trial for trial in corpus.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
+    if not judged:
+        return Track(manifest.task, (), run.id, manifest.strategy)
+    space = _space(stored_operators(corpus.path, manifest), catalogue, judged[0].scene)
+    steps = [
+        seen._replace(
+            cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space.rig.workspace),
+            failed=trial.outcome.verdict is Verdict.FAILED,
+        )
+        for trial, seen in zip(judged, _seen((trial.scene for trial in judged), space), strict=True)
+    ]
+    return Track(manifest.task, tuple(steps), run.id, manifest.strategy)
