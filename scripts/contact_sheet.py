@@ -10,7 +10,8 @@ import numpy as np
 import sapien
 from PIL import Image, ImageDraw, ImageFont
 
-from vlafuzz.objects import ObjectModel, RestPose, load_catalogue
+from vlafuzz.objects import ObjectModel, RestPose, load_catalogue, open_packs
+from vlafuzz.sim.maniskill.objects import looks
 
 CELL = 256
 COLUMNS = 6
@@ -40,7 +41,7 @@ class Studio:
         """A picture of ``CELL`` pixels, with the object turned by ``yaw`` degrees."""
         entity = sapien.Entity()
         visual = sapien.render.RenderBodyComponent()
-        visual.attach(sapien.render.RenderShapeTriangleMesh(str(model.visual)))
+        visual.attach(looks(model))
         entity.add_component(visual)
         half = np.radians(yaw) / 2
         turn = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)])
@@ -73,12 +74,16 @@ def main() -> None:
     parser.add_argument(
         "--objects", type=Path, nargs="*", default=[], help="catalogue files instead of the built-in one"
     )
+    parser.add_argument("--pack", nargs="*", default=[], help="packs, of which only the objects are shown")
     parser.add_argument("--yaw", type=float, default=15.0, help="turn every object by that many degrees")
     options = parser.parse_args()
     studio = Studio()
+    catalogue = load_catalogue(
+        *options.objects, packs=[pack for given in options.pack for pack in open_packs(given)]
+    )
     pictures = [
         (f"{model.spoken}, {rest.name.replace('_', ' ')}", studio.photograph(model, rest, options.yaw))
-        for model in load_catalogue(*options.objects).models.values()
+        for model in map(catalogue.__getitem__, catalogue.preferred(catalogue.names()))
         for rest in model.rests
     ]
     sheet(pictures).save(options.out)

@@ -13,6 +13,7 @@ from typing import Any
 from vlafuzz import campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
+from vlafuzz.corpus.packs import packs_json, stored_catalogue, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
@@ -21,7 +22,7 @@ from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import Place, executor_at, subject_at
-from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.renderer import probe
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
@@ -60,6 +61,7 @@ class RunConfig:
         vary: operators that vary; none for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
         pool: a file of scenes from which the strategy chooses, each of them once at most.
+        packs: of objects, which then stand in place of the built-in ones unless ``operators`` names those.
         store: None for ``runs/<task>-<subject>-<strategy>-<seed>.db``.
         workers, executor, address: see ``Place``.
     """
@@ -77,6 +79,7 @@ class RunConfig:
     vary: tuple[str, ...] = ()
     scenes: Path | None = None
     pool: Path | None = None
+    packs: tuple[Pack, ...] = ()
     store: Path | None = None
     workers: int = 1
     executor: str | None = None
@@ -118,7 +121,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     strategy_name = _strategy_name(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
     check_subject_name(subject_name)
-    space = SearchSpace(operators or _operators(config), load_catalogue(), task.name)
+    space = SearchSpace(operators or _operators(config), load_catalogue(packs=config.packs), task.name)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     subject = subject_at(place, subject_name)
@@ -153,7 +156,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in _STORED}
     anew = {name: getattr(asked, name) for name in _ANEW}
-    known = RunConfig(**stored, **anew, store=store)
+    known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=store)
     made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
@@ -201,7 +204,7 @@ def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evalua
     return ManiSkillEvaluator(
         manifest.task,
         subject or make_subject(manifest.subject),
-        load_catalogue(),
+        stored_catalogue(manifest),
         min_distance=manifest.min_distance,
         seed=manifest.seed,
         repeats=manifest.repeats,
@@ -293,6 +296,7 @@ def _manifest(
         operators=operators_json(operators),
         operators_digest=operators.digest,
         catalogue_digest=space.catalogue.digest,
+        packs=packs_json(config.packs),
         simulator=provenance.simulator(versions),
         versions=versions,
         commit=provenance.commit(),
@@ -306,6 +310,8 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         stored = getattr(manifest, name)
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
+    if "packs" in flags and packs_json(flags["packs"]) != manifest.packs:
+        return "other packs of objects"
     if "operators" in flags or "vary" in flags:
         asked = _operators(RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ())))
         if asked.in_task(manifest.task).digest != manifest.operators_digest:

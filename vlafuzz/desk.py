@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vlafuzz.corpus import provenance
+from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.local import evaluate_safely
-from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.renderer import probe
 from vlafuzz.report.view import SPEED, Film
@@ -44,7 +44,7 @@ class SimulatorDesk:
     """
 
     def __init__(self, source: Path, manifest: Manifest, subject: str | None = None) -> None:
-        catalogue = load_catalogue()
+        catalogue = stored_catalogue(manifest)
         self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task)
         self.stages = self.space.task.stage_names
         self._manifest, self._subject = manifest, make_subject(subject or manifest.subject)

@@ -283,20 +283,29 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
         assert len(corpus.findings()) == 30
 
 
-def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vlafuzz.corpus.database.MIGRATIONS", migrations.MIGRATIONS[:1])
-    monkeypatch.setattr(migrations, "MIGRATIONS", migrations.MIGRATIONS[:1])
+def set_back(path: Path, version: int, *statements: str) -> None:
+    """Make a store what an earlier version would have written."""
+    raw = sqlite3.connect(path)
+    for statement in (*statements, "ALTER TABLE run DROP COLUMN packs", f"PRAGMA user_version = {version}"):
+        raw.execute(statement)
+    raw.commit()
+    raw.close()
+
+
+TIMES = tuple(f"ALTER TABLE run DROP COLUMN {name}_seconds" for name in ("search", "store"))
+
+
+def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
     written(path)
-    monkeypatch.undo()
+    set_back(path, 1, "DROP TABLE triage", *TIMES)
     with Corpus.open(path, "write") as corpus:
         assert (len(corpus.findings()), corpus.triaged()) == (30, [])
+        assert {run.manifest.packs for run in corpus.runs()} == {"[]"}
 
 
-def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vlafuzz.corpus.database.MIGRATIONS", migrations.MIGRATIONS[:2])
-    monkeypatch.setattr(migrations, "MIGRATIONS", migrations.MIGRATIONS[:2])
+def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path):
     written(path)
-    monkeypatch.undo()
+    set_back(path, 2, *TIMES)
     with Corpus.open(path) as corpus:
         (run,) = corpus.runs()
         assert (run.search_seconds, run.store_seconds) == (None, None)

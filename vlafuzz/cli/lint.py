@@ -12,6 +12,7 @@ from rich.progress import Progress
 
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_json, print_rows, progress
+from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.corpus.sources import Source, is_vlatest, read_source
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
@@ -71,6 +72,7 @@ def command(
         float | None,
         typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
     ] = None,
+    pack: PackFlag = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
 ) -> None:
@@ -85,7 +87,7 @@ def command(
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     keep = load_operators().min_distance if min_distance is None else min_distance
-    catalogue = load_catalogue()
+    catalogue = load_catalogue(packs=opened(pack))
     with progress() as bar:
         judged = []
         for path in files:

@@ -7,21 +7,25 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vlafuzz.cli.output import print_rows
+from vlafuzz.cli.output import print_rows, progress
+from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.objects.catalogue import ObjectModel, load_catalogue
 
 
 def command(
+    pack: PackFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
-    """List the objects of the catalogue.
+    """List the objects of the catalogue, or of packs.
 
     Sizes are those of the bounding box in metres, masses kilograms. After each rest pose stands the narrowest
     grasp in it, metres.
     """
-    catalogue = load_catalogue()
-    models = [catalogue[name] for name in catalogue.names()]
+    catalogue = load_catalogue(packs=opened(pack))
+    names = catalogue.preferred(catalogue.names())
+    with progress() as bar:  # those of a pack are measured when they are first asked for
+        models = [catalogue[name] for name in bar.track(names, description="objects")]
     print_rows([_row(model, nested=json) for model in models], json=json, csv=csv, title="objects")
 
 

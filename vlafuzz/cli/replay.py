@@ -14,6 +14,7 @@ from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
+    from vlafuzz.objects import Pack
     from vlafuzz.outcome import Rollout
     from vlafuzz.scene import Scene
     from vlafuzz.sim.maniskill.video import Recording
@@ -28,6 +29,7 @@ class _Wanted:
     seed: int = 0
     criteria: str = "strict"
     states_hash: str | None = None
+    packs: tuple[Pack, ...] = ()
 
 
 def command(
@@ -93,6 +95,7 @@ def _find_in_file(source: Path, digest: str | None) -> _Wanted:
 
 
 def _find_in_store(source: Path, digest: str | None) -> _Wanted:
+    from vlafuzz.corpus.packs import stored_packs
     from vlafuzz.corpus.store import Corpus
 
     with Corpus.open(source) as corpus:
@@ -109,15 +112,22 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
                     first = trial.outcome.rollouts[0]
                     manifest = run.manifest
                     return _Wanted(
-                        scene, manifest.subject, manifest.seed, manifest.criteria, first.states_hash
+                        scene,
+                        manifest.subject,
+                        manifest.seed,
+                        manifest.criteria,
+                        first.states_hash,
+                        stored_packs(manifest),
                     )
     return _never_run(scene)
 
 
 def _never_run(scene: Scene) -> _Wanted:
     from vlafuzz.config import default_subject
+    from vlafuzz.objects.packs import packs_of
 
-    return _Wanted(scene, default_subject())
+    named = (placement.object for placement in scene.placements)
+    return _Wanted(scene, default_subject(), packs=packs_of(named))
 
 
 def _check_renderer() -> None:
@@ -141,7 +151,7 @@ def _roll_out(
     evaluator = ManiSkillEvaluator(
         scene.task,
         made,
-        load_catalogue(),
+        load_catalogue(packs=wanted.packs),
         min_distance=0.0,
         seed=wanted.seed,
         criteria=wanted.criteria,

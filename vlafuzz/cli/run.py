@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.output import print_json, stderr
+from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import VlafuzzError
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def command(
     pool: Annotated[
         Path | None, typer.Option(help="The strategy chooses from the scenes of this file.")
     ] = None,
+    pack: PackFlag = None,
     store: Annotated[
         Path | None,
         typer.Option(help="Where to keep it; an existing store gets one run more.", show_default="runs/….db"),
@@ -116,6 +118,7 @@ def command(
         "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
         "scenes": scenes,
         "pool": pool,
+        "packs": opened(pack) or None,
         "store": store,
         "workers": workers,
         "executor": executor,

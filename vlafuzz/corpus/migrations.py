@@ -141,7 +141,12 @@ def _seconds_apart(connection: sqlite3.Connection) -> None:
         connection.execute(f"ALTER TABLE run ADD COLUMN {name} REAL")
 
 
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart]
+def _packs(connection: sqlite3.Connection) -> None:
+    """Earlier runs had none."""
+    connection.execute("ALTER TABLE run ADD COLUMN packs TEXT NOT NULL DEFAULT '[]'")
+
+
+MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart, _packs]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

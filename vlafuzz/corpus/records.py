@@ -43,6 +43,8 @@ class Manifest:
         repeats: rollouts a scene.
         operators: the operators with their ranges, as JSON.
         min_distance: between objects, metres.
+        packs: of objects, as JSON: name, digest, and the folder in which each was; the catalogue's digest has
+            their content.
         simulator: name and version of what the scenes are run in.
         versions: of the packages that matter, by name.
         commit: of vlafuzz's checkout, if it is one.
@@ -62,6 +64,7 @@ class Manifest:
     operators: str = "{}"
     operators_digest: str = ""
     catalogue_digest: str = ""
+    packs: str = "[]"
     simulator: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     commit: str | None = None

@@ -2,5 +2,16 @@
 
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.packs import Pack, find_pack, open_packs
 
-__all__ = ["Catalogue", "Container", "Grasp", "ObjectModel", "RestPose", "load_catalogue"]
+__all__ = [
+    "Catalogue",
+    "Container",
+    "Grasp",
+    "ObjectModel",
+    "Pack",
+    "RestPose",
+    "find_pack",
+    "load_catalogue",
+    "open_packs",
+]

@@ -38,7 +38,7 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
         parts=body.parts,
         vertices=body.hull,
         visual=visual,
-        collision=tuple(_write(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
+        collision=tuple(write_part(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
         rests=tuple(_rests(name, spec, body)),
         supports=spec.supports,
         container=_container(spec.shape, centre) if isinstance(spec.shape, Basket) else None,
@@ -57,24 +57,30 @@ def _rests(name: str, spec: ObjectSpec, body: Solid) -> list[RestPose]:
 
 
 def _rest_pose(name: str, rest: Rest, body: Solid, role: str) -> RestPose:
-    turn = settled(body, rest.up)
+    held = role == "graspable"
+    made = rest_pose(name, settled(body, rest.up), body, rolls=rest.rolls, held=held)
+    if held and not made.grasps:
+        raise CatalogueError(
+            "nothing that the gripper could grasp", "it opens 0.08 m: make the object thinner"
+        )
+    return made
+
+
+def rest_pose(name: str, turn: Array, body: Solid, *, rolls: bool, held: bool) -> RestPose:
+    """The pose of a solid that a rotation ``(3, 3)`` puts onto a stable face, with grasps if wanted."""
     height = float(np.round(-(body.hull @ turn.T)[:, 2].min(), 6))
     lift = np.array([0.0, 0.0, height])
     hull = np.round(body.hull @ turn.T + lift, 6) + 0.0
     grasps: tuple[Grasp, ...] = ()
-    if role == "graspable":
+    if held:
         grasps = find_grasps([part @ turn.T + lift for part in body.parts], turn @ body.balance + lift)
-        if not grasps:
-            raise CatalogueError(
-                "nothing that the gripper could grasp", "it opens 0.08 m: make the object thinner"
-            )
     return RestPose(
         name=name,
         quaternion=quaternion(turn),
         height=height,
         top=float(hull[:, 2].max()),
         footprint=outline(hull[:, :2]),
-        rolls=rest.rolls,
+        rolls=rolls,
         grasps=grasps,
     )
 
@@ -85,7 +91,7 @@ def _container(shape: Basket, centre: Array) -> Container:
     return Container(width, depth, round(floor, 6), round(floor + height, 6))
 
 
-def _write(points: Array, file: Path) -> Path:
+def write_part(points: Array, file: Path) -> Path:
     """Write a convex part as OBJ."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles(points)]

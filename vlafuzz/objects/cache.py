@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,35 +13,51 @@ from typing import Any
 import numpy as np
 
 from vlafuzz import shipped
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.model import Container, Fit, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.schema import ObjectSpec
+
+Entry = ObjectSpec | PackObject  # what a catalogue has of an object
 
 BUILDER = 6  # raise it when the same entry would build another object: a test compares the numbers
 NUMBERS = "model.json"
 
 
-def fingerprint(name: str, spec: ObjectSpec) -> str:
+def fingerprint(name: str, spec: Entry) -> str:
     """Of an entry's values and the builder's version."""
     text = json.dumps([BUILDER, name, spec.model_dump(mode="json")], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def built(name: str, spec: ObjectSpec) -> ObjectModel:
+def built(name: str, spec: Entry) -> ObjectModel:
     """The object from the cache, building it first where needed."""
-    place = f"objects/{name}-{fingerprint(name, spec)}"
+    place = f"objects/{name.replace(':', '-')}-{fingerprint(name, spec)}"
     fill, whole = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
-    model = load(shipped.made_once(place, fill, whole))
+    model = _load(shipped.made_once(place, fill, whole), spec)
     # SAPIEN only logs a missing mesh
     if all(file.is_file() for file in (model.visual, *model.collision)):
         return model
-    shutil.rmtree(model.visual.parent, ignore_errors=True)
-    return load(shipped.made_once(place, fill, whole))
+    shutil.rmtree(model.collision[0].parent, ignore_errors=True)
+    return _load(shipped.made_once(place, fill, whole), spec)
 
 
-def _fill(name: str, spec: ObjectSpec, folder: Path) -> None:
-    from vlafuzz.objects.build import build  # loads trimesh and scipy, which a filled cache does not need
+def _fill(name: str, spec: Entry, folder: Path) -> None:
+    # these load trimesh and scipy, which a filled cache does not need
+    if isinstance(spec, PackObject):
+        from vlafuzz.objects.measured import build_measured
 
-    save(build(name, spec, folder), folder)
+        save(build_measured(name, spec, folder), folder)
+    else:
+        from vlafuzz.objects.build import build
+
+        save(build(name, spec, folder), folder)
+
+
+def _load(folder: Path, spec: Entry) -> ObjectModel:
+    """The looks of a pack's object stay in the pack."""
+    visual = spec.visual if isinstance(spec, PackObject) else None
+    model = load(folder)
+    return replace(model, visual=visual) if visual else model
 
 
 def save(model: ObjectModel, folder: Path) -> None:
@@ -53,7 +70,7 @@ def _plain(value: Any) -> Any:
             return value.tolist()
         case Path():
             return value.name
-        case RestPose() | Grasp() | Container():
+        case RestPose() | Grasp() | Container() | Fit():
             return _plain(vars(value))
         case dict():
             return {key: _plain(item) for key, item in value.items()}
@@ -72,7 +89,14 @@ def load(folder: Path) -> ObjectModel:
     data["collision"] = tuple(folder / name for name in data["collision"])
     data["rests"] = tuple(map(_rest, data["rests"]))
     data["container"] = data["container"] and Container(**data["container"])
+    data["fit"] = _fit(data.get("fit"))
     return ObjectModel(**data)
+
+
+def _fit(data: dict[str, Any] | None) -> Fit | None:
+    if data is None:
+        return None
+    return Fit(data["scale"], _array(data["quaternion"]), _array(data["position"]))
 
 
 def _rest(data: dict[str, Any]) -> RestPose:

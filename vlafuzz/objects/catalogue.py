@@ -1,18 +1,19 @@
-"""Object catalogues: YAML files of objects, each built when it is first asked for."""
+"""Object catalogues: YAML files of objects and packs, each object built when it is first asked for."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
 from vlafuzz import shipped
 from vlafuzz.errors import CatalogueError, suggestion
-from vlafuzz.objects.cache import built, fingerprint
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
-from vlafuzz.objects.schema import ObjectSpec, read_file
+from vlafuzz.objects.cache import Entry, built, fingerprint
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose, Role
+from vlafuzz.objects.packs import Pack, PackObject
+from vlafuzz.objects.schema import read_file
 
 __all__ = ["Catalogue", "Container", "Grasp", "ObjectModel", "RestPose", "load_catalogue"]
 
@@ -21,10 +22,10 @@ class Catalogue:
     """Objects by name.
 
     Attributes:
-        digest: of every value in it and of the builder's version.
+        digest: of every value in it, of the packs' files and of the builder's version.
     """
 
-    def __init__(self, specs: Mapping[str, ObjectSpec]) -> None:
+    def __init__(self, specs: Mapping[str, Entry]) -> None:
         self._specs = dict(specs)
         self._built: dict[str, ObjectModel] = {}
         marks = sorted(fingerprint(name, spec) for name, spec in self._specs.items())
@@ -56,20 +57,35 @@ class Catalogue:
 
     def graspable(self) -> tuple[str, ...]:
         """Names of the objects that a gripper can pick up."""
-        return tuple(name for name, spec in self._specs.items() if spec.role == "graspable")
+        return self._of("graspable")
 
     def places(self) -> tuple[str, ...]:
         """Names of the objects that others are put on or into."""
-        return tuple(name for name, spec in self._specs.items() if spec.role == "place")
+        return self._of("place")
+
+    def movable(self) -> tuple[str, ...]:
+        """Names of the objects that may stand about: all but places."""
+        return self._of("graspable", "obstacle")
+
+    def preferred(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of some names that scenes have unless the user narrows: the packs', where they have any."""
+        packed = tuple(name for name in names if isinstance(self._specs[name], PackObject))
+        return packed or names
+
+    def _of(self, *roles: Role) -> tuple[str, ...]:
+        return tuple(name for name, spec in self._specs.items() if self._role(name, spec) in roles)
+
+    def _role(self, name: str, spec: Entry) -> Role:
+        return self[name].role if isinstance(spec, PackObject) else spec.role  # a pack's is measured
 
 
-def load_catalogue(*paths: str | Path) -> Catalogue:
-    """Read catalogue files; without any, the one that is shipped.
+def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
+    """Read catalogue files, without any the one that is shipped; the packs' objects come after theirs.
 
     Raises:
         CatalogueError: a value is wrong, or two files name the same object.
     """
-    specs: dict[str, ObjectSpec] = {}
+    specs: dict[str, Entry] = {}
     origin: dict[str, Path] = {}
     for path in map(Path, paths or [shipped.operators_dir() / "objects" / "builtin.yaml"]):
         for name, spec in read_file(path).items():
@@ -77,4 +93,10 @@ def load_catalogue(*paths: str | Path) -> Catalogue:
                 taken = f"{path}: objects.{name}: already in {origin[name]}"
                 raise CatalogueError(taken, "rename one of them")
             specs[name], origin[name] = spec, path
+    for number, pack in enumerate(packs):
+        for other in packs[:number]:
+            if other.name == pack.name:
+                both = f"{other.folder} and {pack.folder}: both packs are named {pack.name!r}"
+                raise CatalogueError(both, "rename one of the folders")
+        specs |= {f"{pack.name}:{name}": spec for name, spec in pack.objects.items()}
     return Catalogue(specs)

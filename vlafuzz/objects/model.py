@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import CatalogueError, suggestion
 
 Array = NDArray[np.float64]
+Role = Literal["graspable", "place", "obstacle"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +70,20 @@ class Container:
 
 
 @dataclass(frozen=True, eq=False)
+class Fit:
+    """How a mesh that others made comes into the object's frame: scaled, then turned, then moved.
+
+    Attributes:
+        quaternion: ``(4,)`` w, x, y, z.
+        position: ``(3,)`` metres.
+    """
+
+    scale: float
+    quaternion: Array
+    position: Array
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectModel:
     """One kind of object. The origin of its frame is the centre of its bounding box.
 
@@ -80,7 +95,8 @@ class ObjectModel:
         density: mass over the summed volume of the parts, kilograms a cubic metre.
         parts: ``(n, 3)`` corners of each convex part, metres.
         vertices: ``(m, 3)`` corners of the hull of all, metres.
-        visual: a ``.glb`` with textures.
+        role: an ``obstacle`` neither fits the gripper nor takes anything.
+        visual: a ``.glb`` with textures; with ``fit`` any mesh.
         collision: one convex ``.obj`` a part.
         rests: the first is nominal.
         supports: other objects can be put on it.
@@ -88,7 +104,7 @@ class ObjectModel:
 
     name: str
     spoken: str
-    role: Literal["graspable", "place"]
+    role: Role
     mass: float
     friction: float
     colour: Array
@@ -100,6 +116,7 @@ class ObjectModel:
     supports: bool
     container: Container | None
     density: float
+    fit: Fit | None = None
 
     def scaled(self, scale: float) -> ObjectModel:
         """The same thing in another size, of the same mass. Its grasps are left to whoever needs them."""

@@ -12,6 +12,10 @@ from vlafuzz.objects.hulls import Array, corners, mass_properties, outline, tria
 
 FLAT = 2e-5  # corners that far from a face's plane still lie in it, metres: they are rounded to a micrometre
 STEADY = 0.001  # how far inside the face the centre of mass has to be, metres
+UNEVEN = 5e-4  # likewise of solids that were measured, metres
+TIPS = np.radians(3.0)  # what tips at a smaller tilt does not stay put
+ROLLS = np.radians(12.0)  # what leaves its face at a smaller tilt rolls, if the next one is near
+NEXT = np.radians([5.0, 45.0])  # between a face and the next one
 NEAR = 0.8  # cosine of the largest angle between the pose that was asked for and the stable one
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -51,7 +55,7 @@ def settled(body: Solid, up: Sequence[float]) -> Array:
         reach = body.hull @ face
         ground = body.hull[reach > reach.max() - FLAT]
         turn = rotation(face, -UP)
-        if _above(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2]):
+        if _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2]) > STEADY:
             first = rotation(wanted, UP)
             return np.asarray(rotation(first @ face, -UP) @ first)
     raise CatalogueError(f"no stable face near this pose, got up {tuple(up)!r}")
@@ -59,21 +63,65 @@ def settled(body: Solid, up: Sequence[float]) -> Array:
 
 def _faces_from_below(hull: Array, up: Array) -> Array:
     """Outward normals ``(k, 3)`` of the hull's faces that point down, the steepest first."""
-    faces = hull[triangles(hull)]
-    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = _normals(hull)
     # Rounded: mirror twins differ in the last bit only, which must not decide
     steepness = np.round(normals @ up, 6)
     order = np.lexsort((*np.round(normals.T, 6), steepness))
     return np.asarray(normals[order][steepness[order] < -NEAR])
 
 
-def _above(polygon: Array, point: Array) -> bool:
-    """Whether a point ``(2,)`` lies well inside a counter-clockwise polygon ``(k, 2)``."""
+class Stable(NamedTuple):
+    """A rotation ``(3, 3)`` that puts a solid onto a stable face.
+
+    Attributes:
+        up: cosine between the solid's z axis and the vertical.
+        lean: how far it can be tilted before it leaves the face, radians.
+        rolls: little leads from this face to the next, which is near.
+    """
+
+    turn: Array
+    up: float
+    lean: float
+    rolls: bool
+
+
+def stable_turns(body: Solid) -> list[Stable]:
+    """All ways in which a measured solid stays put: on any face of its hull, even if it is not quite flat."""
+    found = []
+    for face in _normals(body.hull):
+        reach = body.hull @ face
+        ground = body.hull[reach > reach.max() - UNEVEN]
+        turn = rotation(face, -UP)
+        margin = _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2])
+        lean = float(np.arctan2(margin, reach.max() - body.balance @ face))
+        if margin > STEADY and lean > TIPS:
+            found.append((face, turn, lean))
+    faces = np.array([face for face, _, _ in found])
+    return [
+        Stable(turn, float(turn[2, 2]), lean, bool(lean < ROLLS) and _has_neighbour(faces @ face))
+        for face, turn, lean in found
+    ]
+
+
+def _has_neighbour(cosines: Array) -> bool:
+    """Whether one of some stable faces is the next one, neither the same nor round a corner."""
+    near, far = np.cos(NEXT)
+    return bool(np.any((cosines < near) & (cosines > far)))
+
+
+def _margin(polygon: Array, point: Array) -> float:
+    """How far inside a counter-clockwise polygon ``(k, 2)`` a point ``(2,)`` lies; negative outside."""
     side = np.roll(polygon, -1, axis=0) - polygon
     arm = point - polygon
     inside = (side[:, 0] * arm[:, 1] - side[:, 1] * arm[:, 0]) / np.linalg.norm(side, axis=1)
-    return bool(inside.min() > STEADY)
+    return float(inside.min())
+
+
+def _normals(hull: Array) -> Array:
+    """Outward normals ``(k, 3)`` of the hull's triangles."""
+    faces = hull[triangles(hull)]
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def rotation(start: Array, end: Array) -> Array:

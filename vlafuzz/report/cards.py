@@ -7,11 +7,11 @@ from pathlib import Path
 
 from vlafuzz.corpus.bundle import Bundle, Case
 from vlafuzz.corpus.folder import SCENES
+from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Finding, Manifest, Triaged
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
-from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.report.scenes import deviations
 from vlafuzz.report.view import Card
 from vlafuzz.scene import Scene
@@ -25,18 +25,20 @@ class Spaces:
     """The search spaces of runs of one store or corpus."""
 
     def __init__(self, source: Path) -> None:
-        self._source, self._catalogue = source, load_catalogue()
-        self._made: dict[tuple[str, str], SearchSpace] = {}
+        self._source = source
+        self._made: dict[tuple[str, str, str], SearchSpace] = {}
 
     def of(self, run: Manifest) -> SearchSpace:
         """In which the run's scenes are.
 
         Raises:
             CorpusError: another version wrote it, whose operators are others.
+            UsageError: a pack of its objects is gone.
         """
-        key = (run.task, run.operators)
+        key = (run.task, run.operators, run.packs)
         if key not in self._made:
-            self._made[key] = SearchSpace(stored_operators(self._source, run), self._catalogue, run.task)
+            operators = stored_operators(self._source, run)
+            self._made[key] = SearchSpace(operators, stored_catalogue(run), run.task)
         return self._made[key]
 
 

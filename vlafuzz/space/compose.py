@@ -113,7 +113,7 @@ def _slots(operators: OperatorSet, catalogue: Catalogue, task: Task) -> dict[str
     slots = {"targets.0": _narrowed("target-type: names", catalogue.graspable(), types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
-    names = _narrowed("confounder-type: names", catalogue.graspable(), around.names, catalogue)
+    names = _narrowed("confounder-type: names", catalogue.movable(), around.names, catalogue)
     return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
 
 
@@ -136,7 +136,7 @@ def _narrowed(
             raise UsageError(f"{key}: {name!r} {what}", hint="known: " + ", ".join(allowed))
     if not allowed:
         raise UsageError(f"{key}: the catalogue has no object for it", hint="see `vlafuzz objects`")
-    return names or allowed
+    return names or catalogue.preferred(allowed)
 
 
 def _distinct(slots: Mapping[str, tuple[str, ...]]) -> dict[str, int]:

@@ -56,6 +56,16 @@ def _material(friction: float) -> physx.PhysxMaterial:
     return physx.PhysxMaterial(friction, friction, 0.0)
 
 
+def looks(model: ObjectModel, scale: float = 1.0) -> sapien.render.RenderShapeTriangleMesh:
+    """What an object looks like, in its own frame."""
+    fit = model.fit
+    size = scale * fit.scale if fit else scale
+    shape = sapien.render.RenderShapeTriangleMesh(str(model.visual), [size] * 3)
+    if fit:
+        shape.local_pose = sapien.Pose(fit.position * scale, fit.quaternion)
+    return shape
+
+
 def add_object(
     scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str
 ) -> physx.PhysxRigidDynamicComponent:
@@ -74,7 +84,7 @@ def add_object(
     entity.add_component(body)
     if render_system(scene) is not None:
         visual = sapien.render.RenderBodyComponent()
-        visual.attach(sapien.render.RenderShapeTriangleMesh(str(model.visual), scale))
+        visual.attach(looks(model, placement.scale))
         entity.add_component(visual)
     entity.pose = place(model, placement)
     scene.add_entity(entity)

@@ -1,0 +1,44 @@
+"""The flag ``--pack``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated
+
+import typer
+
+from vlafuzz.cli.output import stderr
+from vlafuzz.objects import Pack, open_packs
+
+PackFlag = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--pack",
+        help="Objects from this folder, laid out as SIMPLER, VLATest and ManiSkill do; may be repeated.",
+    ),
+]
+
+
+def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
+    """The packs that are given; what is missing in each is said once.
+
+    Raises:
+        UsageError: a folder is no pack and has none in it.
+    """
+    packs = tuple(pack for each in given or () for pack in open_packs(each))
+    for pack in packs:
+        for said in _lacks(pack):
+            stderr().print(f"note: {pack.name}: {said}", soft_wrap=True)
+    return packs
+
+
+def _lacks(pack: Pack) -> Iterable[str]:
+    plain = [name for name, each in pack.objects.items() if each.visual is None]
+    if plain:
+        some = ", ".join(plain[:3]) + (", …" if len(plain) > 3 else "")
+        yield (
+            f"{len(plain)} of {len(pack.objects)} objects have no textured mesh ({some}): "
+            "they look like their collision mesh, in one colour"
+        )
+    if pack.left_out:
+        yield f"no collision mesh, so left out: {', '.join(pack.left_out)}"

@@ -1,0 +1,35 @@
+"""A run's packs, as its manifest keeps them. The digest is what they are, the folder where to look first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+from vlafuzz.corpus.records import Manifest
+from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
+
+
+def packs_json(packs: Iterable[Pack]) -> str:
+    """What a manifest keeps of them."""
+    return json.dumps(
+        [{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs]
+    )
+
+
+def stored_packs(*manifests: Manifest) -> tuple[Pack, ...]:
+    """Those of manifests: what ``packs_json`` wrote, found again.
+
+    Raises:
+        UsageError: one of them is gone.
+    """
+    marks = {mark["name"]: mark for manifest in manifests for mark in json.loads(manifest.packs)}
+    return tuple(find_pack(**mark) for mark in marks.values())
+
+
+def stored_catalogue(*manifests: Manifest) -> Catalogue:
+    """The catalogue with the packs of manifests.
+
+    Raises:
+        UsageError: a pack is gone.
+    """
+    return load_catalogue(packs=stored_packs(*manifests))

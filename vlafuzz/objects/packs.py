@@ -1,0 +1,232 @@
+"""Packs: objects in a folder that the user has, laid out as SIMPLER's, VLATest's and ManiSkill's are.
+
+    FOLDER/info_*.json              scales and density of every object, by its name
+    FOLDER/models/NAME/collision.*  its solid: obj, or ply
+    FOLDER/models/NAME/textured.*   its looks: glb, dae, or obj, with textures beside it; may be missing
+
+An object's name in the catalogue has the pack's before it, ``ycb:apple``: packs and we name things alike.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.objects.schema import Length, Strict
+
+VARIABLE = "VLAFUZZ_PACKS"  # folders where packs are looked for
+_SOLIDS = ("collision.obj", "collision.ply")
+_LOOKS = ("textured.glb", "textured.dae", "textured.obj")
+_LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
+_SAYS = "says where it is"
+_UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
+_MARKER = "dummy_"  # planes that mark a place for SIMPLER's tasks and that no picture shows
+
+
+class PackObject(Strict):
+    """One object of a pack. Where its files lie is no part of what it is, their ``content`` is.
+
+    Attributes:
+        density: of the solid, kilograms a cubic metre.
+        tall_y: what is tall and round along y stands along y; everything else has z up.
+        visual: None where the pack has none.
+        version: of the builder; raise it when the same files would give another object.
+    """
+
+    spoken: str
+    scale: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+    tall_y: bool
+    content: str
+    collision: Path = Field(exclude=True)
+    visual: Path | None = Field(exclude=True)
+    version: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Pack:
+    """A folder of objects that was read.
+
+    Attributes:
+        digest: of all that decides about its objects: the files' bytes, scales and densities.
+        objects: by their names in the pack.
+        left_out: names without a mesh to collide with.
+    """
+
+    name: str
+    folder: Path
+    digest: str
+    objects: dict[str, PackObject]
+    left_out: tuple[str, ...]
+
+    def renamed(self, name: str) -> Pack:
+        return Pack(name, self.folder, self.digest, self.objects, self.left_out)
+
+
+class _Info(BaseModel):
+    """What an info file says of an object. Its bounding boxes are wrong for some: meshes are measured."""
+
+    scales: Annotated[list[Length], Field(min_length=1)] = [1.0]
+    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] = 1000.0
+
+
+_INFOS = TypeAdapter(dict[str, _Info])
+
+
+def open_packs(given: str) -> tuple[Pack, ...]:
+    """The pack that a folder is, or those in it; or the one of that name (see ``known_packs``).
+
+    Raises:
+        UsageError: there is none.
+    """
+    if found := _packs_in(Path(given)):
+        return found
+    if Path(given).is_dir():
+        raise UsageError(f"{given}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
+    known = tuple(known_packs())
+    named = tuple(pack for pack in known if pack.name == given)
+    if not named:
+        names = f", or a pack's name: {', '.join(pack.name for pack in known)}" if known else ""
+        raise UsageError(f"{given}: no such folder", hint=f"give the folder of a pack{names}")
+    return named[:1]
+
+
+def known_packs() -> Iterator[Pack]:
+    """Those in the folders that ``$VLAFUZZ_PACKS`` lists, and YCB where ManiSkill has downloaded it."""
+    for folder in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
+        yield from _packs_in(Path(folder))
+    assets = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
+    yield from _packs_in(assets / "data" / "assets" / "mani_skill2_ycb")
+
+
+def find_pack(name: str, digest: str, folder: str) -> Pack:
+    """A pack that was there before: where it was then, or among those known here.
+
+    A changed one will do where the very same is gone; the catalogue's digest tells.
+
+    Raises:
+        UsageError: it is gone.
+    """
+    here = [*_packs_in(Path(folder)), *known_packs()]
+    same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]
+    if not same:
+        raise UsageError(
+            f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${VARIABLE}",
+            hint=f"{VARIABLE}=FOLDER {_SAYS}",
+        )
+    return same[0].renamed(name)
+
+
+def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
+    """The packs that have objects of these names, of those that are known here.
+
+    Raises:
+        UsageError: one of them is not.
+    """
+    named = sorted({name.partition(":")[0] for name in objects if ":" in name})
+    known = {pack.name: pack for pack in known_packs()} if named else {}
+    for name in named:
+        if name not in known:
+            raise UsageError(
+                f"there are objects of the pack {name!r}, which is not here",
+                hint=f"{VARIABLE}=FOLDER {_SAYS}",
+            )
+    return tuple(known[name] for name in named)
+
+
+def spoken(name: str) -> str:
+    """What an instruction calls an object: its name without what only tells meshes apart."""
+    words = name.replace("-", "_").split("_")
+    return " ".join(word for word in words if not _UNSPOKEN.fullmatch(word)) or name
+
+
+def _packs_in(folder: Path) -> tuple[Pack, ...]:
+    if _is_pack(folder):
+        return (_read(folder),)
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    return tuple(_read(each) for each in inside if _is_pack(each))
+
+
+def _read(folder: Path) -> Pack:
+    objects: dict[str, PackObject] = {}
+    left_out = []
+    for name, info in _infos(folder):
+        solid = _first(folder / "models" / name, _SOLIDS)
+        if solid is None:
+            left_out.append(name)
+        elif not name.startswith(_MARKER):
+            objects[name] = _object(folder, name, info, solid)
+    if not objects:
+        raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
+    facts = {name: each.model_dump(mode="json") for name, each in objects.items()}
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+    return Pack(_pack_name(folder), folder.resolve(), digest, objects, tuple(left_out))
+
+
+def _is_pack(folder: Path) -> bool:
+    return (folder / "models").is_dir() and any(folder.glob("info_*.json"))
+
+
+def _pack_name(folder: Path) -> str:
+    bare = re.sub(r"^mani_skill2_|[-_]dataset$", "", folder.resolve().name.lower())
+    return re.sub(r"[^a-z0-9_-]", "-", bare)
+
+
+def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
+    """What the info files say; where several have an object, the one in which it is largest: real size."""
+    found: dict[str, _Info] = {}
+    for path in sorted(folder.glob("info_*.json")):
+        try:
+            read = _INFOS.validate_json(path.read_bytes())
+        except OSError as error:
+            raise CatalogueError(f"{path}: cannot be read: {error.strerror}") from None
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise CatalogueError(f"{path}: {where + ': ' if where else ''}{first['msg'].lower()}") from None
+        for name, info in read.items():
+            if name not in found or info.scales[0] > found[name].scales[0]:
+                found[name] = info
+    return sorted(found.items())
+
+
+def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
+    return PackObject(
+        spoken=spoken(name),
+        scale=info.scales[0],
+        density=info.density,
+        tall_y="custom" in _pack_name(folder) or any(folder.glob("info_*custom*.json")),
+        content=_content(solid.parent),
+        collision=solid,
+        visual=_first(solid.parent, _LOOKS),
+    )
+
+
+def _first(folder: Path, names: Iterable[str]) -> Path | None:
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _content(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(folder.iterdir()):
+        if file.is_file():
+            about = file.stat()
+            digest.update(f"{file.name} {_hash(file, about.st_size, about.st_mtime_ns)}\n".encode())
+    return digest.hexdigest()[:20]
+
+
+@lru_cache(maxsize=4096)
+def _hash(file: Path, size: int, changed: int) -> str:
+    """Of a file's bytes, read again only if it has changed: a catalogue is loaded often."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
