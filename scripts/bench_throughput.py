@@ -40,9 +40,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.rig import rig
+from vlafuzz.robots import PANDA
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill import table
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.objects import place
@@ -98,13 +97,13 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
         return SimConfig(sim_freq=SIM_HZ, control_freq=HZ)
 
     def _load_agent(self, options: dict[str, Any]) -> None:
-        super()._load_agent(options, sapien.Pose(rig("panda").base))
+        super()._load_agent(options, sapien.Pose(PANDA.base))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         builder = self.scene.create_actor_builder()
-        builder.add_box_collision(half_size=table.HALF)
-        builder.add_box_visual(half_size=table.HALF)
-        builder.initial_pose = sapien.Pose(table.CENTRE)
+        builder.add_box_collision(half_size=PANDA.table.half)
+        builder.add_box_visual(half_size=PANDA.table.half)
+        builder.initial_pose = sapien.Pose([*PANDA.table.centre, -PANDA.table.half[2]])
         builder.build_static("table")
         self._objects = []
         for index, placement in enumerate(self._scene.placements):
@@ -118,7 +117,7 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
             self._objects.append(builder.build(f"{index}-{placement.object}"))
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        self.agent.reset(np.array(rig("panda").rest))
+        self.agent.reset(np.array(PANDA.rest))
 
     def evaluate(self) -> dict[str, Any]:
         return {"grasped": self.agent.is_grasping(self._objects[0])}

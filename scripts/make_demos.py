@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.rig import PANDA, camera_pose
+from vlafuzz.rig import camera_pose
+from vlafuzz.robots import PANDA
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.space import SearchSpace, load_operators

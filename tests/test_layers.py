@@ -14,9 +14,10 @@ import vlafuzz
 ROWS = (
     "__init__",
     "errors",
-    "shipped plugins renderer",
+    "shipped assets plugins renderer",
     "scene objects",
     "rig",
+    "robots",
     "tasks outcome",
     "validity scoring evidence",
     "space",  # generates fair scenes: asks validity

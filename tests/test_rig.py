@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.rig import PANDA, RIGS, camera_pose, rig
+from vlafuzz.rig import camera_pose
+from vlafuzz.robots import PANDA, RIGS, rig
 from vlafuzz.scene import Camera
 
 NOT_MOVED = Camera()

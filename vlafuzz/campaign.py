@@ -15,7 +15,7 @@ from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.rig import rig
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Objective, cell, score
 from vlafuzz.search.base import Genome, Proposal, Strategy

@@ -1,16 +1,16 @@
-"""The rig as data: robot, table, nominal camera and lights, and the camera's geometry. No simulator."""
+"""What a rig is: robot, table, nominal camera and lights as data, and the camera's geometry. No simulator."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.scene import Camera
 
 Array = NDArray[np.float64]
@@ -43,6 +43,56 @@ class Lights:
 
 
 @dataclass(frozen=True)
+class Table:
+    """A box whose top is z = 0. ``half``: its half sides; ``floor``: height of what it stands on. Metres."""
+
+    centre: tuple[float, float]
+    half: tuple[float, float, float]
+    floor: float
+
+
+Box = tuple[float, tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A gripper, as who plans grasps with it sees it. Metres, from the tool centre point (TCP).
+
+    Grasps are made for the Panda's (``objects/grasps.py``); the other hands say what to change in them.
+
+    Attributes:
+        widest: thing that it takes between its fingers, which are 3 mm off on either side.
+        thinnest: thing that it holds: fingers do not always close all the way.
+        lowest: height of the TCP over the table at which the fingertips clear it.
+        deep: how far a thing may stick up between the fingers.
+        lead: how many times the way there is to go the hand is told, as it lags behind.
+        fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
+            span of heights.
+    """
+
+    widest: float = 0.074
+    thinnest: float = 0.0
+    lowest: float = 0.0
+    deep: float = math.inf
+    lead: float = 1.0
+    fingers: Box = (0.013, (0.038, 0.062), (-0.012, 0.05))
+    palm: Box = (0.035, (0.0, 0.105), (0.038, 0.16))
+
+    def takes(self, width: float) -> bool:
+        """Whether it can hold a thing of so many metres."""
+        return self.thinnest <= width <= self.widest
+
+
+@dataclass(frozen=True)
+class Original:
+    """Where robot and table stand in the environments that a rig is taken from. Metres, degrees."""
+
+    base: tuple[float, float, float]
+    yaw: float
+    table: float
+
+
+@dataclass(frozen=True)
 class Rig:
     """A robot at its table. The table's top is z = 0; the robot's base frame is aligned with the world's.
 
@@ -52,6 +102,13 @@ class Rig:
             metres.
         opening: widest opening of the gripper, metres.
         rest: joint positions at the start of an episode, radians and metres.
+        joints: the names of the joints of ``rest``; none where it is in the simulator's order.
+        neutral: of ``neutral_yaw``, radians from the direction in which the hand is, seen from the base.
+        physics_hz: physics steps a second.
+        urdf: the robot's file below ``robots/`` in a user's pack; None for what comes with ManiSkill.
+        photos: below ``overlays/`` in a user's pack, by task: what the third-person camera sees behind robot
+            and objects. Only with its nominal view.
+        operators: the ranges that fit, where the user names none.
     """
 
     robot: str
@@ -62,43 +119,24 @@ class Rig:
     workspace: Workspace
     view: View
     lights: Lights
+    table: Table
+    joints: tuple[str, ...] = ()
+    neutral: float = -math.pi / 4
+    hand: Hand = Hand()
+    physics_hz: int = 100
+    urdf: str | None = None
+    photos: Mapping[str, str] = field(default_factory=dict)
+    operators: str = "tabletop"
+    original: Original | None = None
 
     def neutral_yaw(self, x: float, y: float) -> float:
         """Direction of the closing axis, in radians, where the last joint is in the middle of its range.
 
         That is with the hand pointing down at (x, y), in metres.
 
-        From there it turns 2.9 rad (166 degrees) either way.
+        From there it turns by at least 2.4 rad (140 degrees) either way.
         """
-        return math.atan2(y - self.base[1], x - self.base[0]) - math.pi / 4
-
-
-# The workspace is a margin wider than the operators' default ranges; reach and opening are the Panda's
-# (data sheet: 0.855 m
-# to the wrist, 0.08 m opening), less what pointing down costs (measured with the inverse kinematics at
-# table height).
-PANDA = Rig(
-    robot="panda",
-    base=(-0.615, 0.0, 0.0),
-    reach=0.79,
-    opening=0.08,
-    rest=(0.0, math.pi / 8, 0.0, -math.pi * 5 / 8, 0.0, math.pi * 3 / 4, math.pi / 4, 0.04, 0.04),
-    workspace=Workspace(x=(-0.24, 0.16), y=(-0.30, 0.30)),
-    view=View(eye=(0.42, 0.0, 0.52), target=(-0.04, 0.0, 0.02), fov=60.0),
-    lights=Lights(ambient=0.18, directional=(((0.3, 0.4, -1.0), 0.72), ((-0.6, -0.5, -1.0), 0.31))),
-)
-RIGS = {PANDA.robot: PANDA}
-
-
-def rig(robot: str) -> Rig:
-    """The rig of a robot.
-
-    Raises:
-        SceneError: no such robot.
-    """
-    if robot not in RIGS:
-        raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, RIGS))
-    return RIGS[robot]
+        return math.atan2(y - self.base[1], x - self.base[0]) + self.neutral
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.rig import Workspace, rig
+from vlafuzz.rig import Workspace
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 
 FAR = 0.5  # severity above which an operator counts as one of a failure's

@@ -5,7 +5,7 @@ import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.outcome import Verdict
-from vlafuzz.rig import rig
+from vlafuzz.robots import rig
 from vlafuzz.scoring import Score, site
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.random import Random

@@ -7,7 +7,8 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
 from vlafuzz.errors import SimulatorError
-from vlafuzz.rig import PANDA, camera_pose
+from vlafuzz.rig import camera_pose
+from vlafuzz.robots import PANDA
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator

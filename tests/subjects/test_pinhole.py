@@ -72,7 +72,8 @@ def test_it_is_told_no_positions():
 @pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.sim.scenes import make_env
-    from vlafuzz.rig import PANDA, camera_pose
+    from vlafuzz.rig import camera_pose
+    from vlafuzz.robots import PANDA
     from vlafuzz.sim.maniskill.outlines import outlines
     from vlafuzz.subjects.eyes import Eyes
 

@@ -17,7 +17,7 @@ from vlafuzz.corpus.bundle import SCHEMA, Bundle, Case, Evidence
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Causes, Witness
-from vlafuzz.rig import rig
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene, load_scenes, write_scenes
 from vlafuzz.shipped import corpus_dir
 

@@ -55,7 +55,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self.cases = bundle.cases
         self._camera = CameraRequest("image", size, size) if size else None
         cameras = (self._camera,) if self._camera else ()
-        self._env = make_env(bundle.task, load_catalogue(), cameras, HZ)
+        self._env = make_env(bundle.task, load_catalogue(), cameras, HZ, self.cases[0].scene.robot)
         said = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
@@ -110,7 +110,10 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self._env.close()
 
     def _observation(self, state: State) -> Seen:
-        seen: Seen = {"state": proprioception(state), "instruction": self._case.scene.instruction}
+        seen: Seen = {
+            "state": proprioception(state, self._env.rig.opening),
+            "instruction": self._case.scene.instruction,
+        }
         return seen | ({"image": self.render()} if self._camera else {})
 
 

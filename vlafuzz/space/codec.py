@@ -11,7 +11,7 @@ import numpy as np
 
 from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.rig import rig
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import site
 from vlafuzz.space.catalogue import OperatorSet

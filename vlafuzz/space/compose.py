@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import Hand
+from vlafuzz.robots import rig
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.space.catalogue import OperatorSet
 from vlafuzz.space.operators import (
@@ -33,7 +36,7 @@ class Composer:
             "targets": operators.get(TargetOrientation).fixed,
             "confounders": operators.get(ConfounderOrientation).fixed,
         }
-        slots = _slots(operators, catalogue, task)
+        slots = _slots(operators, catalogue, task, rig(robot).hand)
         rests = max(len(catalogue[name].rests) for name in catalogue.names())
         self.layout = Layout(slots, _distinct(slots), rests, len(self._wordings))
 
@@ -107,14 +110,22 @@ def _index(known: Sequence[str], name: str) -> float:
     return known.index(name) if name in known else math.nan
 
 
-def _slots(operators: OperatorSet, catalogue: Catalogue, task: Task) -> dict[str, tuple[str, ...]]:
+def _slots(
+    operators: OperatorSet, catalogue: Catalogue, task: Task, hand: Hand
+) -> dict[str, tuple[str, ...]]:
     """The slots of a task's scenes with the names that each may have."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
-    slots = {"targets.0": _narrowed("target-type: names", catalogue.graspable(), types.names, catalogue)}
+    takes = tuple(name for name in catalogue.graspable() if _fits(catalogue[name], hand))
+    slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
     names = _narrowed("confounder-type: names", catalogue.movable(), around.names, catalogue)
     return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
+
+
+def _fits(model: ObjectModel, hand: Hand) -> bool:
+    """Whether a hand can hold an object in one of its rest poses."""
+    return any(hand.takes(grasp.width) for rest in model.rests for grasp in rest.grasps)
 
 
 def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:

@@ -110,7 +110,7 @@ class Attempt:
 
     def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:
         if slot == "targets.0":
-            return cannot_grasp(placement, model)
+            return cannot_grasp(placement, model, self._space.rig.hand)
         onto = self._space.task.onto
         if slot == "targets.1" and onto:
             return cannot_place(onto, *self._placed[0][:2], placement, model)

@@ -59,7 +59,7 @@ class SubjectSpec:
         cameras: pictures to render.
         silhouettes: wants outlines of what the third-person camera sees (physics only, no renderer).
         state: wants proprioception: ``(7,)`` TCP position in metres, its rotation vector in radians,
-            opening / 0.08 m.
+            opening, 1 for wide open.
         privileged: wants the simulator's state and the scene itself: for experts, never for a policy under
             test.
         execute: actions of a chunk to execute before asking again; None for all of them.
@@ -82,12 +82,13 @@ class SubjectSpec:
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """A rollout is about to begin. ``episode`` names it in all later observations."""
+    """A rollout is about to begin. ``episode`` names it in all later observations, ``robot`` the rig."""
 
     episode: str
     instruction: str
     task: str
     seed: int
+    robot: str = "panda"
 
 
 @dataclass(frozen=True, eq=False)

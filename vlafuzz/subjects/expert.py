@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from vlafuzz.errors import SubjectError
-from vlafuzz.rig import rig
+from vlafuzz.robots import rig
 from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, Privileged, SubjectSpec
 from vlafuzz.subjects.hands import Belief, Hands
 from vlafuzz.subjects.planning import Thing

@@ -290,7 +290,8 @@ class Hands:
         length = math.hypot(*way)
         if length > STEP:
             way = way * (STEP / length)
-        return np.array([*way, *self._turn(belief, yaw), gripper])
+        lead = self._rig.hand.lead
+        return np.array([*(way * lead), *(self._turn(belief, yaw) * lead), gripper])
 
     def _turn(self, belief: Belief, yaw: float) -> Array:
         """Rotation vector that points the hand down, but for its lean, its closing axis along ``yaw``."""

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.errors import SubjectError
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import PANDA, camera_pose
+from vlafuzz.rig import Rig, camera_pose
+from vlafuzz.robots import rig
 from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, SubjectSpec
 from vlafuzz.subjects.eyes import Eyes
 from vlafuzz.subjects.hands import Belief, Hands
@@ -48,14 +49,13 @@ class Pinhole:
             "pinhole", action=ActionSpec(relative_to="current"), silhouettes=True, state=True
         )
         self._catalogue = load_catalogue()
-        self._eyes = Eyes(camera_pose(PANDA.view))
         self._episodes: dict[str, _Episode] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """These rollouts begin."""
         for start in episodes:
             named = _named(start.instruction, [self._catalogue[name] for name in self._catalogue.names()])
-            self._episodes[start.episode] = _Episode(start.task, named, self._eyes)
+            self._episodes[start.episode] = _Episode(start.task, named, rig(start.robot))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         """One action each."""
@@ -72,9 +72,10 @@ class Pinhole:
 class _Episode:
     """One rollout: look, act, look again after a failed attempt."""
 
-    def __init__(self, task: str, named: Sequence[ObjectModel], eyes: Eyes) -> None:
-        self._named, self._eyes = named, eyes
-        self._hands = Hands(task, PANDA)
+    def __init__(self, task: str, named: Sequence[ObjectModel], rig: Rig) -> None:
+        self._named, self._rig = named, rig
+        self._eyes = Eyes(camera_pose(rig.view))
+        self._hands = Hands(task, rig)
         self._found: list[Thing] = []
         self._attempt = 0
 
@@ -107,7 +108,7 @@ class _Episode:
             others=(),
             tcp=tcp,
             tcp_rotation=np.asarray(Rotation.from_rotvec(angle).as_matrix()),
-            held=float(state[6]) * 0.08 > GRIPPED,
+            held=float(state[6]) * self._rig.opening > GRIPPED,
             done=True,
         )
 

@@ -11,16 +11,11 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import Rig
+from vlafuzz.rig import Hand, Rig
 
 Array = NDArray[np.float64]
 UPRIGHT = np.cos(np.radians(8.0))  # a rest pose's own grasps serve up to this tilt
 MARGIN = 0.006  # metres around fingers and hand
-# Boxes of the open gripper in its own frame (across, along the closing axis, up from the TCP), metres:
-# half width across,
-# span along the axis (both sides), span of heights. Measured on the Panda's collision meshes.
-FINGERS = (0.013, (0.038, 0.062), (-0.012, 0.05))
-PALM = (0.035, (0.0, 0.105), (0.038, 0.16))
 HIDING = 0.25  # metres that a goes farther so as not to stand right in front of b
 GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
@@ -65,10 +60,13 @@ def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) ->
     """All grasps of a thing where it lies, the best first: good contact, clear of others, little turning."""
     found = []
     for yaw, width, offset, z, quality in _grasps(thing):
+        if not rig.hand.takes(width):
+            continue
         x, y = thing.position[:2] + offset
+        z = max(z, rig.hand.lowest, thing.top - rig.hand.deep)
         yaw = nearest_yaw(yaw, rig.neutral_yaw(x, y))
         turn = yaw - hand_yaw
-        cost = 1.0 - quality + 2.0 * _crowding(np.array([x, y, z]), yaw, others) + 0.2 * abs(turn)
+        cost = 1.0 - quality + 2.0 * _crowding(np.array([x, y, z]), yaw, others, rig.hand) + 0.2 * abs(turn)
         found.append(Reach(float(x), float(y), float(z), yaw, width, cost))
     return sorted(found, key=lambda reach: reach.cost)
 
@@ -113,7 +111,7 @@ def _matrix(quaternion: Array) -> Array:
     )
 
 
-def _crowding(tcp: Array, yaw: float, others: Sequence[Thing]) -> float:
+def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> float:
     """How many of the gripper's boxes another object's bounding box (in the gripper's frame) cuts into."""
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
@@ -122,7 +120,7 @@ def _crowding(tcp: Array, yaw: float, others: Sequence[Thing]) -> float:
     for other in others:
         local = (other.corners - tcp) @ frame.T
         low, high = local.min(axis=0) - MARGIN, local.max(axis=0) + MARGIN
-        for half, (near, far), (below, above) in (FINGERS, PALM):
+        for half, (near, far), (below, above) in (hand.fingers, hand.palm):
             if high[0] < -half or low[0] > half or high[2] < below or low[2] > above:
                 continue
             cuts += bool(high[1] > near and low[1] < far) or bool(low[1] < -near and high[1] > -far)

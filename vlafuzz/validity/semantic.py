@@ -11,14 +11,14 @@ from itertools import combinations
 import numpy as np
 
 from vlafuzz.objects.catalogue import Catalogue, ObjectModel
-from vlafuzz.rig import RIGS
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.rig import Hand
+from vlafuzz.robots import RIGS, rig
+from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.footprint import extents, footprint
 from vlafuzz.validity.report import Rejection
 
-WIDEST_GRASP = 0.074  # metres; the gripper opens 0.080, 3 mm a finger are for the approach
 OVERHANG = 0.35  # share of its length by which an object may stick out of its support, at each end
 MARGIN = 0.004  # metres on each side of an object inside a container
 DISH = 0.003  # metres between floor and rim that keep a rolling object in place
@@ -45,11 +45,14 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         yield f"{task.name} names {task.targets} target(s), the scene has {len(scene.targets)}"
     for placement in scene.placements:
         yield from _placement_problems(placement, catalogue)
+    setup = rig(scene.robot)
+    if setup.photos and scene.camera != Camera():
+        yield f"camera: what {scene.robot} has behind it is a photo, which fits the nominal view only"
     models = [catalogue[placement.object] for placement in scene.placements]
     for a, b in combinations(models, 2):
         if ambiguous(a.spoken, b.spoken):
             yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
-    yield from _task_problems(task, scene.targets, models)
+    yield from _task_problems(task, scene.targets, models, setup.hand)
 
 
 def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
@@ -64,8 +67,10 @@ def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[
         yield f"{placement.object}: unknown rest pose {placement.rest!r}, it has {', '.join(known)}"
 
 
-def _task_problems(task: Task, targets: tuple[Placement, ...], models: list[ObjectModel]) -> Iterator[str]:
-    if problem := cannot_grasp(targets[0], models[0]):
+def _task_problems(
+    task: Task, targets: tuple[Placement, ...], models: list[ObjectModel], hand: Hand
+) -> Iterator[str]:
+    if problem := cannot_grasp(targets[0], models[0], hand):
         yield problem
     if task.onto and (problem := cannot_place(task.onto, targets[0], models[0], targets[1], models[1])):
         yield problem
@@ -77,17 +82,21 @@ def ambiguous(a: str, b: str) -> bool:
     return one <= other or other <= one
 
 
-def cannot_grasp(a: Placement, model: ObjectModel) -> str | None:
-    """Why the gripper cannot grasp an object from above as it lies; of a raw orientation nothing is known."""
+def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
+    """Why a gripper cannot grasp an object from above as it lies; of a raw orientation nothing is known."""
     if model.role != "graspable":
         return f"{model.spoken} is not there to be grasped"
     if a.quaternion is not None:
         return None
-    narrowest = min((grasp.width * a.scale for grasp in model.rest(a.rest).grasps), default=math.inf)
-    if narrowest > WIDEST_GRASP:
-        width = f"{narrowest:.3f} m wide" if math.isfinite(narrowest) else "without a grasp"
-        return f"{model.spoken}, {a.rest}, is {width}: the gripper takes up to {WIDEST_GRASP} m"
+    widths = [grasp.width * a.scale for grasp in model.rest(a.rest).grasps]
+    if not any(map(hand.takes, widths)):
+        width = f"{min(widths):.3f} m wide" if widths else "without a grasp"
+        return f"{model.spoken}, {a.rest}, is {width}: the gripper takes {_range(hand)} m"
     return None
+
+
+def _range(hand: Hand) -> str:
+    return f"{hand.thinnest:g} to {hand.widest:g}" if hand.thinnest else f"up to {hand.widest:g}"
 
 
 def cannot_place(

@@ -23,15 +23,17 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import camera_pose, rig
+from vlafuzz.rig import camera_pose
+from vlafuzz.robots import rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
+from vlafuzz.sim.maniskill.guests import AGENTS, wrist_of
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import use_shaders
-from vlafuzz.sim.maniskill.robots import CONTROL_MODE, MetricPanda
+from vlafuzz.sim.maniskill.robots import CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
-from vlafuzz.sim.maniskill.world import SIM_HZ, Robot, World
+from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.subjects.base import CameraRequest
 from vlafuzz.tasks.base import Monitor
 from vlafuzz.tasks.instructions import load_wordings, say
@@ -54,10 +56,11 @@ class TabletopEnv(BaseEnv):
         catalogue: of objects; the built-in one by default.
         cameras: pictures that observations hold; without a renderer there are none.
         control_hz: control steps a second, a divisor of 100.
+        robot: the name of a rig.
     """
 
-    SUPPORTED_ROBOTS = (MetricPanda.uid,)
-    agent: MetricPanda
+    SUPPORTED_ROBOTS = tuple(agent.uid for agent in AGENTS.values())
+    agent: Any
 
     def __init__(
         self,
@@ -65,14 +68,15 @@ class TabletopEnv(BaseEnv):
         catalogue: Catalogue | None = None,
         cameras: Sequence[CameraRequest] = (THIRD_PERSON,),
         control_hz: int = 5,
+        robot: str = "panda",
         **kwargs: Any,
     ) -> None:
         self.task = task_named(task)
-        self.rig = rig("panda")
+        self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()
         self._cameras = tuple(cameras)
         self.control_hz = control_hz
-        kwargs.setdefault("robot_uids", MetricPanda.uid)
+        kwargs.setdefault("robot_uids", AGENTS[self.rig.urdf].uid)
         kwargs.setdefault("control_mode", CONTROL_MODE)
         kwargs.setdefault("reward_mode", "sparse")
         super().__init__(**kwargs)
@@ -128,7 +132,7 @@ class TabletopEnv(BaseEnv):
     @property
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
-            sim_freq=SIM_HZ,
+            sim_freq=substeps(self.rig, self.control_hz)[1],
             control_freq=self.control_hz,
             scene_config=SceneConfig(contact_offset=CONTACT_OFFSET),
         )
@@ -146,7 +150,7 @@ class TabletopEnv(BaseEnv):
         ]
 
     def _wrist_camera(self, request: CameraRequest) -> CameraConfig:
-        hand = self.agent.robot.links_map["panda_hand"]
+        hand = wrist_of(self.agent)
         pose = sapien.Pose(*WRIST_CAMERA)
         size = (request.width, request.height)
         return CameraConfig(request.name, pose, *size, np.pi / 2, mount=hand, shader_config=use_shaders())
@@ -163,15 +167,23 @@ class TabletopEnv(BaseEnv):
         super()._load_agent(options, sapien.Pose(self.rig.base))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        add_table(self.scene.sub_scenes[0])
+        add_table(self.scene.sub_scenes[0], self.rig.table)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         self._lights = SceneLights(self.scene.sub_scenes[0], self.rig.lights)
 
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
         agent = self.agent
-        fingers = (agent.finger1_link._objs[0], agent.finger2_link._objs[0])
-        robot = Robot(agent.robot._objs[0], agent.controller.arm, agent.tcp._objs[0], fingers)
+        links = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
+        fingers = tuple(tuple(links[name] for name in finger) for finger in agent.fingers)
+        robot = Robot(
+            agent.robot._objs[0],
+            tuple(agent.robot.active_joints_map),
+            agent.controller.arm,
+            links[agent.tcp_name],
+            fingers,
+            agent.tool,
+        )
         self.world = World(self.scene.sub_scenes[0], robot, self.rig, self.control_hz)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
@@ -219,7 +231,7 @@ class TabletopEnv(BaseEnv):
         return info | {"progress": torch.tensor([monitor.progress])}
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
-        return {"tcp_pose": self.agent.tcp.pose.raw_pose}
+        return {"tcp_pose": self.agent.robot.links_map[self.agent.tcp_name].pose.raw_pose}
 
     def _aim(self) -> None:
         pose = sapien.Pose(self.view.position, self.view.quaternion)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv
 from vlafuzz.sim.maniskill.make import make_env
@@ -101,10 +102,10 @@ class ManiSkillEvaluator:
 
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
         began = time.perf_counter()
-        env = self._environment()
+        env = self._environment(scene.robot)
         state = env.begin(scene)
         env.applied().check(scene, env.models, env.rig)
-        start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed)
+        start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         actions = self._act(env, Harness(self._subject, start), start, scene, state)
         monitor = env.monitor
         success = monitor.published_success if self._published else monitor.success_once
@@ -150,7 +151,7 @@ class ManiSkillEvaluator:
             step=step,
             instruction=scene.instruction,
             images={camera.name: env.picture(camera.name) for camera in spec.cameras},
-            state=proprioception(state) if spec.state else None,
+            state=proprioception(state, env.rig.opening) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now)
             if spec.privileged
@@ -164,12 +165,14 @@ class ManiSkillEvaluator:
         if self._recording is not None:
             self._recording.note(env, scene.instruction)
 
-    def _environment(self) -> TabletopEnv:
+    def _environment(self, robot: str) -> TabletopEnv:
+        if self._env is not None and self._env.rig.robot != robot:
+            self._drop_env()
         if self._env is None:
             watching = self._recording.camera if self._recording else None
             spec = self._subject.spec
             cameras = spec.cameras + ((watching,) if watching else ())
-            self._env = make_env(self._task.name, self._catalogue, cameras, spec.action.hz)
+            self._env = make_env(self._task.name, self._catalogue, cameras, spec.action.hz, robot)
         return self._env
 
     def _drop_env(self) -> None:
@@ -178,13 +181,13 @@ class ManiSkillEvaluator:
             self._env = None
 
 
-def proprioception(state: State) -> NDArray[np.float32]:
-    """``(7,)``: the hand's position (metres), rotation vector (radians), opening in [0, 1]."""
+def proprioception(state: State, opening: float) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), share of its ``opening``."""
     turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
-    return np.concatenate([state.tcp, turn, [state.opening / 0.08]]).astype(np.float32)
+    return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
 
 
 def check_dynamic_of(scene: Scene, catalogue: Catalogue) -> Rejection | None:
     """Settling and "not already solved", for a scene that passed the static checks."""
     models = models_of(scene.placements, catalogue)
-    return check_dynamic(task_named(scene.task), models, scene.placements)
+    return check_dynamic(task_named(scene.task), models, scene.placements, rig(scene.robot).table)

@@ -14,12 +14,16 @@ from vlafuzz.subjects.base import CameraRequest
 
 
 def make_env(
-    task: str, catalogue: Catalogue, cameras: tuple[CameraRequest, ...] = (), control_hz: int = 5
+    task: str,
+    catalogue: Catalogue,
+    cameras: tuple[CameraRequest, ...] = (),
+    control_hz: int = 5,
+    robot: str = "panda",
 ) -> TabletopEnv:
     """A new environment; without cameras it needs no renderer.
 
     Raises:
-        PrerequisiteError: it has cameras, and nothing here can render.
+        PrerequisiteError: it has cameras, and nothing here can render; or the robot's files are missing.
     """
     try:
         made = gymnasium.make(
@@ -27,6 +31,7 @@ def make_env(
             catalogue=catalogue,
             cameras=cameras,
             control_hz=control_hz,
+            robot=robot,
             obs_mode="none",
             render_backend=render_backend() if cameras else "none",
         )

@@ -1,4 +1,4 @@
-"""The Panda with our own end-effector controller, in metres.
+"""Our own end-effector controller, in metres, and the Panda with it.
 
 ManiSkill 3.0.1's ``pd_ee_delta_pose`` turns the wrong way (issue 1469) and clips; this one does neither.
 """
@@ -6,8 +6,8 @@ ManiSkill 3.0.1's ``pd_ee_delta_pose`` turns the wrong way (issue 1469) and clip
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +19,16 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from vlafuzz.sim.maniskill.meshes import light_robot
 
 Array = NDArray[np.float64]
 CONTROL_MODE = "metric_ee"
-# Finger positions for a gripper command of -1 and +1. Below zero, so that a closed gripper presses on thin
-# objects too.
-CLOSED, OPEN = -0.01, 0.04
 # Half a Newton step an iteration converges in a dozen. SAPIEN's default of a tenth takes four times as long,
 # and a whole one overshoots near the joints' limits (4 % fewer targets are found there).
 IK_STEP, IK_ITERATIONS = 0.5, 50
+LIMITED_ITERATIONS, DAMPING = 20, 1e-4  # of the search within the joints' limits
 
 
 def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
@@ -41,16 +40,53 @@ def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
     return sapien.Pose(pose.p + shift, (by * sapien.Pose(q=pose.q)).q)
 
 
+@dataclass(frozen=True)
+class Gripper:
+    """Two fingers, the robot's last two joints.
+
+    Attributes:
+        closed, open: their positions for a command of -1 and +1, radians or metres.
+        width: metres between them, from all joints' positions.
+    """
+
+    closed: float
+    open: float
+    width: Callable[[Array], float]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast the joints' targets may move, radians a second, and a second squared; fingers apart."""
+
+    speed: float
+    acceleration: float
+    finger_speed: float
+    finger_acceleration: float
+
+
 class MetricArm:
     """Turns metric actions into joint targets, by inverse kinematics from the last targets.
 
     An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians
     about these axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped;
     deltas add up on the last *target*.
+
+    Args:
+        pace: of the drives' targets on their way; None to set them at once.
+        clips: whether a joint that should go beyond its limit stops there, and the hand points elsewhere;
+            else the target is out of reach.
     """
 
-    def __init__(self, robot: sapien.physx.PhysxArticulation, tcp_name: str) -> None:
-        self._robot = robot
+    def __init__(
+        self,
+        robot: sapien.physx.PhysxArticulation,
+        tcp_name: str,
+        gripper: Gripper,
+        *,
+        pace: Pace | None = None,
+        clips: bool = False,
+    ) -> None:
+        self._robot, self.gripper, self._clips = robot, gripper, clips
         self._tcp = next(i for i, link in enumerate(robot.links) if link.name.endswith(tcp_name))
         self._link = robot.links[self._tcp]
         self._model = robot.create_pinocchio_model()
@@ -58,6 +94,7 @@ class MetricArm:
         self._free = np.repeat([1, 0], [len(self._joints) - 2, 2])
         low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
         self._low, self._high = low - 1e-3, high + 1e-3
+        self._profile = Profile(pace, len(self._joints)) if pace else None
         self.refused = 0
 
     def reset(self) -> None:
@@ -66,6 +103,8 @@ class MetricArm:
         self._model.compute_forward_kinematics(self._qpos)
         self.target = self._model.get_link_pose(self._tcp)
         self.refused = 0
+        if self._profile:
+            self._profile.start(self._qpos)
         self._drive(self._qpos)
 
     def command(self, action: Array, relative_to: str = "target") -> None:
@@ -84,16 +123,63 @@ class MetricArm:
             max_iterations=IK_ITERATIONS,
             dt=IK_STEP,
         )
+        if found and self._clips:
+            qpos = self._within_limits(target, qpos)
         if found and ((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all():
             self.target, self._qpos = target, qpos
         else:
             self.refused += 1
-        self._qpos[-2:] = CLOSED + (OPEN - CLOSED) * (min(max(action[6], -1.0), 1.0) + 1) / 2
-        self._drive(self._qpos)
+        closed, opened = self.gripper.closed, self.gripper.open
+        self._qpos[-2:] = closed + (opened - closed) * (min(max(action[6], -1.0), 1.0) + 1) / 2
+        if self._profile is None:
+            self._drive(self._qpos)
+
+    def _within_limits(self, target: sapien.Pose, qpos: Array) -> Array:
+        """As near to a pose as joints get that stop at their limits, from a solution that may be beyond."""
+        low, high = self._low, self._high
+        for _ in range(LIMITED_ITERATIONS):
+            if ((low <= qpos[:-2]) & (qpos[:-2] <= high)).all():
+                break
+            qpos[:-2] = np.clip(qpos[:-2], low + 2e-3, high - 2e-3)
+            self._model.compute_forward_kinematics(qpos)
+            off = self._model.get_link_pose(self._tcp).inv() * target
+            twist = np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()])
+            jacobian = self._model.compute_single_link_local_jacobian(qpos, self._tcp)[:, :-2]
+            qpos[:-2] += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), twist)
+        qpos[:-2] = np.clip(qpos[:-2], low, high)
+        return qpos
+
+    def advance(self, seconds: float) -> None:
+        """One physics step of the drives' targets on their way, where they have a pace."""
+        if self._profile:
+            self._drive(self._profile.step(self._qpos, seconds))
 
     def _drive(self, qpos: Array) -> None:
         for joint, target in zip(self._joints, qpos.tolist(), strict=True):
             joint.set_drive_target(target)
+
+
+class Profile:
+    """Joint positions on their way to targets that may change at any time, without a jump in velocity."""
+
+    def __init__(self, pace: Pace, joints: int) -> None:
+        arms = joints - 2
+        self._speed = np.repeat([pace.speed, pace.finger_speed], [arms, 2])
+        self._acceleration = np.repeat([pace.acceleration, pace.finger_acceleration], [arms, 2])
+
+    def start(self, positions: Array) -> None:
+        """Stand still here."""
+        self._position, self._velocity = positions.copy(), np.zeros_like(positions)
+
+    def step(self, targets: Array, seconds: float) -> Array:
+        """Where the joints should be so many seconds later: as fast as allowed, and braking in time."""
+        way = targets - self._position
+        braking = np.sqrt(2 * self._acceleration * np.abs(way))
+        wanted = np.sign(way) * np.minimum(np.minimum(self._speed, braking), np.abs(way) / seconds)
+        change = self._acceleration * seconds
+        self._velocity += np.clip(wanted - self._velocity, -change, change)
+        self._position = self._position + self._velocity * seconds
+        return self._position
 
 
 class MetricController(BaseController):
@@ -107,13 +193,15 @@ class MetricController(BaseController):
         )
 
     def set_drive_property(self) -> None:
-        """Gains of ManiSkill's own Panda."""
+        """Those of the config, joint by joint."""
+        config = self.config
         for joint in self.joints:
-            joint.set_drive_properties(
-                Panda.arm_stiffness, Panda.arm_damping, force_limit=Panda.arm_force_limit, mode="force"
-            )
+            stiffness, damping, force = config.gains[joint.name]
+            joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
             joint.set_friction(0.0)
-        self.arm = MetricArm(self.articulation._objs[0], self.config.tcp)
+        self.arm = MetricArm(
+            self.articulation._objs[0], config.tcp, config.gripper, pace=config.pace, clips=config.clips
+        )
 
     def reset(self) -> None:
         """The targets become where the robot is now."""
@@ -124,19 +212,37 @@ class MetricController(BaseController):
         self.arm.command(np.asarray(action, dtype=np.float64).reshape(-1))
 
 
+Gains = tuple[float, float, float]  # stiffness, damping, limit of the force
+
+
 @dataclass
 class MetricControllerConfig(ControllerConfig):
-    """Names the controlled joints, arm first, and the tool centre point's link."""
+    """Names the controlled joints, arm first, their gains, and the tool centre point's link."""
 
-    tcp: str = "panda_hand_tcp"
+    tcp: str = ""
+    gains: Mapping[str, Gains] = field(default_factory=dict)
+    gripper: Gripper = Gripper(0.0, 0.0, lambda qpos: 0.0)
+    pace: Pace | None = None
+    clips: bool = False
     controller_cls = MetricController
 
 
 @register_agent()
 class MetricPanda(Panda):
-    """ManiSkill's Panda with ``MetricController``."""
+    """ManiSkill's Panda with ``MetricController``.
+
+    Attributes:
+        fingers: the links of each, the one with the pad first: its y axis is the closing axis.
+        tool: turns the TCP's link's axes into the hand's, z along the fingers and y the closing axis.
+    """
 
     uid = "vlafuzz_panda"
+    tcp_name = "panda_hand_tcp"
+    fingers = (("panda_leftfinger",), ("panda_rightfinger",))
+    tool: sapien.Pose | None = None
+    wrist: str | None = "panda_hand"
+    # Below zero, so that a closed gripper presses on thin objects too.
+    gripper = Gripper(closed=-0.01, open=0.04, width=lambda qpos: float(qpos[-1] + qpos[-2]))
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
         """With simplified looks where it will be seen."""
@@ -147,4 +253,8 @@ class MetricPanda(Panda):
     @property
     def _controller_configs(self) -> dict[str, Any]:
         names: Sequence[str] = [*self.arm_joint_names, *self.gripper_joint_names]
-        return {CONTROL_MODE: MetricControllerConfig(joint_names=list(names))}
+        gains = (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit)
+        config = MetricControllerConfig(
+            list(names), tcp=self.tcp_name, gains=dict.fromkeys(names, gains), gripper=self.gripper
+        )
+        return {CONTROL_MODE: config}

@@ -9,6 +9,8 @@ import sapien
 from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rig import Table
+from vlafuzz.robots import PANDA
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
@@ -25,7 +27,7 @@ FALLEN = -0.1  # metres
 
 
 def check_dynamic(
-    task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement]
+    task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement], table: Table = PANDA.table
 ) -> Rejection | None:
     """Whether the objects stay where they are put, and the task is not solved before anybody acts.
 
@@ -34,7 +36,7 @@ def check_dynamic(
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
-    add_table(scene)
+    add_table(scene, table)
     bodies = [
         add_object(scene, model, placement, placement.object)
         for model, placement in zip(models, placements, strict=True)

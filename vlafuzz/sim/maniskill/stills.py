@@ -25,8 +25,10 @@ class Stills:
         Raises:
             PrerequisiteError: nothing here can render.
         """
+        if self._env is not None and self._env.rig.robot != scene.robot:
+            self.close()
         if self._env is None:
-            self._env = make_env(self._task, self._catalogue, (self._camera,))
+            self._env = make_env(self._task, self._catalogue, (self._camera,), robot=scene.robot)
         self._env.begin(scene)
         return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
 

@@ -7,40 +7,38 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
+from vlafuzz.rig import Table
 from vlafuzz.sim.maniskill.rendering import render_system
 
-HALF = (0.6, 0.7, 0.03)  # metres; the top is z = 0, the robot stands on it
-CENTRE = (-0.25, 0.0, -0.03)
 COLOUR = (0.52, 0.44, 0.36)  # of the table top, on average
-FLOOR = -0.75
 WALL = -1.6  # behind the robot
 FRICTION = 0.6
 _PLANKS = 7  # across the table's depth
 
 
-def add_table(scene: sapien.Scene) -> sapien.Entity:
+def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     """A static box, visible where the scene can render, then in a room."""
     body = physx.PhysxRigidStaticComponent()
-    body.attach(physx.PhysxCollisionShapeBox(list(HALF), physx.PhysxMaterial(FRICTION, FRICTION, 0.0)))
+    body.attach(physx.PhysxCollisionShapeBox(list(size.half), physx.PhysxMaterial(FRICTION, FRICTION, 0.0)))
     table = sapien.Entity()
     table.name = "table"
     table.add_component(body)
     if render_system(scene) is not None:
-        table.add_component(_box(HALF, _painted(_wood())))
-        for room in (_floor(), _wall()):
+        table.add_component(_box(size.half, _painted(_wood())))
+        for room in (_floor(size.floor), _wall(size.floor)):
             scene.add_entity(room)
-    table.pose = sapien.Pose(CENTRE)
+    table.pose = sapien.Pose([*size.centre, -size.half[2]])
     scene.add_entity(table)
     return table
 
 
-def _floor() -> sapien.Entity:
-    return _standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, FLOOR))
+def _floor(height: float) -> sapien.Entity:
+    return _standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, height))
 
 
-def _wall() -> sapien.Entity:
+def _wall(floor: float) -> sapien.Entity:
     paint = sapien.render.RenderMaterial(base_color=[0.55, 0.58, 0.56, 1.0], roughness=0.9, specular=0.0)
-    return _standing("wall", (0.01, 3.0, 2.0), paint, (WALL, 0.0, FLOOR + 2.0))
+    return _standing("wall", (0.01, 3.0, 2.0), paint, (WALL, 0.0, floor + 2.0))
 
 
 def _standing(

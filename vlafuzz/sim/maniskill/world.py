@@ -11,6 +11,7 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import sapien
@@ -19,6 +20,7 @@ from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig
+from vlafuzz.robots import PANDA
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
@@ -27,20 +29,24 @@ from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.tasks.state import ARM, HAND, TABLE, State
 
 Array = NDArray[np.float64]
-SIM_HZ = 100  # with 15 solver iterations; 50 Hz is near a cliff for grasps
+SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; 50 Hz is near a cliff for grasps
+_HAND = ("hand", "finger", "gripper")  # in the names of its links
 GRASP_FORCE = 0.5  # newtons a finger, as ManiSkill's is_grasping
 GRASP_COSINE = math.cos(math.radians(85.0))
-Pressed = dict[physx.PhysxArticulationLinkComponent, dict[int, Impulses]]  # by finger and object
+Link: TypeAlias = physx.PhysxArticulationLinkComponent
+Pressed = dict[Link, dict[int, Impulses]]  # by finger and object
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """The parts of the robot that the world reads and drives."""
+    """The parts of the robot that the world reads and drives; see ``MetricPanda``."""
 
     articulation: physx.PhysxArticulation
+    joints: tuple[str, ...]
     arm: MetricArm
-    tcp: physx.PhysxArticulationLinkComponent
-    fingers: tuple[physx.PhysxArticulationLinkComponent, physx.PhysxArticulationLinkComponent]
+    tcp: Link
+    fingers: tuple[tuple[Link, ...], ...]
+    tool: sapien.Pose | None = None
 
 
 class World:
@@ -49,7 +55,10 @@ class World:
     def __init__(self, scene: sapien.Scene, robot: Robot, rig: Rig, control_hz: int) -> None:
         self.scene = scene
         self._robot, self._rig = robot, rig
-        self._substeps = SIM_HZ // control_hz
+        self._substeps, self._hz = substeps(rig, control_hz)
+        self._pads = {link: finger[0] for finger in robot.fingers for link in finger}
+        by_name = dict(zip(rig.joints or robot.joints, rig.rest, strict=True))
+        self._start = np.array([by_name[name] for name in robot.joints], dtype=np.float32)
         self._bodies: list[physx.PhysxRigidDynamicComponent] = []
         self._fresh = True
         self._touched = False
@@ -76,6 +85,7 @@ class World:
         self._touched = self._touched or action[6] < 0
         system = self.scene.physx_system
         for _ in range(self._substeps):
+            self._robot.arm.advance(1 / self._hz)
             system.step()
         return self._read()
 
@@ -88,6 +98,8 @@ class World:
         exact = (*places, *quaternions, *velocities, qpos, qvel)
         self._hash.update(b"".join(array.tobytes() for array in exact))
         tcp = self._robot.tcp.entity_pose
+        if self._robot.tool is not None:
+            tcp = tcp * self._robot.tool
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
         rotations = np.array([_matrix(*quaternion.tolist()) for quaternion in quaternions]).reshape(-1, 3, 3)
@@ -97,11 +109,11 @@ class World:
             rotations=rotations,
             tcp=tcp.p.astype(np.float64),
             tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
-            opening=float(qpos[-1] + qpos[-2]),
+            opening=self._robot.arm.gripper.width(qpos),
             held=held,
             contacts=contacts,
             earlier=earlier,
-            seconds=self._substeps / SIM_HZ,
+            seconds=self._substeps / self._hz,
         )
 
     @property
@@ -136,7 +148,7 @@ class World:
     def _rest(self) -> None:
         robot = self._robot.articulation
         robot.root_pose = sapien.Pose(self._rig.base)
-        robot.qpos = np.array(self._rig.rest, dtype=np.float32)
+        robot.qpos = self._start
         robot.qvel = np.zeros(robot.dof, dtype=np.float32)
         robot.qf = np.zeros(robot.dof, dtype=np.float32)
         self._robot.arm.reset()
@@ -145,7 +157,7 @@ class World:
         links = self._robot.articulation.links
         labels: dict[object, int | str] = dict.fromkeys(links, ARM)
         labels.update(
-            dict.fromkeys((link for link in links if "hand" in link.name or "finger" in link.name), HAND)
+            dict.fromkeys((link for link in links if any(part in link.name for part in _HAND)), HAND)
         )
         labels.update({body: index for index, body in enumerate(self._bodies)})
         labels.update(dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE))
@@ -153,28 +165,34 @@ class World:
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
-        pressed: Pressed = {finger: {} for finger in self._robot.fingers}
+        pressed: Pressed = {finger[0]: {} for finger in self._robot.fingers}
         for index, other, body, impulses in object_contacts(self.scene.physx_system, self._labels):
             pairs.add((index, other))
-            if body in pressed:
-                pressed[body].setdefault(index, []).extend(impulses)
-        return frozenset(pairs), _held(pressed)
+            if body in self._pads:
+                pressed[self._pads[body]].setdefault(index, []).extend(impulses)
+        return frozenset(pairs), _held(pressed, self._hz)
 
 
-def _held(pressed: Pressed) -> int | None:
+def substeps(rig: Rig, control_hz: int) -> tuple[int, int]:
+    """Physics steps in a control step, and in a second: as near to the rig's as whole numbers get."""
+    count = round(rig.physics_hz / control_hz)
+    return count, count * control_hz
+
+
+def _held(pressed: Pressed, hz: int) -> int | None:
     """The object that all fingers press on."""
     for index in sorted(set.intersection(*map(set, pressed.values()))):
-        if all(_presses(finger, by[index]) for finger, by in pressed.items()):
+        if all(_presses(finger, by[index], hz) for finger, by in pressed.items()):
             return index
     return None
 
 
-def _presses(finger: physx.PhysxArticulationLinkComponent, impulses: Impulses) -> bool:
+def _presses(finger: Link, impulses: Impulses, hz: int) -> bool:
     push = [sum(axis) for axis in zip(*impulses, strict=True)]
     size = math.hypot(*push)
     closing = finger.entity_pose.to_transformation_matrix()[:3, 1].tolist()
     along = sum(a * b for a, b in zip(closing, push, strict=True))
-    return size * SIM_HZ >= GRASP_FORCE and abs(along) >= GRASP_COSINE * size
+    return size * hz >= GRASP_FORCE and abs(along) >= GRASP_COSINE * size
 
 
 def _matrix(w: float, x: float, y: float, z: float) -> list[list[float]]:
