@@ -50,9 +50,9 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
     body = solid([_lean(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
-    rests = _rests(name, body, can_be_held=not supports)
     mass = body.volume * spec.density
-    held = bool(rests[0].grasps) and mass <= HEAVIEST
+    rests = _rests(name, body, can_be_held=not supports and mass <= HEAVIEST)
+    held = bool(rests[0].grasps)
     room = room_inside(body.parts) if rests[0].name == "upright" else None
     stays = supports or room is not None or mass > HEAVIEST
     colour = _colour(spec)

@@ -9,6 +9,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Scene
 from vlafuzz.tasks.state import State
@@ -176,6 +177,14 @@ class Subject(Protocol):
 
     def close(self) -> None:
         """No more rollouts."""
+
+
+@runtime_checkable
+class Knowing(Protocol):
+    """A subject that knows the objects that there are: their shapes, colours and names."""
+
+    def know(self, catalogue: Catalogue) -> None:
+        """These are the objects of all scenes from now on."""
 
 
 @runtime_checkable

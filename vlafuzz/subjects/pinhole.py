@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SubjectError
-from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig, camera_pose
 from vlafuzz.robots import rig
@@ -48,13 +48,21 @@ class Pinhole:
         self.spec = SubjectSpec(
             "pinhole", action=ActionSpec(relative_to="current"), silhouettes=True, state=True
         )
-        self._catalogue = load_catalogue()
+        self._models: tuple[ObjectModel, ...] | None = None
         self._episodes: dict[str, _Episode] = {}
+
+    def know(self, catalogue: Catalogue) -> None:
+        """See ``Knowing``. Of objects with the same spoken name it thinks of the packs' first."""
+        first = catalogue.preferred(catalogue.names())
+        names = dict.fromkeys([*first, *catalogue.names()])
+        self._models = tuple(catalogue[name] for name in names)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """These rollouts begin."""
+        if self._models is None:
+            self.know(load_catalogue())
         for start in episodes:
-            named = _named(start.instruction, [self._catalogue[name] for name in self._catalogue.names()])
+            named = _named(start.instruction, self._models or ())
             self._episodes[start.episode] = _Episode(start.task, named, rig(start.robot))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:

@@ -21,7 +21,7 @@ from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.settle import check_dynamic
 from vlafuzz.sim.maniskill.video import Recording
-from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, Subject
+from vlafuzz.subjects.base import EpisodeStart, Knowing, Observation, Privileged, Subject
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import task as task_named
@@ -65,6 +65,8 @@ class ManiSkillEvaluator:
         self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
         self._recording = recording
         self._env: TabletopEnv | None = None
+        if isinstance(subject, Knowing):
+            subject.know(catalogue)
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
         """One outcome a scene, in order."""
