@@ -92,6 +92,6 @@ def test_a_run_has_cells_of_what_it_did_and_of_its_failures(tmp_path: Path) -> N
             shown = replace(scene(x=0.001 * number), light=Light(light))
             corpus.add(run, Trial(number, shown, outcome, 0.0))
     with Corpus.open(tmp_path / "a.db") as corpus:
-        (track,) = tracks_of_store(corpus, CATALOGUE)
+        (track,) = tracks_of_store(corpus)
     (found,) = covered(track)
     assert (found.scenes, found.sites, found.cells, found.failures) == (4, 2, 3, 2)

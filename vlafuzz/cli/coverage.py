@@ -61,7 +61,7 @@ def command(
 def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame) -> list[Track]:
     if is_store(path):
         with Corpus.open(path) as corpus:
-            return tracks_of_store(corpus, catalogue)
+            return tracks_of_store(corpus)
     source = read_source(path, catalogue, frame.value)
     if source.left_out:
         stderr().print(f"{path}: {source.left_out} scenes with objects that we do not have are left out")

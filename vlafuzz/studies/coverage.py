@@ -8,6 +8,7 @@ from functools import cache
 from typing import NamedTuple
 
 from vlafuzz.corpus.original import is_original
+from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Run
 from vlafuzz.corpus.store import Corpus
@@ -87,9 +88,9 @@ def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue:
     ]
 
 
-def tracks_of_store(corpus: Corpus, catalogue: Catalogue) -> list[Track]:
+def tracks_of_store(corpus: Corpus) -> list[Track]:
     """A track for each run: its trials that were judged, whether new or answered with a known outcome."""
-    return [_run_track(corpus, run, catalogue) for run in corpus.runs()]
+    return [_run_track(corpus, run) for run in corpus.runs()]
 
 
 def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
@@ -163,12 +164,13 @@ def _area(scene: Scene, space: SearchSpace) -> Area:
     return Area((ours.x.low, ours.x.high), (ours.y.low, ours.y.high))
 
 
-def _run_track(corpus: Corpus, run: Run, catalogue: Catalogue) -> Track:
+def _run_track(corpus: Corpus, run: Run) -> Track:
     manifest = run.manifest
     judged = [trial for trial in corpus.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
     if not judged:
         return Track(manifest.task, (), run.id, manifest.strategy)
-    space = _space(stored_operators(corpus.path, manifest), catalogue, judged[0].scene)
+    operators, catalogue = stored_operators(corpus.path, manifest), stored_catalogue(manifest)
+    space = _space(operators, catalogue, judged[0].scene)
     steps = [
         seen._replace(
             cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space.rig.workspace),

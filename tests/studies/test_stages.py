@@ -1,0 +1,113 @@
+"""Shares of scenes that reach each stage, and what confounders like the target change."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed, rollout, scene
+from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
+from vlafuzz.studies.similar import Similarity, adjusted, is_similar, similarity
+from vlafuzz.studies.stages import in_paper, standing
+from vlafuzz.tasks.tabletop import TASKS
+
+CATALOGUE = load_catalogue()
+STAGES = TASKS["pick-up"].stage_names
+
+
+def lost_after(*reached: str) -> Outcome:
+    return Outcome.of((rollout(0.5, reached),), STAGES)
+
+
+def run_of(corpus: Corpus, *trials: tuple[Scene, Outcome]) -> None:
+    run = corpus.begin(manifest())
+    for number, (shown, outcome) in enumerate(trials):
+        corpus.add(run, Trial(number, shown, outcome, 0.0))
+    corpus.finish(run, "finished", 1.0)
+
+
+def with_confounder(name: str, x: float) -> Scene:
+    beside = Placement(name, CATALOGUE[name].rests[0].name, 0.1, 0.2)
+    return Scene("pick-up", scene(x=x).targets, "pick up green cube", (beside,))
+
+
+def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: Path) -> None:
+    outcomes = [passed(), lost_after("grasp"), lost_after("grasp", "lift"), failed()]
+    outcomes += [Outcome.invalid("geometry", "too close"), Outcome.error("broke")]
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run_of(corpus, *((scene(x=0.001 * number), each) for number, each in enumerate(outcomes)))
+        found = standing(corpus, corpus.runs()[0])
+    assert [(each.stage, each.count, each.of) for each in found.stages] == [
+        ("grasp", 3, 4), ("lift", 2, 4), ("success", 1, 4),
+    ]  # fmt: skip
+    assert (found.judged, found.invalid, found.errors, found.stopped) == (4, 1, 1, False)
+    assert found.stages[2].low == pytest.approx(0.0456, abs=1e-4)
+
+
+def test_of_several_rollouts_all_must_reach_a_stage(tmp_path: Path) -> None:
+    mixed = Outcome.of((rollout(), rollout(0.4, ("grasp",))), STAGES)
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run_of(corpus, (scene(), mixed))
+        found = standing(corpus, corpus.runs()[0])
+    assert [each.count for each in found.stages] == [1, 0, 0]
+
+
+def test_the_papers_success_of_a_task() -> None:
+    found = in_paper("pick-up")
+    assert (found.mean, found.as_well) == (0.124, 0.128)
+    assert len(found.subjects) == 7
+    assert found.subjects["rt-1-400k"] == 0.344
+
+
+def test_like_the_target_is_what_is_called_alike() -> None:
+    cans = Placement("coke_can", "standing", 0.0, 0.0), Placement("pepsi_can", "standing", 0.1, 0.1)
+    assert is_similar(Scene("pick-up", cans[:1], "", cans[1:]), CATALOGUE)
+    assert not is_similar(
+        Scene("pick-up", cans[:1], "", (Placement("apple", "resting", 0.1, 0.1),)), CATALOGUE
+    )
+
+
+def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
+    similar = [(with_confounder("yellow_cube", 0.001 * number), failed(0.1)) for number in range(8)]
+    others = [(with_confounder("apple", 0.001 * number), failed(0.6)) for number in range(8)]
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run_of(corpus, *similar, *others, (scene(), passed()))
+        found = similarity(corpus, "pick-up", corpus.runs(), CATALOGUE)
+    assert (found.similar, found.other, found.a12) == (8, 8, 0.0)
+    assert found.p == pytest.approx(2 / 12870)
+    alone = Similarity("put-in", 0, 3, None, 0.5, None, None)
+    assert [each.adjusted for each in adjusted([found, alone])] == [found.p, None]
+
+
+def test_rq2_has_every_number_of_confounders_of_every_task() -> None:
+    assert parts_of("rq1", ["pick-up", "put-in"]) == [Part("pick-up"), Part("put-in")]
+    assert parts_of("rq2", ["put-on"]) == [Part("put-on", count) for count in COUNTS]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_the_operators_of_a_part_give_its_number_of_confounders(count: int) -> None:
+    import numpy as np
+
+    operators = operators_of(Part("pick-up", count), load_operators("paper-rq1"))
+    space = SearchSpace(operators, CATALOGUE, "pick-up")
+    assert len(space.sample(np.random.default_rng(1)).confounders) == count
+
+
+def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path) -> None:
+    path = tmp_path / "a.db"
+    with Corpus.open(path, "write") as corpus:
+        for status in ("finished", "interrupted"):
+            corpus.finish(corpus.begin(manifest()), status, 1.0)
+        runs = corpus.runs()
+    found = stored(path, runs, manifest())
+    assert found
+    assert (found.id, found.status) == (1, "finished")
+    assert stored(path, runs, manifest(seed=9)) is None
+    with pytest.raises(UsageError, match="run 1 was made by another version than is here: its commit"):
+        stored(path, runs, manifest(commit="abc"))

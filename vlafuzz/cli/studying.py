@@ -1,0 +1,139 @@
+"""What ``vlafuzz study`` does: the runs that are missing, with a bar, and what all of them come to."""
+
+from __future__ import annotations
+
+import json as json_format
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vlafuzz.errors import UsageError, VlafuzzError
+
+if TYPE_CHECKING:
+    from vlafuzz.cli.pace import Pace
+    from vlafuzz.config import Plan, RunConfig
+    from vlafuzz.corpus.records import Run
+    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.space import OperatorSet
+    from vlafuzz.studies.parts import Part
+    from vlafuzz.studies.similar import Similarity
+    from vlafuzz.studies.stages import Published, Standing
+
+STORE = "study.db"
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study came to; only RQ1 has figures of the paper beside it."""
+
+    study: str
+    subject: str
+    standings: list[Standing]
+    published: list[Published]
+    similar: list[Similarity]
+
+    @property
+    def title(self) -> str:
+        return f"{self.study.upper()}: {self.subject}"
+
+
+def study(name: str, asked: RunConfig, tasks: Sequence[str], folder: Path) -> Study:
+    """Run what is missing in the folder's store, and count what is there.
+
+    Args:
+        asked: the same for all runs; its ``budget`` is the number of scenes of each.
+    """
+    from vlafuzz.corpus.packs import stored_catalogue
+    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.space import load_operators
+    from vlafuzz.studies.parts import parts_of
+    from vlafuzz.studies.similar import adjusted, similarity
+    from vlafuzz.studies.stages import in_paper, standing
+
+    operators = load_operators(asked.operators)
+    plans = {part: _plan(part, asked, operators, folder) for part in parts_of(name, tasks)}
+    _make(folder)
+    with Corpus.open(folder / STORE, "write") as corpus:
+        runs = _run(plans, corpus)
+        counted = [standing(corpus, run, part.confounders) for part, run in runs.items()]
+        found: list[Similarity] = []
+        if name == "rq2":
+            for task in tasks:
+                its = [run for part, run in runs.items() if part.task == task]
+                catalogue = stored_catalogue(*(run.manifest for run in its))
+                found.append(similarity(corpus, task, its, catalogue))
+    subject = next(iter(runs.values())).manifest.subject
+    papers = [in_paper(task) for task in tasks] if name == "rq1" else []
+    return Study(name, subject, counted, papers, adjusted(found))
+
+
+def write(made: Study, folder: Path) -> dict[str, Any]:
+    """study.json, study.md and stages.png; the JSON."""
+    from vlafuzz.studies.sheet import markdown, plot
+
+    told = {**asdict(made), "store": str(folder / STORE)}
+    (folder / "study.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
+    sheet = markdown(made.title, made.standings, made.published, made.similar)
+    (folder / "study.md").write_text(sheet, "utf-8")
+    plot(made.title, made.standings, made.published, folder / "stages.png")
+    return told
+
+
+def _plan(part: Part, asked: RunConfig, operators: OperatorSet, folder: Path) -> Plan:
+    from vlafuzz import config
+    from vlafuzz.studies.parts import operators_of
+
+    own = replace(asked, task=part.task, strategy="random", store=folder / STORE)
+    return config.plan(own, operators_of(part, operators))
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or "unknown reason").lower()
+        raise UsageError(f"--out: {folder}: cannot be made: {reason}", hint="give another folder") from None
+
+
+def _run(plans: dict[Part, Plan], corpus: Corpus) -> dict[Part, Run]:
+    """Do the runs that are missing: those of all parts that have a scene."""
+    from vlafuzz.cli.pace import Pace
+    from vlafuzz.corpus.records import UNFINISHED
+    from vlafuzz.studies.parts import stored
+
+    there = {part: stored(corpus.path, corpus.runs(), plan.manifest) for part, plan in plans.items()}
+    problem: UsageError | None = None
+    early = {part: run for part, run in there.items() if run is None or run.status in UNFINISHED}
+    if early:
+        over = [run for run in there.values() if run]
+        with Pace(len(early), next(iter(plans.values())).manifest.budget, over) as pace:
+            for part, run in early.items():
+                pace.begin(str(part))
+                try:
+                    _fuzz(plans[part], run, corpus, pace)
+                except UsageError as error:  # boxes of the paper have no room for all of its confounders
+                    pace.say(f"{part}: left out: {error.message}")
+                    problem = error
+    runs = {part: stored(corpus.path, corpus.runs(), plan.manifest) for part, plan in plans.items()}
+    done = {part: run for part, run in runs.items() if run and corpus.count(run.id)}
+    if not done and problem:
+        raise problem
+    return done
+
+
+def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
+    """Begin a run, or go on with it."""
+    from vlafuzz import config
+
+    planned = replace(plan, manifest=early.manifest, resume=early.id) if early else plan
+    with closing(config.make_executor(planned)) as executor:
+        summary = config.fuzz(planned, corpus, executor, pace, alone=True)
+    if summary.stopped:
+        pace.say(f"{summary.task} stopped: {summary.stopped}")
+    if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:
+        raise VlafuzzError(
+            f"no scene could be judged: {summary.last_error}",
+            hint="`vlafuzz doctor` checks this machine; then begin with another --out",
+        )
