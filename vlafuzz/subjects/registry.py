@@ -8,9 +8,11 @@ from typing import cast
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory
+from vlafuzz.subjects.act import Act
 from vlafuzz.subjects.base import Subject, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
 from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.openpi import OpenPi
 from vlafuzz.subjects.pinhole import Pinhole
 from vlafuzz.subjects.remote import Remote, parse
 from vlafuzz.subjects.vla_eval import VlaEval
@@ -30,9 +32,11 @@ SUBJECTS: dict[str, Callable[[], Subject]] = {
     "random": Random,
     "frozen": Frozen,
 }
-# Behind a model server, by the protocol that it speaks; named as protocol:address.
+# Behind a model server, by the protocol that it speaks; named as protocol:address, HTTP by the address alone.
 SERVERS: dict[str, type[Remote]] = {
     "vla-eval": VlaEval,
+    "openpi": OpenPi,
+    "http": Act,
 }
 
 
@@ -94,4 +98,4 @@ def make_subject(name: str) -> Subject:
 
 def _server(name: str) -> type[Remote] | None:
     protocol, colon, _ = name.partition(":")
-    return SERVERS.get(protocol) if colon else None
+    return SERVERS.get("http" if protocol == "https" else protocol) if colon else None

@@ -68,16 +68,19 @@ class Common(BaseModel):
     gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
     position_scale: Scale = 1.0
     relative_to: Literal["target", "current"] = "target"
-    sticky: int = Field(0, ge=0)
+    sticky: int = Field(default=0, ge=0)
     execute: Annotated[Annotated[int, Field(ge=1)] | None, BeforeValidator(_all)] = None
     deterministic: bool = False
-    batch: int = Field(16, ge=1)
-    timeout: float = Field(60.0, gt=0, le=86400)
+    batch: int = Field(default=16, ge=1)
+    timeout: float = Field(default=60.0, gt=0, le=86400)
 
     @classmethod
     def completed(cls, given: Mapping[str, object], protocol: str) -> Mapping[str, object]:
         """What the user gave, and what follows from it."""
         return given
+
+    def check(self, name: str) -> None:
+        """Refuse what cannot be executed."""
 
 
 class Options(Common):
@@ -159,9 +162,11 @@ def _options(name: str, kind: type[Common], given: Sequence[tuple[str, str]]) ->
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     try:
-        return kind.model_validate(kind.completed(dict(given), name.partition(":")[0]))
+        options = kind.model_validate(kind.completed(dict(given), name.partition(":")[0]))
     except ValidationError as error:
         raise _explain(name, kind, error) from None
+    options.check(name)
+    return options
 
 
 def _explain(name: str, kind: type[Common], error: ValidationError) -> UsageError:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from vlafuzz import __version__
-from vlafuzz.errors import PrerequisiteError, SubjectError
+from vlafuzz.errors import SubjectError
 from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
 from vlafuzz.subjects.layouts import LAYOUTS
 from vlafuzz.subjects.remote import Address, Common, Options, needed
 from vlafuzz.subjects.sessions import Sessions
 from vlafuzz.subjects.vla_eval_spec import Hello, layout_of, spec_of
-from vlafuzz.subjects.wire import actions_of
+from vlafuzz.subjects.wire import actions_of, required
 
 if TYPE_CHECKING:
     from vlafuzz.subjects.vla_eval_wire import Connection
@@ -42,7 +42,8 @@ class VlaEval:
         with needed(address.name):
             from vlafuzz.subjects import vla_eval_wire
         self._address, self._wire = address, vla_eval_wire
-        connection, hello = self._greet()
+        with required("vla-eval", "start it first: vla-eval serve --config …"):
+            connection, hello = self._open()
         connection.close()
         self._layout = LAYOUTS.get(layout_of(address.name, hello, address.options) or "")
         self.spec = spec_of(address.name, hello, address.options)
@@ -75,16 +76,6 @@ class VlaEval:
             connection.close()
             raise
         return VlaEvalSession(connection, self.spec.cameras, self._layout)
-
-    def _greet(self) -> tuple[Connection, Hello]:
-        """The first session: no server now means that there is none to test."""
-        try:
-            return self._open()
-        except SubjectError as error:
-            raise PrerequisiteError(
-                f"no vla-eval server: {error.message}",
-                hint=error.hint or "start it first: vla-eval serve --config …",
-            ) from None
 
     def _open(self) -> tuple[Connection, Hello]:
         url, timeout = self._address.url, self._address.options.timeout

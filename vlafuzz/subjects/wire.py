@@ -5,19 +5,24 @@ Replies come from outside: each is checked for size, type and shape before it is
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.errors import Cause, SubjectError
+from vlafuzz.errors import Cause, PrerequisiteError, SubjectError
+from vlafuzz.subjects.base import EpisodeStart
 
 MOST_BYTES = 4 << 20  # of a reply; a hundred actions are 3 kB
 OPENING = 10.0  # seconds for a connection to open
 PAUSES = (0.5, 1.0)  # seconds before the second attempt to open one, and before the third
 KINDS = "biuf"  # of arrays: boolean, integers, floating point
+# Which rollout a connection is for, where the protocol has no word for it. Other servers than ours ignore it.
+ROLLOUT = "Vlafuzz-Rollout"
 Opened = TypeVar("Opened")
 
 
@@ -50,6 +55,24 @@ def persistently(attempt: Callable[[], Opened]) -> Opened:
                 raise
         time.sleep(pause)
     return attempt()
+
+
+@contextmanager
+def required(protocol: str, start: str) -> Iterator[None]:
+    """The first connection: no server now means that there is none to test. ``start``: how to start one."""
+    try:
+        yield
+    except SubjectError as error:
+        raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
+
+
+def rollout_header(start: EpisodeStart, asked: int = 0) -> dict[str, str]:
+    """What our own server has to know to answer as the subject does in process.
+
+    ``asked``: how many of the rollout's observations were sent before.
+    """
+    told = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": asked}
+    return {ROLLOUT: json.dumps(told)}
 
 
 def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
@@ -85,7 +108,7 @@ def array_of(data: bytes, dtype: object, shape: Any) -> NDArray[Any]:
     kind = np.dtype(dtype)  # type: ignore[call-overload]  # whatever came: TypeError
     if kind.kind not in KINDS:
         raise ValueError(f"an array of {kind}")
-    return np.frombuffer(data, kind).reshape(shape)
+    return np.frombuffer(data, kind).reshape(shape).copy()  # one that may be written to
 
 
 def short(value: object) -> str:

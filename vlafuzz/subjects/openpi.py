@@ -1,0 +1,116 @@
+"""OpenPi: a model behind openpi's policy server."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.subjects.profiled import Model, Profiled
+from vlafuzz.subjects.remote import Address, Common, needed
+from vlafuzz.subjects.sessions import Sessions
+from vlafuzz.subjects.wire import actions_of, failure, persistently, required, rollout_header, short
+
+if TYPE_CHECKING:
+    from vlafuzz.subjects.sockets import Socket
+
+
+class OpenPiOptions(Profiled):
+    """What the user says about the model. The keys are those of openpi's LIBERO models."""
+
+    image_key: str = "observation/image"
+    wrist_key: str = "observation/wrist_image"
+    state_key: str = "observation/state"
+    instruction_key: str = "prompt"
+
+
+class OpenPi:
+    """A model behind openpi's policy server; it declares nothing, so name a profile: ?profile=libero.
+
+    A live rollout has a connection of its own, which a header names: our own server reads it, others do not.
+    """
+
+    form: ClassVar[str] = "openpi:ws://host:port"
+    schemes: ClassVar[Sequence[str]] = ("ws", "wss")
+    options: ClassVar[type[Common]] = OpenPiOptions
+
+    def __init__(self, address: Address[OpenPiOptions]) -> None:
+        with needed(address.name):
+            from vlafuzz.subjects import openpi_wire, sockets
+        self._address, self._wire, self._sockets = address, openpi_wire, sockets
+        self._model = Model(address.name, "openpi", address.options)
+        self.spec = self._model.spec
+        with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
+            self._begin(None).close()
+        self._sessions = Sessions(address.name, address.options.timeout, self._begin)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Open a connection for each."""
+        self._sessions.reset(episodes)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """Send all, then receive all."""
+        return self._sessions.act(observations)
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Close their connections."""
+        self._sessions.finish(episodes)
+
+    def close(self) -> None:
+        """No more rollouts."""
+        self._sessions.close()
+
+    def _begin(self, start: EpisodeStart | None) -> OpenPiSession:
+        return persistently(lambda: self._open(rollout_header(start) if start else {}))
+
+    def _open(self, headers: dict[str, str]) -> OpenPiSession:
+        socket = self._sockets.Socket(self._address.url, self._address.options.timeout, headers)
+        session = OpenPiSession(socket, self._wire, self._model)
+        try:
+            session.receive()  # what the server says about itself: nothing that we could rely on
+        except BaseException:
+            socket.close()
+            raise
+        return session
+
+
+class OpenPiSession:
+    """One rollout at such a server."""
+
+    def __init__(self, socket: Socket, wire: ModuleType, model: Model) -> None:
+        self._socket, self._wire, self._model = socket, wire, model
+        self._asked: deque[Observation] = deque()
+        self.close = socket.close
+
+    def ask(self, seen: Observation) -> None:
+        """Under the model's keys."""
+        self._socket.send(self._wire.pack(self._model.message(seen)))
+        self._asked.append(seen)
+
+    def answer(self, wait: float) -> NDArray[np.float64]:
+        """The actions."""
+        found = actions_of(self.receive(wait))
+        return self._model.actions(found, self._asked.popleft())
+
+    def end(self) -> None:
+        """The protocol has no word for it."""
+
+    def receive(self, wait: float | None = None) -> dict[object, object]:
+        """The next message.
+
+        Raises:
+            SubjectError: none in time, not one of this protocol, or the text of an error.
+        """
+        frame = self._socket.receive(wait)
+        if isinstance(frame, str):  # a traceback, whose last line says most
+            raise failure(self._socket.url, short(frame.strip().rpartition("\n")[2] or frame), "remote")
+        try:
+            message: dict[object, object] = self._wire.unpack(frame)
+        except ValueError as error:
+            raise failure(self._socket.url, f"not an openpi message: {error}", "protocol") from None
+        return message
