@@ -1,0 +1,34 @@
+"""``vlafuzz serve``."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from contextlib import closing, suppress
+from typing import Annotated
+
+import typer
+
+from vlafuzz.errors import check_number
+
+
+def command(
+    subject: Annotated[str, typer.Argument(help="The subject: vlafuzz subjects lists them.")],
+    protocol: Annotated[str, typer.Option(help="vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
+    port: Annotated[int, typer.Option(help="Where to listen; 0 for any port that is free.")] = 8000,
+    host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
+) -> None:
+    """Serve a subject until interrupted; prints the name under which vlafuzz finds it."""
+    from vlafuzz.subjects.registry import make_subject
+    from vlafuzz.subjects.serving.serve import serving
+
+    check_number("--port", port, 0, 65535)
+    with (
+        closing(make_subject(subject)) as served,
+        serving(served, protocol, host, port) as name,
+        suppress(KeyboardInterrupt),
+    ):
+        sys.stdout.write(f"{name}\n")
+        sys.stdout.flush()
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n")
+        threading.Event().wait()

@@ -1,0 +1,139 @@
+"""Host: a subject that many connections ask. Each is a rollout, unless it says that another begins."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydantic import BaseModel, ConfigDict
+
+from vlafuzz.errors import UsageError
+from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Finishing, Observation, Subject
+from vlafuzz.subjects.harness import check_chunks
+
+
+class Told(BaseModel):
+    """What a client says about a rollout. Others than ours say nothing.
+
+    ``asked``: how many observations of it were sent on earlier connections.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    task: str = ""
+    seed: int = 0
+    asked: int = 0
+
+
+def told_by(header: str | None) -> Told:
+    """What the header of a connection says.
+
+    Raises:
+        ValueError: it is none of ours.
+    """
+    return Told.model_validate(json.loads(header)) if header else Told()
+
+
+class Host:
+    """Lets one connection at a time ask a subject.
+
+    Raises:
+        UsageError: the subject needs what no client can send.
+    """
+
+    def __init__(self, subject: Subject) -> None:
+        if subject.spec.privileged or subject.spec.silhouettes:
+            what = "the simulator's state" if subject.spec.privileged else "outlines"
+            raise UsageError(
+                f"{subject.spec.name} cannot be served: it wants {what}",
+                hint="serve one that takes pictures, proprioception and words, such as mini",
+            )
+        self.subject, self.spec = subject, subject.spec
+        self.lock = threading.Lock()
+        self._numbers = itertools.count()
+
+    def guest(self, told: Told) -> Guest:
+        """A new connection.
+
+        Raises:
+            ValueError: its rollout began on another one.
+        """
+        if told.asked:
+            raise ValueError(f"{told.asked} observations of this rollout came on a connection that is gone")
+        return Guest(self, told, self._numbers)
+
+
+class Guest:
+    """A connection, and its rollout."""
+
+    def __init__(self, host: Host, told: Told, numbers: itertools.count[int]) -> None:
+        self._host, self._told, self._numbers = host, told, numbers
+        self._start: EpisodeStart | None = None
+        self._step = 0
+
+    def begin(self, instruction: str, told: Told) -> None:
+        """A rollout begins."""
+        self.end()
+        start = EpisodeStart(f"served-{next(self._numbers)}", instruction, told.task, told.seed)
+        with self._host.lock:
+            self._host.subject.reset([start])
+        self._start, self._step, self._told = start, 0, told
+
+    def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
+        """The actions ``(steps, 7)`` that are to be executed before the next observation.
+
+        Raises:
+            ValueError: not what the subject's spec asks for.
+        """
+        spec = self._host.spec
+        if not isinstance(instruction, str):
+            raise ValueError(f"an instruction that is no text: {type(instruction).__name__}")
+        if len(pictures) < len(spec.cameras):
+            wanted = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in spec.cameras)
+            raise ValueError(f"{len(pictures)} pictures, expected {wanted}")
+        images = {
+            camera.name: _fitting(found, camera)
+            for camera, found in zip(spec.cameras, pictures, strict=False)
+        }
+        known = _proprioception(state) if spec.state else None
+        if self._start is None:
+            self.begin(instruction, self._told)
+        assert self._start is not None
+        seen = Observation(self._start.episode, self._step, instruction, images, known)
+        with self._host.lock:
+            chunks = self._host.subject.act([seen])
+        self._step += 1
+        return check_chunks(chunks, 1, spec.name)[0][: spec.execute]
+
+    def end(self) -> None:
+        """The rollout is over, whatever came of it."""
+        if self._start is not None and isinstance(self._host.subject, Finishing):
+            with self._host.lock:
+                self._host.subject.finish([self._start])
+        self._start = None
+
+
+def _fitting(found: Any, camera: CameraRequest) -> NDArray[np.uint8]:
+    """A picture in the camera's size: other clients send what their own models take."""
+    if not isinstance(found, np.ndarray) or found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3:
+        told = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
+        raise ValueError(f"the picture {camera.name!r} is {told}, expected uint8 (height, width, 3)")
+    if found.shape[:2] == (camera.height, camera.width):
+        return found
+    resized = Image.fromarray(found).resize((camera.width, camera.height), Image.Resampling.BILINEAR)
+    return np.array(resized, dtype=np.uint8)
+
+
+def _proprioception(found: object) -> NDArray[np.float32]:
+    state = np.asarray([] if found is None else found)
+    if state.shape != (7,) or state.dtype.kind not in "iuf":
+        raise ValueError(
+            f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"
+        )
+    return state.astype(np.float32)

@@ -1,0 +1,67 @@
+"""Serve a subject: choose the protocol, and say under which name it is found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import fields
+from urllib.parse import urlencode
+
+from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.subjects.base import ActionSpec, Subject, SubjectSpec
+from vlafuzz.subjects.remote import needed
+from vlafuzz.subjects.serving.host import Host
+
+Listening = Callable[[Host, str, int], AbstractContextManager[int]]
+# What each protocol's names begin and end with, around host and port.
+PROTOCOLS = {"vla-eval": ("vla-eval:ws", ""), "openpi": ("openpi:ws", ""), "http": ("http", "/act")}
+
+
+@contextmanager
+def serving(subject: Subject, protocol: str, address: str = "127.0.0.1", port: int = 0) -> Iterator[str]:
+    """The name under which vlafuzz finds a subject that is being served, with the options that fit it.
+
+    Raises:
+        UsageError: no such protocol, the port is taken, or the subject needs what no client can send.
+        PrerequisiteError: a package to install.
+    """
+    listening = _listening(protocol)
+    host = Host(subject)
+    with ExitStack() as stack:
+        try:
+            found = stack.enter_context(listening(host, address, port))
+        except OSError as error:
+            told = f"{address}:{port}: {error.strerror or error}"
+            raise UsageError(told, hint="--port 0 takes any that is free") from None
+        begins, ends = PROTOCOLS[protocol]
+        yield f"{begins}://{address}:{found}{ends}?{urlencode(options_of(subject.spec))}"
+
+
+def options_of(spec: SubjectSpec) -> dict[str, str | int | float]:
+    """What a client has to be told: whatever is not the default."""
+    sizes = {camera.role: f"{camera.width}x{camera.height}" for camera in spec.cameras}
+    told: dict[str, str | int | float] = {"camera": sizes.get("third_person", "0")}
+    if "wrist" in sizes:
+        told["wrist"] = 1
+        if sizes["wrist"] != told["camera"]:
+            told["wrist_camera"] = sizes["wrist"]
+    if spec.state:
+        told["state"] = 1
+    usual = ActionSpec()
+    for field in fields(ActionSpec):
+        if getattr(spec.action, field.name) != getattr(usual, field.name):
+            told[field.name] = getattr(spec.action, field.name)
+    return told | ({"deterministic": 1} if spec.deterministic else {})
+
+
+def _listening(protocol: str) -> Listening:
+    if protocol not in PROTOCOLS:
+        raise UsageError(f"unknown protocol {protocol!r}", hint=suggestion(protocol, PROTOCOLS))
+    if protocol == "http":
+        from vlafuzz.subjects.serving import act
+
+        return act.listening
+    with needed(f"--protocol {protocol}"):
+        from vlafuzz.subjects.serving import sockets
+    talk = sockets.talk_openpi if protocol == "openpi" else sockets.talk_vla_eval
+    return lambda host, address, port: sockets.listening(host, talk, address, port)
