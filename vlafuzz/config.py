@@ -13,7 +13,7 @@ from typing import Any
 from vlafuzz import campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
-from vlafuzz.corpus.packs import packs_json, stored_catalogue, stored_packs
+from vlafuzz.corpus.packs import has_packs, packs_json, stored_catalogue, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
@@ -310,7 +310,7 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         stored = getattr(manifest, name)
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
-    if "packs" in flags and packs_json(flags["packs"]) != manifest.packs:
+    if "packs" in flags and not has_packs(manifest, flags["packs"]):
         return "other packs of objects"
     if "operators" in flags or "vary" in flags:
         asked = _operators(RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ())))

@@ -33,3 +33,9 @@ def stored_catalogue(*manifests: Manifest) -> Catalogue:
         UsageError: a pack is gone.
     """
     return load_catalogue(packs=stored_packs(*manifests))
+
+
+def has_packs(manifest: Manifest, packs: Iterable[Pack]) -> bool:
+    """Whether a manifest's are these, wherever they are."""
+    marks = {(mark["name"], mark["digest"]) for mark in json.loads(manifest.packs)}
+    return marks == {(pack.name, pack.digest) for pack in packs}

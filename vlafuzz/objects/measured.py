@@ -50,17 +50,15 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
     body = solid([_lean(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
-    mass = body.volume * spec.density
-    rests = _rests(name, body, can_be_held=not supports and mass <= HEAVIEST)
-    held = bool(rests[0].grasps)
-    room = room_inside(body.parts) if rests[0].name == "upright" else None
+    mass, room = body.volume * spec.density, room_inside(body.parts)
     stays = supports or room is not None or mass > HEAVIEST
+    rests = _rests(name, body, can_be_held=not stays)
     colour = _colour(spec)
     visual = spec.visual or _write_plain(body, colour, folder / "visual.glb")
     return ObjectModel(
         name=name,
         spoken=spec.spoken,
-        role="graspable" if held else "place" if stays else "obstacle",
+        role="place" if stays else "graspable" if rests[0].grasps else "obstacle",
         mass=mass,
         friction=FRICTION,
         colour=colour,
@@ -68,9 +66,9 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         vertices=body.hull,
         visual=visual,
         collision=tuple(write_part(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
-        rests=rests[:1] if stays and not held else rests,
+        rests=rests[:1] if stays else rests,
         supports=supports,
-        container=room,
+        container=room if rests[0].name == "upright" else None,
         density=spec.density,
         fit=Fit(spec.scale, quaternion(turn), -centre) if spec.visual else None,
     )

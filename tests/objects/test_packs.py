@@ -1,0 +1,247 @@
+"""Packs: what is made of objects in a user's folder."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.packs import box, can, tray, write_pack
+from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.objects import Catalogue, ObjectModel, load_catalogue, open_packs
+from vlafuzz.objects.packs import find_pack, packs_of, spoken
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.validity import check_static
+
+REAL = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
+
+
+@pytest.fixture(autouse=True)
+def nothing_else_is_known(tmp_path, monkeypatch):
+    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path / "nowhere"))
+    monkeypatch.delenv("VLAFUZZ_PACKS", raising=False)
+
+
+def catalogue(*folders: Path) -> Catalogue:
+    return load_catalogue(packs=[pack for folder in folders for pack in open_packs(str(folder))])
+
+
+def only(folder: Path, info: str = "info_mine.json", /, **objects: trimesh.Trimesh) -> ObjectModel:
+    write_pack(folder / "mine", info, **objects)
+    (name,) = objects
+    return catalogue(folder / "mine")[f"mine:{name}"]
+
+
+def size(model: ObjectModel) -> list[float]:
+    return [round(float(side), 4) for side in np.ptp(model.vertices, axis=0)]
+
+
+def test_an_object_has_the_packs_name_before_its_own_and_stands_after_the_built_in_ones(tmp_path):
+    names = catalogue(write_pack(tmp_path / "mine", apple=box(0.03, 0.03, 0.03))).names()
+    assert names == (*load_catalogue().names(), "mine:apple")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("opened_pepsi_can", "pepsi can"),
+        ("bridge_carrot_generated_modified", "carrot"),
+        ("green_cube_3cm", "green cube"),
+        ("bridge_plate_objaverse_larger", "plate larger"),
+        ("baked_opened_redbull_can_v2", "redbull can"),
+        ("tomato_soup_can", "tomato soup can"),
+        ("generated", "generated"),
+    ],
+)
+def test_what_only_tells_meshes_apart_is_not_spoken(name, said):
+    assert spoken(name) == said
+
+
+def test_size_and_mass_are_those_of_the_mesh_whatever_the_info_says(tmp_path):
+    model = only(tmp_path, brick=box(0.04, 0.06, 0.1, at=(0.3, 0, 0)))
+    assert size(model) == [0.04, 0.06, 0.1]
+    assert np.allclose(model.vertices.min(axis=0) + model.vertices.max(axis=0), 0)
+    assert model.mass == pytest.approx(0.04 * 0.06 * 0.1 * 500)
+
+
+def test_rest_poses_are_measured_with_what_the_gripper_can_take_in_each(tmp_path):
+    model = only(tmp_path, brick=box(0.04, 0.06, 0.1))
+    assert {rest.name: round(rest.top, 3) for rest in model.rests} == {
+        "upright": 0.1,
+        "lying": 0.04,
+        "lying_2": 0.06,
+    }
+    assert {rest.grasps[0].width for rest in model.rests} == {0.04, 0.06}
+    assert model.role == "graspable"
+
+
+def test_a_can_of_simplers_stands_along_y_and_rolls_when_it_lies(tmp_path):
+    model = only(tmp_path, "info_pick_custom_v0.json", cola_can=can())
+    assert size(model) == pytest.approx([0.06, 0.06, 0.12], abs=1e-3)
+    assert [(rest.name, rest.rolls) for rest in model.rests] == [("upright", False), ("lying", True)]
+
+
+def test_in_other_packs_z_is_up(tmp_path):
+    assert size(only(tmp_path, cola_can=can())) == pytest.approx([0.06, 0.12, 0.06], abs=1e-3)
+
+
+def test_the_largest_scale_is_the_real_size(tmp_path):
+    folder = write_pack(tmp_path / "mine", brick=box(0.4, 0.6, 1.0))
+    (folder / "info_mine.json").write_text(json.dumps({"brick": {"scales": [0.05]}}))
+    (folder / "info_put.json").write_text(json.dumps({"brick": {"scales": [0.1]}}))
+    assert size(catalogue(folder)["mine:brick"]) == [0.04, 0.06, 0.1]
+
+
+def test_each_connected_part_is_convex_for_itself(tmp_path):
+    both = trimesh.util.concatenate([box(0.02, 0.06, 0.02), box(0.02, 0.06, 0.02, at=(0.04, 0, 0))])
+    assert [len(part) for part in only(tmp_path, rails=both).parts] == [8, 8]
+
+
+def test_a_fine_mesh_becomes_a_lean_one_of_the_same_size(tmp_path):
+    model = only(tmp_path, ball=trimesh.creation.icosphere(subdivisions=4, radius=0.03))
+    assert len(model.vertices) <= 64
+    assert size(model) == pytest.approx([0.06, 0.06, 0.06], abs=2e-3)
+
+
+def test_others_are_put_onto_plates_and_cloths_and_into_what_has_walls(tmp_path):
+    folder = write_pack(tmp_path / "mine", bridge_plate=box(0.1, 0.1, 0.006), tray=tray())
+    found = catalogue(folder)
+    assert (found["mine:bridge_plate"].role, found["mine:bridge_plate"].supports) == ("place", True)
+    room = found["mine:tray"].container
+    assert room is not None
+    assert (room.width, room.depth) == pytest.approx((0.18, 0.14), abs=0.01)
+    assert room.rim - room.floor == pytest.approx(0.04, abs=1e-3)
+
+
+def test_what_the_gripper_cannot_take_is_an_obstacle_which_may_stand_about(tmp_path):
+    folder = write_pack(tmp_path / "mine", block=box(0.1, 0.1, 0.1), crate=box(0.03, 0.2, 0.2))
+    os.replace(folder / "models" / "crate", folder / "models" / "slab")
+    (folder / "info_mine.json").write_text(json.dumps({"block": {}, "slab": {"density": 5000}}))
+    found = catalogue(folder)
+    assert [found[f"mine:{name}"].role for name in ("block", "slab")] == ["obstacle", "place"]
+    assert found.movable()[-1] == "mine:block"
+
+
+def test_without_looks_it_shows_its_solid_in_one_colour(tmp_path):
+    model = only(tmp_path, green_cube=box(0.03, 0.03, 0.03))
+    (drawn,) = trimesh.load(model.visual).geometry.values()
+    assert np.allclose(drawn.extents, 0.03)
+    assert np.argmax(model.colour) == 1
+    assert model.fit is None
+
+
+def test_looks_stay_in_the_pack_and_are_fitted_to_the_solid(tmp_path):
+    folder = write_pack(tmp_path / "mine", "info_custom.json", cola_can=can().apply_translation([0, 1, 0]))
+    looks = folder / "models" / "cola_can" / "textured.glb"
+    can().apply_translation([0, 1, 0]).export(looks)
+    model = catalogue(folder)["mine:cola_can"]
+    assert model.visual == looks
+    assert model.fit is not None
+    turn = trimesh.transformations.quaternion_matrix(model.fit.quaternion)[:3, :3]
+    shown = trimesh.load_mesh(looks).vertices @ turn.T * model.fit.scale + model.fit.position
+    assert np.allclose(np.ptp(shown, axis=0), np.ptp(model.vertices, axis=0), atol=1e-3)
+    assert np.allclose(shown.min(axis=0), model.vertices.min(axis=0), atol=1e-3)
+
+
+def test_the_digest_is_of_the_content_and_not_of_the_place(tmp_path):
+    first = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
+    before = catalogue(first).digest
+    shutil.move(first, tmp_path / "elsewhere")
+    second = tmp_path / "elsewhere"
+    assert catalogue(second.rename(tmp_path / "mine")).digest == before != load_catalogue().digest
+    box(0.04, 0.06, 0.11).export(first / "models" / "brick" / "collision.obj")
+    assert catalogue(first).digest != before
+
+
+def test_a_folder_of_packs_has_them_all_and_two_of_one_name_exclude_each_other(tmp_path):
+    for name in ("one", "two"):
+        write_pack(tmp_path / "assets" / name, cube=box(0.03, 0.03, 0.03))
+    assert [pack.name for pack in open_packs(str(tmp_path / "assets"))] == ["one", "two"]
+    again = write_pack(tmp_path / "other" / "one", cube=box(0.03, 0.03, 0.03))
+    with pytest.raises(CatalogueError, match="both packs are named 'one'"):
+        catalogue(tmp_path / "assets", again)
+
+
+def test_maniskills_ycb_is_found_by_its_name(tmp_path, monkeypatch):
+    folder = tmp_path / "data" / "assets" / "mani_skill2_ycb"
+    write_pack(folder, "info_pick_v0.json", mug=box(0.03, 0.03, 0.03))
+    mesh = folder / "models" / "mug" / "collision"
+    trimesh.load_mesh(mesh.with_suffix(".obj")).export(mesh.with_suffix(".ply"))
+    mesh.with_suffix(".obj").unlink()
+    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path))
+    (pack,) = open_packs("ycb")
+    assert list(pack.objects) == ["mug"]
+
+
+def test_what_is_no_pack_is_said_in_a_sentence(tmp_path):
+    with pytest.raises(UsageError, match="neither a pack of objects nor a folder of packs") as caught:
+        open_packs(str(tmp_path))
+    assert "info_*.json and models/NAME/collision.obj" in str(caught.value.hint)
+    with pytest.raises(UsageError, match="nowhere: no such folder"):
+        open_packs("nowhere")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[", "info_mine.json: "),
+        ('{"brick": {"scales": []}}', "brick.scales: "),
+        ('{"brick": {"density": -1}}', "brick.density: "),
+        ('{"other": {}}', "a pack without objects"),
+    ],
+)
+def test_a_wrong_info_file_is_named_with_its_key(tmp_path, text, message):
+    folder = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
+    (folder / "info_mine.json").write_text(text)
+    with pytest.raises(UsageError) as caught:
+        open_packs(str(folder))
+    assert message in caught.value.message
+    assert "\n" not in caught.value.message
+
+
+def test_a_damaged_mesh_is_named(tmp_path):
+    folder = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
+    (folder / "models" / "brick" / "collision.obj").write_text("v 0 0 zero\n")
+    with pytest.raises(CatalogueError, match=r"collision\.obj: no"):
+        catalogue(folder)["mine:brick"]
+
+
+def test_a_pack_that_was_moved_is_found_by_its_digest_and_keeps_its_name(tmp_path, monkeypatch):
+    (pack,) = open_packs(str(write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))))
+    shutil.move(pack.folder, tmp_path / "moved")
+    with pytest.raises(UsageError, match="it needs the pack 'mine'"):
+        find_pack("mine", pack.digest, str(pack.folder))
+    monkeypatch.setenv("VLAFUZZ_PACKS", str(tmp_path / "moved"))
+    assert find_pack("mine", pack.digest, str(pack.folder)).name == "mine"
+
+
+def test_names_tell_which_packs_scenes_need(tmp_path, monkeypatch):
+    write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
+    assert packs_of(["apple"]) == ()
+    with pytest.raises(UsageError, match="objects of the pack 'mine', which is not here"):
+        packs_of(["mine:brick"])
+    monkeypatch.setenv("VLAFUZZ_PACKS", str(tmp_path))
+    assert [pack.name for pack in packs_of(["mine:brick", "apple"])] == ["mine"]
+
+
+def test_scenes_are_made_of_the_packs_objects_as_far_as_they_go(tmp_path):
+    sticks = {f"stick_{letter}": box(0.03, 0.03, 0.08) for letter in "abcde"}
+    space = SearchSpace(load_operators(), catalogue(write_pack(tmp_path / "mine", **sticks)), "put-in")
+    slots = space.composer.layout.slots
+    assert set(slots["targets.0"]) == set(slots["confounders.0"]) == {f"mine:{name}" for name in sticks}
+    assert slots["targets.1"] == ("basket",)  # the pack has none
+    scene = space.sample(np.random.default_rng(1))
+    assert check_static(scene, space.catalogue, 0.15) is None
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no assets in ../shared/vlatest/assets")
+def test_every_object_of_vlatest_is_there_with_its_size():
+    packs = {pack.name: pack for pack in open_packs(str(REAL))}
+    assert (len(packs["custom"].objects), len(packs["ycb"].objects)) == (26, 61)
+    found = load_catalogue(packs=[packs["custom"]])
+    assert size(found["custom:opened_pepsi_can"]) == pytest.approx([0.067, 0.067, 0.124], abs=2e-3)
+    assert found["custom:opened_pepsi_can"].mass == pytest.approx(0.0204, abs=1e-3)
+    assert found["custom:bridge_plate_objaverse"].supports
