@@ -1,0 +1,79 @@
+"""--pack, and what becomes of a run whose pack is gone."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.packs import box, write_pack
+from vlafuzz.cli import main
+from vlafuzz.scene import Placement, Scene, write_scenes
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path / "nowhere"))
+    monkeypatch.setenv("VLAFUZZ_PACKS", "")
+    sticks = {f"opened_{colour}_stick": box(0.03, 0.04, 0.08) for colour in ("red", "blue", "green", "grey")}
+    return write_pack(tmp_path / "mine", **sticks)
+
+
+def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
+    assert main(["objects", "--pack", str(folder), "--json"]) == 0
+    shown = capsys.readouterr()
+    rows = json.loads(shown.out)
+    assert [row["object"] for row in rows] == [
+        f"mine:opened_{colour}_stick" for colour in ("blue", "green", "grey", "red")
+    ]
+    assert (rows[0]["spoken"], rows[0]["size"]) == ("blue stick", [0.03, 0.04, 0.08])
+    assert shown.err.count("note: mine: 4 of 4 objects have no textured mesh") == 1
+
+
+def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
+    assert main(["objects", "--pack", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in told
+    assert "hint: a pack has info_*.json and models/NAME/collision.obj" in told
+
+
+def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):
+    file = tmp_path / "scenes.jsonl"
+    stick = Placement("mine:opened_red_stick", "upright", 0.0, 0.0)
+    write_scenes(file, [Scene("pick-up", (stick,), "pick up red stick")])
+    assert main(["lint", "--static", "-v", str(file)]) == 1
+    assert "unknown object 'mine:opened_red_stick'" in capsys.readouterr().out
+    assert main(["lint", str(file), "--pack", str(folder)]) == 0
+
+
+def run(folder: Path, subject: str = "expert", *more: str) -> Path:
+    store = folder.parent / "a.db"
+    given = ["--pack", str(folder), "--subject", subject, "--strategy", "random", "--budget", "4"]
+    assert main(["run", *given, "--stop-early", "--store", str(store), "--json", *more]) == 0
+    return store
+
+
+def test_a_run_is_made_of_the_packs_objects_and_the_expert_can_take_them(folder, capsys):
+    run(folder)
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["verdicts"]["passed"] == summary["rollouts"] == 4
+
+
+def test_the_pinhole_knows_a_packs_objects(folder, capsys):
+    run(folder, "pinhole", "--vary", "target-type,target-position")
+    assert json.loads(capsys.readouterr().out)["verdicts"]["passed"] >= 3
+
+
+def test_replay_finds_the_pack_again_and_says_so_when_it_is_gone(folder, capsys, monkeypatch):
+    store = run(folder, "frozen")
+    capsys.readouterr()
+    assert main(["replay", str(store), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
+    monkeypatch.setenv("VLAFUZZ_PACKS", "")
+    moved = shutil.move(folder, folder.parent / "moved")
+    for command in (["replay"], ["triage"], ["report", "--out", "never.html"]):
+        assert main([*command, str(store)]) == 2
+        assert "it needs the pack 'mine'" in capsys.readouterr().err
+    monkeypatch.setenv("VLAFUZZ_PACKS", str(moved))
+    assert main(["replay", str(store), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
