@@ -21,6 +21,7 @@ PLACEMENTS = st.builds(
     yaw=NUMBER,
     quaternion=st.none() | st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
     scale=NUMBER,
+    listed=st.none() | st.integers(0, 9),
 )
 SCENES = st.builds(
     Scene,
@@ -31,6 +32,7 @@ SCENES = st.builds(
     light=st.builds(Light, NUMBER),
     camera=st.builds(Camera, *[NUMBER] * 6),
     robot=st.text(),
+    frame=st.text(),
 )
 ONE = Scene(
     "put-on",
@@ -216,3 +218,21 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path):
     for path in (tmp_path / "none.jsonl", tmp_path):
         with pytest.raises(SceneError, match="cannot read scenes"):
             load_scenes(path)
+
+
+def test_what_came_later_is_not_in_the_json_of_what_is_without():
+    """Digests of scenes that are older stay as they are."""
+    assert "listed" not in TEXT
+    assert "frame" not in TEXT
+    changed = replace(ONE, frame="vlatest", targets=(replace(ONE.targets[0], listed=1), *ONE.targets[1:]))
+    assert '"frame":"vlatest"' in changed.to_json()
+    assert '"listed":1' in changed.to_json()
+    assert ONE.digest == "f885afad8c551c3bfdf5aefef426fac6"
+
+
+def test_objects_are_listed_with_the_targets_first_unless_told_otherwise():
+    apple, plate, orange = ONE.placements
+    assert ONE.listing == ONE.placements
+    told = replace(ONE, targets=(replace(apple, listed=2), replace(plate, listed=0)),
+                   confounders=(replace(orange, listed=1),))  # fmt: skip
+    assert [each.object for each in told.listing] == ["plate", "orange", "apple"]

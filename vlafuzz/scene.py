@@ -16,6 +16,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
+_LATER = {"listed": None, "frame": ""}  # digests are older than these: with this value they are not there
 _COUNTS = ("schema", "listed")  # written as whole numbers
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -74,7 +75,11 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that is shown to the subject. Equal scenes are equal, and have equal digests."""
+    """Everything that is shown to the subject. Equal scenes are equal, and have equal digests.
+
+    ``frame`` names the world that an imported scene's coordinates are of; none for that of its robot, the
+    only one that can be run.
+    """
 
     __pydantic_config__ = _STRICT
     task: str
@@ -85,6 +90,7 @@ class Scene:
     camera: Camera = Camera()
     robot: str = "panda"
     schema: int = SCHEMA
+    frame: str = ""
 
     @property
     def placements(self) -> tuple[Placement, ...]:
@@ -133,8 +139,7 @@ def _canonical(value: Any) -> Any:
     if isinstance(value, (int, float)):
         return float(value) + 0.0  # 1 and 1.0 are one value, and so are -0.0 and 0.0
     if isinstance(value, dict):
-        # Digests are older than `listed`: without a value it is not there.
-        kept = {key: item for key, item in value.items() if key != "listed" or item is not None}
+        kept = {key: item for key, item in value.items() if key not in _LATER or item != _LATER[key]}
         return {key: item if key in _COUNTS else _canonical(item) for key, item in kept.items()}
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.spatial.transform import Rotation
 
-from vlafuzz.corpus.interchange import read_vlatest
+from vlafuzz.corpus.interchange import Frame, read_vlatest
 from vlafuzz.corpus.vlatest import write_vlatest
 from vlafuzz.objects import load_catalogue
+from vlafuzz.robots import rig
 from vlafuzz.scene import Light, Scene
+from vlafuzz.validity import check_semantic
 
 CATALOGUE = load_catalogue()
 UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
@@ -44,14 +47,15 @@ def write(path: Path, *scenes: dict[str, Any]) -> Path:
     return path
 
 
-def original(path: Path) -> tuple[Scene, ...]:
-    return read_vlatest(path, CATALOGUE, frame="original").scenes
+def original(path: Path, frame: Frame = "original") -> tuple[Scene, ...]:
+    return read_vlatest(path, CATALOGUE, frame=frame).scenes
 
 
 def test_coordinates_names_orientation_and_robot_are_kept(tmp_path: Path) -> None:
     (scene,) = original(write(tmp_path / "t-grasp.json", GRASP))
     (target,) = scene.targets
     assert (scene.task, scene.robot, scene.instruction) == ("pick-up", "google", "pick up 7up can")
+    assert scene.frame == "vlatest"
     assert (target.object, target.x, target.y, target.quaternion) == (
         "custom:opened_7up_can", -0.3, 0.2, tuple(UPRIGHT),
     )  # fmt: skip
@@ -133,11 +137,32 @@ def near(one: Any, other: Any) -> bool:
     return abs(one - other) <= 1e-9 if isinstance(one, float) else bool(one == other)
 
 
+def test_its_coordinates_are_not_those_of_our_rigs(tmp_path: Path) -> None:
+    (scene,) = original(write(tmp_path / "t-grasp.json", GRASP))
+    rejection = check_semantic(scene, CATALOGUE)
+    assert rejection
+    assert rejection.reason == "its coordinates are those of vlatest, not of its robot"
+
+
+def test_the_robot_sees_the_same_in_our_frame(tmp_path: Path) -> None:
+    """Its Google robot stands at (0.35, 0.20) and faces -x."""
+    (scene,) = original(write(tmp_path / "t-grasp.json", GRASP), "robot")
+    target, base = scene.targets[0], rig("google").base
+    assert (scene.frame, scene.robot) == ("", "google")
+    assert (target.x - base[0], target.y - base[1]) == pytest.approx((0.65, 0.0))
+    up = Rotation.from_quat(target.quaternion, scalar_first=True).apply([0.0, 1.0, 0.0])
+    assert up == pytest.approx([0.0, 0.0, 1.0])
+    near, far = scene.confounders[1], scene.confounders[0]
+    assert near.x < target.x < far.x
+    assert near.y < target.y < far.y  # its left is our right: the robot is turned by half a turn
+
+
 @pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
+@pytest.mark.parametrize("frame", ["original", "robot"])
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_the_published_files_come_back_as_they_are(tmp_path: Path, path: Path) -> None:
+def test_the_published_files_come_back_as_they_are(tmp_path: Path, path: Path, frame: Frame) -> None:
     raw = json.loads(path.read_text())
-    scenes = [Scene.from_json(scene.to_json()) for scene in original(path)]
+    scenes = [Scene.from_json(scene.to_json()) for scene in original(path, frame)]
     assert len(scenes) == raw["num"]
     assert write_vlatest(tmp_path / path.name, scenes, CATALOGUE) == {}
     assert near(json.loads((tmp_path / path.name).read_text()), raw)

@@ -69,7 +69,7 @@ def test_the_first_object_of_the_list_counts_as_in_the_paper() -> None:
     turned = (1.0, 0.0, 0.0, 0.0)
     source = Placement("custom:apple", "", -0.45, 0.05, quaternion=turned, listed=1)
     target = Placement("custom:orange", "", -0.15, 0.35, quaternion=turned, listed=0)
-    moved = Scene("move-near", (source, target), "move apple near orange", robot="google")
+    moved = Scene("move-near", (source, target), "move apple near orange", robot="google", frame="vlatest")
     (track,) = tracks_of_scenes([moved], OPERATORS, CATALOGUE)
     assert (track.steps[0].place, track.steps[0].site) == ((8, 8), None)
 

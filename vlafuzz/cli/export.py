@@ -117,7 +117,7 @@ def _tell(bundle: Bundle, out: Path) -> None:
 
 def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
     """How many could be written."""
-    from vlafuzz.corpus.original import is_original
+    from vlafuzz.corpus.original import as_original
     from vlafuzz.corpus.vlatest import write_vlatest
     from vlafuzz.objects import load_catalogue
     from vlafuzz.objects.packs import packs_of
@@ -127,7 +127,7 @@ def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
         if format_ is Format.vlafuzz:
             write_scenes(out, scenes)
             return len(scenes)
-        ours = (scene for scene in scenes if not is_original(scene))  # of those as they were nothing is asked
+        ours = (scene for scene in scenes if not as_original(scene))  # of those as they were nothing is asked
         named = (placement.object for scene in ours for placement in scene.placements)
         unsaid = write_vlatest(out, scenes, load_catalogue(packs=packs_of(named)))
     except OSError as error:

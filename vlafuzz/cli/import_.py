@@ -24,6 +24,7 @@ class Frame(StrEnum):
     FIT = "fit"
     KEEP = "keep"
     ORIGINAL = "original"
+    ROBOT = "robot"
 
 
 @app.callback()
@@ -39,7 +40,7 @@ def vlatest(
         Frame,
         typer.Option(
             help="fit: stretch their box onto ours; keep: keep distances; original: change nothing, keep "
-            "their robots and names."
+            "their robots and names; robot: the same, seen from the robot as ours are: can be run."
         ),
     ] = Frame.FIT,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -47,7 +48,7 @@ def vlatest(
     """Write the scenes of VLATest's files as one file of ours, in order.
 
     A scene with an object that has no counterpart in our catalogue is left out, and said so; with --frame
-    original none is.
+    original or robot none is.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")

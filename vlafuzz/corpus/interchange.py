@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from vlafuzz.corpus.original import original_scene
+from vlafuzz.corpus.original import in_robot_frame, original_scene
 from vlafuzz.corpus.vlatest_format import Entry, Quaternion, Thing, is_ycb, read_entries
 from vlafuzz.corpus.vlatest_table import Counterpart, Rectangle, Table, our_box, vlatest_table
 from vlafuzz.errors import SceneError
@@ -19,7 +19,7 @@ from vlafuzz.space.ranges import Box
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 
-Frame = Literal["fit", "keep", "original"]
+Frame = Literal["fit", "keep", "original", "robot"]
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
 
 
@@ -50,7 +50,8 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
 
     Args:
         frame: ``fit`` stretches its sampling box onto ours, ``keep`` moves it to the middle of ours;
-            ``original`` changes nothing, and leaves no scene out: its names need not be in the catalogue.
+            ``original`` changes nothing, and ``robot`` only has positions from the robot's base, as our rigs
+            do. Both leave no scene out: its names need not be in the catalogue.
 
     Raises:
         SceneError: the file is not one of its scene files; the message names file and key.
@@ -58,8 +59,10 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     table = vlatest_table()
     entries = read_entries(path)
     tasks = {key: _task(path, entry, table) for key, entry in entries.items()}
-    if frame == "original":
+    if frame in ("original", "robot"):
         found = [original_scene(entry, tasks[key], ycb=is_ycb(path)) for key, entry in entries.items()]
+        if frame == "robot":
+            found = [in_robot_frame(scene) for scene in found]
         return Imported(path, len(entries), tuple(map(int, entries)), tuple(found), {})
     known = table.objects | (table.ycb if is_ycb(path) else {})
     missing: Counter[str] = Counter()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from vlafuzz.corpus.vlatest_format import Entry, Thing
-from vlafuzz.corpus.vlatest_table import vlatest_table
+from vlafuzz.corpus.vlatest_format import Entry, Quaternion, Thing
+from vlafuzz.corpus.vlatest_table import Base, vlatest_table
+from vlafuzz.robots import rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
 # Before a name, as packs put theirs: YCB and the others name things alike.
 CUSTOM, YCB = "custom:", "ycb:"
+FRAME = "vlatest"  # Scene.frame, of its world
 
 
 def original_scene(entry: Entry, task: str, *, ycb: bool) -> Scene:
@@ -31,6 +34,7 @@ def original_scene(entry: Entry, task: str, *, ycb: bool) -> Scene:
         original_instruction(task, [entry.things[place].model for place in targets]),
         tuple(placed[place] for place in others),
         robot=vlatest_table().original.robots[task],
+        frame=FRAME,
     )
 
 
@@ -41,10 +45,21 @@ def original_entry(scene: Scene) -> Entry:
     return Entry(things, tuple(listing.index(target) for target in scene.targets))
 
 
-def is_original(scene: Scene) -> bool:
-    """Whether a scene is in a frame of VLATest: with its robot, and things turned as it turns them."""
-    of_its_robot = scene.robot in vlatest_table().original.robots.values()
-    return of_its_robot and all(placement.quaternion for placement in scene.placements)
+def in_robot_frame(scene: Scene) -> Scene:
+    """An original scene as its robot sees it, in the frame of our rig: all distances and angles stay."""
+    there, here = _base(scene.task), rig(scene.robot).base
+    return _moved(scene, there, Base(x=here[0], y=here[1], yaw=0.0), "")
+
+
+def as_original(scene: Scene) -> Scene | None:
+    """A scene in its own frame, from there or from that of the robot; None for any other scene."""
+    if scene.frame == FRAME:
+        return scene
+    of_theirs = scene.robot == vlatest_table().original.robots.get(scene.task)
+    if scene.frame or not of_theirs or not all(placement.quaternion for placement in scene.placements):
+        return None
+    here = rig(scene.robot).base
+    return _moved(scene, Base(x=here[0], y=here[1], yaw=0.0), _base(scene.task), FRAME)
 
 
 def is_place(name: str) -> bool:
@@ -79,6 +94,35 @@ def bare(name: str) -> str:
 def _placement(thing: Thing, task: str, *, ycb: bool) -> Placement:
     name = (YCB if ycb and not is_place(thing.model) else CUSTOM) + thing.model
     return Placement(name, "", *thing.xy, quaternion=thing.quaternion, scale=original_scale(task, name))
+
+
+def _base(task: str) -> Base:
+    return vlatest_table().original.bases[task]
+
+
+def _moved(scene: Scene, old: Base, new: Base, frame: str) -> Scene:
+    """The robot from its old base to the new one, and everything with it."""
+
+    def along(placement: Placement) -> Placement:
+        turn = math.radians(new.yaw - old.yaw)
+        x, y = placement.x - old.x, placement.y - old.y
+        return replace(
+            placement,
+            x=new.x + x * math.cos(turn) - y * math.sin(turn),
+            y=new.y + x * math.sin(turn) + y * math.cos(turn),
+            quaternion=_turned(placement.quaternion, turn),
+        )
+
+    targets, confounders = (tuple(map(along, each)) for each in (scene.targets, scene.confounders))
+    return replace(scene, targets=targets, confounders=confounders, frame=frame)
+
+
+def _turned(quaternion: Quaternion | None, angle: float) -> Quaternion | None:
+    """Turned about the vertical by radians; sign and length stay, so that the way back gives the same."""
+    if quaternion is None:
+        return None
+    (w, x, y, z), cos, sin = quaternion, math.cos(angle / 2), math.sin(angle / 2)
+    return cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w
 
 
 def _thing(placement: Placement) -> Thing:

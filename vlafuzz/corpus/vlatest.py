@@ -11,8 +11,8 @@ from vlafuzz.corpus.interchange import quaternion
 from vlafuzz.corpus.original import (
     CUSTOM,
     YCB,
+    as_original,
     bare,
-    is_original,
     is_place,
     original_entry,
     original_instruction,
@@ -34,8 +34,8 @@ class _UnsaidError(Exception):
 def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> dict[str, int]:
     """Write what can be said, atomically.
 
-    Positions go from our box onto theirs, as ``fit`` reads them; scenes that were imported as they are,
-    ``original``, are written as they were.
+    Positions go from our box onto theirs, as ``fit`` reads them; scenes that were imported as they are, in
+    the frame ``original`` or ``robot``, are written as they were.
 
     Returns:
         How many scenes are left out, by reason.
@@ -44,9 +44,8 @@ def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> 
     unsaid: Counter[str] = Counter()
     for scene in scenes:
         try:
-            written.append(
-                _original(scene, ycb=is_ycb(path)) if is_original(scene) else _fit(scene, catalogue)
-            )
+            theirs = as_original(scene)
+            written.append(_original(theirs, ycb=is_ycb(path)) if theirs else _fit(scene, catalogue))
         except _UnsaidError as error:
             unsaid[str(error)] += 1
     write_entries(path, written)
@@ -60,6 +59,8 @@ def _original(scene: Scene, *, ycb: bool) -> Entry:
             raise _UnsaidError(f"VLATest has no {placement.object}")
         if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
             raise _UnsaidError("VLATest's objects of YCB are in files named ycb_…, and no others are")
+        if placement.quaternion is None:
+            raise _UnsaidError(UNSAID + "rest poses")
         if placement.scale != original_scale(scene.task, placement.object):
             raise _UnsaidError(UNSAID + "sizes")
     if len({placement.object for placement in scene.placements}) < len(scene.placements):

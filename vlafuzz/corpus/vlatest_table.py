@@ -42,10 +42,19 @@ class Rectangle(_Strict):
     y: tuple[float, float]
 
 
+class Base(_Strict):
+    """Where a robot stands, metres, and where it faces, degrees."""
+
+    x: float
+    y: float
+    yaw: float
+
+
 class Original(_Strict):
     """What its files leave unsaid: robots by task, boxes, sizes, and how its names are spoken."""
 
     robots: dict[str, str]
+    bases: dict[str, Base]
     boxes: dict[str, Rectangle]
     small_tasks: tuple[str, ...]
     small: tuple[str, ...]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from vlafuzz.corpus.original import is_original
+from vlafuzz.corpus.original import as_original
 from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Run
@@ -142,24 +142,23 @@ def _published() -> dict[tuple[str, int], float]:
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
     """The space that scenes such as this one are measured in."""
-    if is_original(scene):  # of it, only the task counts
+    if as_original(scene):  # of it, only the task counts
         return SearchSpace(operators, catalogue, scene.task)
     return SearchSpace(operators, catalogue, scene.task, scene.robot)
 
 
 def _seen(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
     for scene in scenes:
-        first = scene.listing[0]
-        known = not is_original(scene)
-        site = space.site(scene, space.severities(scene)) if known else None
-        yield Step(place(first.x, first.y, _area(scene, space)), site)
+        if theirs := as_original(scene):
+            box = vlatest_table().drawn_from(scene.task)
+            first, area, site = theirs.listing[0], Area(box.x, box.y), None
+        else:
+            first, area, site = scene.listing[0], _area(space), space.site(scene, space.severities(scene))
+        yield Step(place(first.x, first.y, area), site)
 
 
-def _area(scene: Scene, space: SearchSpace) -> Area:
+def _area(space: SearchSpace) -> Area:
     """Where first objects are drawn from."""
-    if is_original(scene):
-        theirs = vlatest_table().drawn_from(scene.task)
-        return Area(theirs.x, theirs.y)
     ours = space.operators.get(TargetPosition)
     return Area((ours.x.low, ours.x.high), (ours.y.low, ours.y.high))
 

@@ -36,6 +36,8 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         yield f"unknown task {scene.task!r}"
     if scene.robot not in RIGS:
         yield f"unknown robot {scene.robot!r}"
+    if scene.frame:
+        yield f"its coordinates are those of {scene.frame}, not of its robot"
     if not scene.instruction.strip():
         yield "the instruction is empty"
     if scene.light.intensity < 0:
