@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.corpus.bundle import Case
 from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.errors import UsageError
-from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.sim.maniskill.env import EPISODE_SECONDS
 from vlafuzz.sim.maniskill.evaluator import proprioception
 from vlafuzz.sim.maniskill.make import make_env
@@ -44,6 +44,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
 
     Raises:
         CorpusError: it is no such folder, or is damaged.
+        UsageError: a pack of its objects is gone.
         PrerequisiteError: pictures are wanted, and nothing here can render.
     """
 
@@ -55,7 +56,8 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self.cases = bundle.cases
         self._camera = CameraRequest("image", size, size) if size else None
         cameras = (self._camera,) if self._camera else ()
-        self._env = make_env(bundle.task, load_catalogue(), cameras, HZ, self.cases[0].scene.robot)
+        catalogue, robot = stored_catalogue(*bundle.runs), self.cases[0].scene.robot
+        self._env = make_env(bundle.task, catalogue, cameras, HZ, robot)
         said = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
