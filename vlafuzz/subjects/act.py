@@ -25,6 +25,8 @@ class ActOptions(Profiled):
         encoded: put the JSON into a string once more.
     """
 
+    protocol: ClassVar[str] = "http"
+
     unnorm_key: str | None = None
     encoded: bool = False
 
@@ -41,7 +43,7 @@ class Act:
 
     def __init__(self, address: Address[ActOptions]) -> None:
         self._address = address
-        self._model = Model(address.name, "http", address.options)
+        self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("/act", "start it first: python vla-scripts/deploy.py …"):
             self._open().close()

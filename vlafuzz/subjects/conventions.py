@@ -14,10 +14,18 @@ Array = NDArray[np.float64]
 
 def _two_columns(numbers: Array) -> Rotation:
     """The first two columns of the matrix, one after the other (Zhou et al., 2019), made orthonormal."""
-    first = numbers[:, :3] / np.linalg.norm(numbers[:, :3], axis=1, keepdims=True)
-    second = numbers[:, 3:] - np.sum(first * numbers[:, 3:], axis=1, keepdims=True) * first
-    second = second / np.linalg.norm(second, axis=1, keepdims=True)
+    first = _unit(numbers[:, :3])
+    second = _unit(numbers[:, 3:] - np.sum(first * numbers[:, 3:], axis=1, keepdims=True) * first)
     return Rotation.from_matrix(np.stack([first, second, np.cross(first, second)], axis=-1))
+
+
+def _unit(vectors: Array) -> Array:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not (lengths > 1e-9).all():
+        raise ValueError(
+            "six numbers that are no rotation: two columns of a matrix are not parallel, nor zero"
+        )
+    return np.asarray(vectors / lengths)
 
 
 def _interleaved(numbers: Array) -> Rotation:
@@ -81,8 +89,7 @@ class Convention:
         if not np.isfinite(actions).all():
             raise ValueError(f"an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}")
         shifts = actions[:, :3] * self.position_scale
-        with np.errstate(invalid="ignore"):  # six zeros are no rotation: SciPy says so
-            turns = read(actions[:, 3:-1] * (self.rotation_scale if width == 3 else 1.0))
+        turns = read(actions[:, 3:-1] * (self.rotation_scale if width == 3 else 1.0))
         now = Rotation.from_rotvec(hand[3:6])
         if self.pose:
             shifts, turns = shifts - hand[:3], turns * now.inv()

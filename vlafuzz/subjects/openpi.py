@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 class OpenPiOptions(Profiled):
     """What the user says about the model. The keys are those of openpi's LIBERO models."""
 
+    protocol: ClassVar[str] = "openpi"
+
     image_key: str = "observation/image"
     wrist_key: str = "observation/wrist_image"
     state_key: str = "observation/state"
@@ -43,7 +45,7 @@ class OpenPi:
         with needed(address.name):
             from vlafuzz.subjects import openpi_wire, sockets
         self._address, self._wire, self._sockets = address, openpi_wire, sockets
-        self._model = Model(address.name, "openpi", address.options)
+        self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
             self._begin(None).close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, Observation, SubjectSpec
 from vlafuzz.subjects.conventions import SCALED, Convention
 from vlafuzz.subjects.layouts import LAYOUTS, OWN
+from vlafuzz.subjects.profiles import options_of
 from vlafuzz.subjects.remote import SIDE, Common, Size, divisor
 
 
@@ -37,6 +38,8 @@ class Profiled(Common):
         wrist_camera: width and height of the wrist's picture; None for the same as ``camera``.
         image_key: what the picture is called on the wire; so are the other keys.
     """
+
+    protocol: ClassVar[str]
 
     profile: str | None = None
     state: Literal[
@@ -66,6 +69,13 @@ class Profiled(Common):
     wrist_key: str = "wrist_image"
     state_key: str = "state"
     instruction_key: str = "instruction"
+
+    @classmethod
+    def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
+        """What the profile says, unless the user says otherwise."""
+        if "profile" not in given:
+            return given
+        return {**options_of(given["profile"], cls.protocol), **given}
 
     @property
     def convention(self) -> Convention:
@@ -106,7 +116,7 @@ class Profiled(Common):
 class Model:
     """A model by its options: the spec, what is sent for an observation, and what the reply means."""
 
-    def __init__(self, name: str, protocol: str, options: Profiled) -> None:
+    def __init__(self, name: str, options: Profiled) -> None:
         self._name, self._options, self._convention = name, options, options.convention
         layout = OWN if options.state == "1" else options.state
         self._layout = LAYOUTS.get(layout)  # none for "0"
@@ -119,7 +129,7 @@ class Model:
             deterministic=options.deterministic,
             max_batch=options.batch,
             provenance={
-                "server": protocol,
+                "server": options.protocol,
                 "profile": options.profile or "none",
                 "state": layout if self._layout else "none",
             },

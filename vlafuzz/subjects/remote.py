@@ -75,7 +75,7 @@ class Common(BaseModel):
     timeout: float = Field(default=60.0, gt=0, le=86400)
 
     @classmethod
-    def completed(cls, given: Mapping[str, object], protocol: str) -> Mapping[str, object]:
+    def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
         """What the user gave, and what follows from it."""
         return given
 
@@ -162,7 +162,7 @@ def _options(name: str, kind: type[Common], given: Sequence[tuple[str, str]]) ->
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     try:
-        options = kind.model_validate(kind.completed(dict(given), name.partition(":")[0]))
+        options = kind.model_validate(kind.completed(dict(given)))
     except ValidationError as error:
         raise _explain(name, kind, error) from None
     options.check(name)

@@ -1,0 +1,76 @@
+"""Profiles: what the options of a known model are, so that users do not have to say them one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from vlafuzz.errors import UsageError, suggestion
+
+FOLDER = Path(__file__).parent
+
+
+class Profile(BaseModel):
+    """A kind of model. ``protocols``: what is said differently, or in addition, for each that serves it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    about: str
+    source: str
+    options: Mapping[str, Any]
+    protocols: Mapping[str, Mapping[str, Any]]
+
+    def options_for(self, protocol: str) -> Mapping[str, Any] | None:
+        """All options; None where it is not served by that protocol."""
+        return {**self.options, **self.protocols[protocol]} if protocol in self.protocols else None
+
+
+@cache
+def known_profiles() -> Mapping[str, Profile]:
+    """Those that come with vlafuzz, by name."""
+    return {path.stem: load_profile(path) for path in sorted(FOLDER.glob("*.yaml"))}
+
+
+def load_profile(path: Path) -> Profile:
+    """A profile from a file.
+
+    Raises:
+        UsageError: no file, no YAML, or no profile.
+    """
+    try:
+        return Profile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise UsageError(f"{path}: {error.strerror}", hint="name a profile, or a file of one") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        told = " ".join(str(error).split())
+        raise UsageError(f"{path}: no YAML: {told}", hint="correct it there") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(step) for step in first["loc"]) or "all of it"
+        hint = f"it has the keys {', '.join(Profile.model_fields)}: see those in {FOLDER}"
+        raise UsageError(f"{path}: {where}: {first['msg']}, got {first['input']!r}", hint=hint) from None
+
+
+def options_of(name: str, protocol: str) -> Mapping[str, Any]:
+    """What a profile says for a protocol. ``name``: of one that comes with vlafuzz, or a ``.yaml`` file.
+
+    Raises:
+        UsageError: no such profile, or not for that protocol.
+    """
+    known = known_profiles()
+    if name.endswith((".yaml", ".yml")):
+        profile = load_profile(Path(name))
+    elif name in known:
+        profile = known[name]
+    else:
+        raise UsageError(f"unknown profile {name!r}", hint=f"{suggestion(name, known)} or a file: mine.yaml")
+    options = profile.options_for(protocol)
+    if options is None:
+        told = f"the profile {name!r} says nothing about {protocol}"
+        raise UsageError(told, hint=f"it does about: {', '.join(profile.protocols)}")
+    return options
