@@ -64,6 +64,30 @@ def test_an_interrupted_study_goes_on(folder: Path, monkeypatch: pytest.MonkeyPa
     assert runs(folder) == [("pick-up", "finished")]
 
 
+def test_several_subjects_stand_in_one_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study("rq1", "--task", "pick-up", "--subject", "expert")
+    shown = capsys.readouterr().out
+    assert "expert" in shown
+    assert "make_idle" in (folder / "study.md").read_text()
+    assert len(runs(folder)) == 2
+
+
+def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study("rq1", "--task", "pick-up", "--json")
+    first = json.loads(capsys.readouterr().out)
+    assert main(["study", "rq1", "--from", "out/study.db", "--out", "again", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == first
+    assert not Path("again/study.db").exists()
+
+
+def test_a_guided_run_is_no_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", *SMALL[:2]]
+    assert main(["run", *flags]) == 0
+    capsys.readouterr()
+    assert main(["study", "rq1", "--from", "a.db", "--out", "out"]) == 2
+    assert "a.db: no run with scenes of strategy random or pool" in capsys.readouterr().err
+
+
 def test_rq2_has_a_run_of_every_number_of_confounders(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,16 +78,16 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
     others = [(with_confounder("apple", 0.001 * number), failed(0.6)) for number in range(8)]
     with Corpus.open(tmp_path / "a.db", "write") as corpus:
         run_of(corpus, *similar, *others, (scene(), passed()))
-        found = similarity(corpus, "pick-up", corpus.runs(), CATALOGUE)
+        found = similarity(corpus, corpus.runs(), CATALOGUE)
     assert (found.similar, found.other, found.a12) == (8, 8, 0.0)
     assert found.p == pytest.approx(2 / 12870)
-    alone = Similarity("put-in", 0, 3, None, 0.5, None, None)
+    alone = Similarity("put-in", "idle", 0, 3, None, 0.5, None, None)
     assert [each.adjusted for each in adjusted([found, alone])] == [found.p, None]
 
 
 def test_rq2_has_every_number_of_confounders_of_every_task() -> None:
-    assert parts_of("rq1", ["pick-up", "put-in"]) == [Part("pick-up"), Part("put-in")]
-    assert parts_of("rq2", ["put-on"]) == [Part("put-on", count) for count in COUNTS]
+    assert parts_of("rq1", ["pick-up", "put-in"], [None]) == [Part("pick-up"), Part("put-in")]
+    assert parts_of("rq2", ["put-on"], ["a"]) == [Part("put-on", count, "a") for count in COUNTS]
 
 
 @pytest.mark.parametrize("count", COUNTS)

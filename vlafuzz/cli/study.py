@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,12 +14,16 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
+if TYPE_CHECKING:
+    from vlafuzz.cli.studying import Study
+
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
-_Subject = Annotated[
-    str | None,
+_Subjects = Annotated[
+    list[str] | None,
     typer.Option(
-        help="The policy under test, or python:pkg.mod:factory.",
+        "--subject",
+        help="The policy under test, or python:pkg.mod:factory; may be repeated.",
         show_default="mini, or pinhole where nothing renders",
     ),
 ]
@@ -44,26 +48,36 @@ def _group() -> None:
 @app.command("rq1")
 def rq1(
     out: _Out,
-    subject: _Subject = None,
+    subject: _Subjects = None,
     task: _Tasks = None,
     scenes: _Scenes = 100,
     operators: _Operators = "paper-rq1",
     pack: PackFlag = None,
     seed: _Seed = 0,
     workers: _Workers = 1,
+    stores: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Run nothing: count the runs of this store; may be repeated."),
+    ] = None,
     json: _Json = False,
 ) -> None:
     """How far a subject comes in random scenes: the share that reaches each stage, for every task.
 
-    The paper takes 1000 scenes a task. Its own shares of success stand beside.
+    The paper takes 1000 scenes a task. Its own shares of success stand beside. With --from it is about the
+    random runs of stores, and those of files of scenes.
     """
+    if stores:
+        from vlafuzz.cli.studying import study_of
+
+        _print(study_of(stores), out, json)
+        return
     _study("rq1", out, subject, task, scenes, operators, pack, seed, workers, json)
 
 
 @app.command("rq2")
 def rq2(
     out: _Out,
-    subject: _Subject = None,
+    subject: _Subjects = None,
     task: _Tasks = None,
     scenes: _Scenes = 100,
     operators: _Operators = "paper-rq1",
@@ -82,7 +96,7 @@ def rq2(
 def _study(
     name: str,
     out: Path,
-    subject: str | None,
+    subjects: list[str] | None,
     task: list[str] | None,
     scenes: int,
     operators: str,
@@ -91,14 +105,13 @@ def _study(
     workers: int,
     json: bool,
 ) -> None:
-    from vlafuzz.cli.studying import study, write
+    from vlafuzz.cli.studying import study
     from vlafuzz.config import RunConfig
 
     for wanted in task or ():
         if wanted not in TASKS:
             raise UsageError(f"unknown task {wanted!r}", hint=suggestion(wanted, TASKS))
     asked = RunConfig(
-        subject=subject,
         budget=scenes,
         seed=seed,
         operators=operators,
@@ -107,12 +120,19 @@ def _study(
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     try:
-        made = study(name, asked, list(dict.fromkeys(task or TASKS)), out)
+        named: list[str | None] = [*dict.fromkeys(subjects or ())] or [None]
+        made = study(name, asked, list(dict.fromkeys(task or TASKS)), named, out)
     except KeyboardInterrupt:
         stderr().print(
             "interrupted: all scenes so far are stored\nhint: the same command goes on", soft_wrap=True
         )
         raise typer.Exit(130) from None
+    _print(made, out, json)
+
+
+def _print(made: Study, out: Path, json: bool) -> None:
+    from vlafuzz.cli.studying import write
+
     told = write(made, out)
     if json:
         print_json(told)

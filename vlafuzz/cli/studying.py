@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vlafuzz.studies.stages import Published, Standing
 
 STORE = "study.db"
+SAMPLES = ("random", "pool")  # strategies that choose no scenes by what came of others
 
 
 @dataclass(frozen=True)
@@ -29,51 +30,82 @@ class Study:
     """What a study came to; only RQ1 has figures of the paper beside it."""
 
     study: str
-    subject: str
+    subjects: list[str]
     standings: list[Standing]
     published: list[Published]
     similar: list[Similarity]
 
     @property
     def title(self) -> str:
-        return f"{self.study.upper()}: {self.subject}"
+        return f"{self.study.upper()}: {', '.join(self.subjects)}"
 
 
-def study(name: str, asked: RunConfig, tasks: Sequence[str], folder: Path) -> Study:
+def study(
+    name: str, asked: RunConfig, tasks: Sequence[str], subjects: Sequence[str | None], folder: Path
+) -> Study:
     """Run what is missing in the folder's store, and count what is there.
 
     Args:
         asked: the same for all runs; its ``budget`` is the number of scenes of each.
+        subjects: None for the default one.
     """
-    from vlafuzz.corpus.packs import stored_catalogue
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.space import load_operators
     from vlafuzz.studies.parts import parts_of
-    from vlafuzz.studies.similar import adjusted, similarity
-    from vlafuzz.studies.stages import in_paper, standing
+    from vlafuzz.studies.stages import standing
 
     operators = load_operators(asked.operators)
-    plans = {part: _plan(part, asked, operators, folder) for part in parts_of(name, tasks)}
+    plans = {part: _plan(part, asked, operators, folder) for part in parts_of(name, tasks, subjects)}
     _make(folder)
     with Corpus.open(folder / STORE, "write") as corpus:
         runs = _run(plans, corpus)
         counted = [standing(corpus, run, part.confounders) for part, run in runs.items()]
-        found: list[Similarity] = []
-        if name == "rq2":
-            for task in tasks:
-                its = [run for part, run in runs.items() if part.task == task]
-                catalogue = stored_catalogue(*(run.manifest for run in its))
-                found.append(similarity(corpus, task, its, catalogue))
-    subject = next(iter(runs.values())).manifest.subject
-    papers = [in_paper(task) for task in tasks] if name == "rq1" else []
-    return Study(name, subject, counted, papers, adjusted(found))
+        return _told(name, counted, _similar(corpus, list(runs.values())) if name == "rq2" else [])
+
+
+def study_of(stores: Sequence[Path]) -> Study:
+    """RQ1 of the runs that stores have: of random scenes, or those of a file. Others are no sample."""
+    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.studies.stages import standing
+
+    counted = []
+    for path in stores:
+        with Corpus.open(path) as corpus:
+            fair = [run for run in corpus.runs() if run.manifest.strategy in SAMPLES]
+            counted += [standing(corpus, run) for run in fair if corpus.count(run.id)]
+    if not counted:
+        raise UsageError(
+            f"{', '.join(map(str, stores))}: no run with scenes of strategy {' or '.join(SAMPLES)}",
+            hint="what a guided strategy proposes is no sample of the scenes",
+        )
+    return _told("rq1", counted, [])
+
+
+def _told(name: str, counted: list[Standing], similar: list[Similarity]) -> Study:
+    from vlafuzz.studies.stages import in_paper
+
+    tasks = dict.fromkeys(each.task for each in counted) if name == "rq1" else ()
+    subjects = list(dict.fromkeys(each.subject for each in counted))
+    return Study(name, subjects, counted, [in_paper(task) for task in tasks], similar)
+
+
+def _similar(corpus: Corpus, runs: Sequence[Run]) -> list[Similarity]:
+    from vlafuzz.corpus.packs import stored_catalogue
+    from vlafuzz.studies.similar import adjusted, similarity
+
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        groups.setdefault((run.manifest.subject, run.manifest.task), []).append(run)
+    catalogue = stored_catalogue(*(run.manifest for run in runs))
+    return adjusted([similarity(corpus, its, catalogue) for its in groups.values()])
 
 
 def write(made: Study, folder: Path) -> dict[str, Any]:
     """study.json, study.md and stages.png; the JSON."""
     from vlafuzz.studies.sheet import markdown, plot
 
-    told = {**asdict(made), "store": str(folder / STORE)}
+    _make(folder)
+    told = asdict(made)
     (folder / "study.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
     sheet = markdown(made.title, made.standings, made.published, made.similar)
     (folder / "study.md").write_text(sheet, "utf-8")
@@ -85,7 +117,7 @@ def _plan(part: Part, asked: RunConfig, operators: OperatorSet, folder: Path) ->
     from vlafuzz import config
     from vlafuzz.studies.parts import operators_of
 
-    own = replace(asked, task=part.task, strategy="random", store=folder / STORE)
+    own = replace(asked, task=part.task, subject=part.subject, strategy="random", store=folder / STORE)
     return config.plan(own, operators_of(part, operators))
 
 

@@ -21,20 +21,30 @@ _OF_VERSION = ("spec", "catalogue_digest", "simulator", "commit")
 
 
 class Part(NamedTuple):
-    """One run of a study; ``confounders`` is None where their number is left to the operators."""
+    """One run of a study.
+
+    Attributes:
+        confounders: None where their number is left to the operators.
+        subject: None for the default one.
+    """
 
     task: str
     confounders: int | None = None
+    subject: str | None = None
 
     def __str__(self) -> str:
-        return self.task if self.confounders is None else f"{self.task}, {self.confounders} confounders"
+        told = [
+            self.subject,
+            self.task,
+            None if self.confounders is None else f"{self.confounders} confounders",
+        ]
+        return ", ".join(each for each in told if each)
 
 
-def parts_of(study: str, tasks: Sequence[str]) -> list[Part]:
-    """All runs: a task each in RQ1, a task and a number of confounders each in RQ2."""
-    if study == "rq1":
-        return [Part(task) for task in tasks]
-    return [Part(task, count) for task in tasks for count in COUNTS]
+def parts_of(study: str, tasks: Sequence[str], subjects: Sequence[str | None]) -> list[Part]:
+    """All runs, of each subject: a task each in RQ1, a task and a number of confounders each in RQ2."""
+    counts = (None,) if study == "rq1" else COUNTS
+    return [Part(task, count, subject) for subject in subjects for task in tasks for count in counts]
 
 
 def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:

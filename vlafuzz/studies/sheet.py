@@ -23,6 +23,7 @@ def stage_rows(standings: Sequence[Standing], papers: Sequence[Published] = ()) 
     return [
         {
             "task": each.task,
+            "subject": each.subject,
             "confounders": each.confounders,
             "stage": stage.stage,
             "scenes": stage.count,
@@ -47,8 +48,8 @@ def markdown(
         lines += [_paper_row(each) for each in papers]
         parts.append("\n".join(lines))
     if similar:
-        head = "| task | similar scenes | others | progress | of others | A12 | p (Holm) |"
-        parts.append("\n".join([head, "|---|---|---|---|---|---|---|", *map(_similar_row, similar)]))
+        head = "| task | subject | similar scenes | others | progress | of others | A12 | p (Holm) |"
+        parts.append("\n".join([head, "|---|---|---|---|---|---|---|---|", *map(_similar_row, similar)]))
         parts.append("Similar: a confounder's name ends in the same word as the target's, such as can.")
     return "\n\n".join(parts) + "\n"
 
@@ -73,7 +74,7 @@ def plot(title: str, standings: Sequence[Standing], papers: Sequence[Published],
             labelled.values(),
             labelled.keys(),
             loc="outside lower center",
-            ncols=len(labelled),
+            ncols=min(5, len(labelled)),
             frameon=False,
             fontsize=8,
         )
@@ -86,13 +87,15 @@ def _panel(axes: Any, its: Sequence[Standing]) -> None:
     width = 0.8 / len(its)
     for number, each in enumerate(its):
         where = [place + (number - (len(its) - 1) / 2) * width for place in range(len(each.stages))]
-        label = None if each.confounders is None else f"{each.confounders} confounders"
+        label = (
+            each.subject if each.confounders is None else f"{each.subject}, {each.confounders} confounders"
+        )
         shares = [stage.share for stage in each.stages]
         ends = [
             [max(0.0, stage.share - stage.low) for stage in each.stages],
             [max(0.0, stage.high - stage.share) for stage in each.stages],
         ]
-        colour = _COLOURS[(each.confounders or 0) % len(_COLOURS)]
+        colour = _COLOURS[(number if each.confounders is None else each.confounders) % len(_COLOURS)]
         axes.bar(where, shares, width * 0.92, color=colour, label=label)
         axes.errorbar(where, shares, yerr=ends, fmt="none", ecolor="#777777", elinewidth=1, capsize=2)
     axes.set_xticks(range(len(its[0].stages)), [stage.stage for stage in its[0].stages])
@@ -137,7 +140,7 @@ def _similar_row(each: Similarity) -> str:
     values = [each.progress_similar, each.progress_other, each.a12]
     shown = ["–" if value is None else f"{value:.2f}" for value in values]
     chance = "–" if each.p is None or each.adjusted is None else f"{each.p:.3g} ({each.adjusted:.3g})"
-    return _line([each.task, str(each.similar), str(each.other), *shown, chance])
+    return _line([each.task, each.subject, str(each.similar), str(each.other), *shown, chance])
 
 
 def _tasks(standings: Sequence[Standing]) -> list[str]:

@@ -21,12 +21,13 @@ class Similarity:
     Attributes:
         similar, other: numbers of scenes; progress is the mean of each.
         a12: how often progress is larger in a similar scene than in another one; a tie counts half.
-        p: Mann and Whitney's, ``adjusted`` for the number of tasks by Holm's method. Like ``a12`` it is of
+        p: Mann and Whitney's, ``adjusted`` for the number of tests by Holm's method. Like ``a12`` it is of
             progress less the mean over the scenes with as many confounders: where there are more, one is
             more often similar.
     """
 
     task: str
+    subject: str
     similar: int
     other: int
     progress_similar: float | None
@@ -42,8 +43,8 @@ def is_similar(scene: Scene, catalogue: Catalogue) -> bool:
     return kinds[0] in kinds[1:]
 
 
-def similarity(corpus: Corpus, task: str, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
-    """Compare within the scenes of a task that have confounders; in a run all have as many."""
+def similarity(corpus: Corpus, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
+    """Compare within the scenes with confounders of a subject's runs in a task; in a run all have as many."""
     progress: dict[bool, list[float]] = {True: [], False: []}
     aligned: dict[bool, list[float]] = {True: [], False: []}
     for run in runs:
@@ -58,7 +59,8 @@ def similarity(corpus: Corpus, task: str, runs: Sequence[Run], catalogue: Catalo
     similar, other = progress[True], progress[False]
     both = bool(similar and other)
     return Similarity(
-        task=task,
+        task=runs[0].manifest.task,
+        subject=runs[0].manifest.subject,
         similar=len(similar),
         other=len(other),
         progress_similar=fmean(similar) if similar else None,
