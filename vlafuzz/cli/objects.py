@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vlafuzz.cli.output import print_rows, progress
+from vlafuzz.cli.output import print_rows
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.objects.catalogue import ObjectModel, load_catalogue
 
@@ -23,9 +23,7 @@ def command(
     grasp in it, metres.
     """
     catalogue = load_catalogue(packs=opened(pack))
-    names = catalogue.preferred(catalogue.names())
-    with progress() as bar:  # those of a pack are measured when they are first asked for
-        models = [catalogue[name] for name in bar.track(names, description="objects")]
+    models = [catalogue[name] for name in catalogue.preferred(catalogue.names())]
     print_rows([_row(model, nested=json) for model in models], json=json, csv=csv, title="objects")
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.output import stderr
-from vlafuzz.objects import Pack, open_packs
+from vlafuzz.cli.output import progress, stderr
+from vlafuzz.objects import Pack, load_catalogue, open_packs
 
 PackFlag = Annotated[
     list[str] | None,
@@ -24,12 +24,23 @@ def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
 
     Raises:
         UsageError: a folder is no pack and has none in it.
+        CatalogueError: a mesh is damaged.
     """
     packs = tuple(pack for each in given or () for pack in open_packs(each))
     for pack in packs:
         for said in _lacks(pack):
             stderr().print(f"note: {pack.name}: {said}", soft_wrap=True)
+    _measure(packs)
     return packs
+
+
+def _measure(packs: Sequence[Pack]) -> None:
+    """Each object, with a bar: that takes up to some seconds for each, once."""
+    catalogue = load_catalogue(packs=packs)
+    names = catalogue.preferred(catalogue.names()) if packs else ()
+    with progress() as bar:
+        for name in bar.track(names, description="objects measured"):
+            catalogue[name]
 
 
 def _lacks(pack: Pack) -> Iterable[str]:

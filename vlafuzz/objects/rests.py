@@ -13,6 +13,7 @@ from vlafuzz.objects.hulls import Array, corners, mass_properties, outline, tria
 FLAT = 2e-5  # corners that far from a face's plane still lie in it, metres: they are rounded to a micrometre
 STEADY = 0.001  # how far inside the face the centre of mass has to be, metres
 UNEVEN = 5e-4  # likewise of solids that were measured, metres
+FIRM = 0.0015  # as STEADY, of solids that were measured: PhysX makes them up to a millimetre thinner
 TIPS = np.radians(3.0)  # what tips at a smaller tilt does not stay put
 ROLLS = np.radians(12.0)  # what leaves its face at a smaller tilt rolls, if the next one is near
 NEXT = np.radians([5.0, 45.0])  # between a face and the next one
@@ -94,7 +95,7 @@ def stable_turns(body: Solid) -> list[Stable]:
         turn = rotation(face, -UP)
         margin = _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2])
         lean = float(np.arctan2(margin, reach.max() - body.balance @ face))
-        if margin > STEADY and lean > TIPS:
+        if margin > FIRM and lean > TIPS:
             found.append((face, turn, lean))
     faces = np.array([face for face, _, _ in found])
     return [
