@@ -59,7 +59,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         name=name,
         spoken=spec.spoken,
         role="place" if stays else "graspable" if rests[0].grasps else "obstacle",
-        mass=mass,
+        mass=round(mass, 6),
         friction=FRICTION,
         colour=colour,
         parts=body.parts,
