@@ -32,12 +32,7 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     """Each problem in a sentence. Only the first is taken, so later ones may rely on there being none."""
-    if scene.task not in TASKS:
-        yield f"unknown task {scene.task!r}"
-    if scene.robot not in RIGS:
-        yield f"unknown robot {scene.robot!r}"
-    if scene.frame:
-        yield f"its coordinates are those of {scene.frame}, not of its robot"
+    yield from _unknown(scene)
     if not scene.instruction.strip():
         yield "the instruction is empty"
     if scene.light.intensity < 0:
@@ -55,6 +50,15 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         if ambiguous(a.spoken, b.spoken):
             yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
     yield from _task_problems(task, scene.targets, models, setup.hand)
+
+
+def _unknown(scene: Scene) -> Iterator[str]:
+    if scene.task not in TASKS:
+        yield f"unknown task {scene.task!r}"
+    if scene.robot not in RIGS:
+        yield f"unknown robot {scene.robot!r}"
+    if scene.frame:
+        yield f"its coordinates are those of {scene.frame}, not of its robot"
 
 
 def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
