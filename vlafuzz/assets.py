@@ -36,10 +36,10 @@ def need(path: str, what: str) -> Path:
     """
     found = find(path)
     if found is None:
-        searched = ", ".join(_listed()) or f"no folder at all, as {FOLDERS} is not set"
+        folders = ", ".join(_listed())
         raise PrerequisiteError(
-            f"{what}: no {path} in {searched}",
-            hint=f"name the folder that holds {path.split('/')[0]}/ with --pack, or in {FOLDERS}",
+            f"{what}: needs {path}, which {'is not in ' + folders if folders else 'no folder was named for'}",
+            hint=f"name the folder that holds {path.split('/')[0]}/ in {FOLDERS}, or run with --pack",
         )
     return found
 

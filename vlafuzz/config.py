@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vlafuzz import campaign
+from vlafuzz import assets, campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
 from vlafuzz.corpus.packs import has_packs, packs_json, stored_catalogue, stored_packs
@@ -24,6 +24,8 @@ from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import Place, executor_at, subject_at
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.renderer import probe
+from vlafuzz.rig import Rig
+from vlafuzz.robots import PANDA, rig
 from vlafuzz.scene import Scene, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
@@ -31,6 +33,7 @@ from vlafuzz.search.registry import POOL, Factory, strategy_factory
 from vlafuzz.search.selection import Selection
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
+from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.subjects.base import Subject
 from vlafuzz.subjects.registry import check_subject_name, make_subject
 from vlafuzz.tasks.base import Task
@@ -40,9 +43,21 @@ BUDGET = 100  # rollouts
 STRATEGY = "surrogate"  # what finds most distinct cells: scripts/bench_strategies.py
 MOST = 2**63 - 1  # what stores hold
 CRITERIA = ("strict", "published")
+_CAMERA = {CameraPosition.name, CameraOrientation.name}
 # What a manifest has of a RunConfig under the same name, and what every command says anew.
 _ANEW = ("scenes", "pool", "workers", "executor", "address")
-_STORED = ("task", "subject", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria")
+_STORED = (
+    "task",
+    "robot",
+    "subject",
+    "strategy",
+    "budget",
+    "seed",
+    "batch",
+    "repeats",
+    "stop_early",
+    "criteria",
+)
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,7 @@ class RunConfig:
 
     Attributes:
         task: None for the one that ``scenes`` are of, else pick-up.
+        robot: the name of a rig; None for that of ``scenes``, else panda.
         subject: None for ``default_subject``.
         strategy: None for the scenes of a file in order, else surrogate.
         budget: in subject rollouts; None for all scenes of a file, else 100.
@@ -67,6 +83,7 @@ class RunConfig:
     """
 
     task: str | None = None
+    robot: str | None = None
     subject: str | None = None
     strategy: str | None = None
     budget: int | None = None
@@ -115,13 +132,14 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     _check_numbers(config)
     place = Place(config.workers, config.executor, config.address)
     place.check()
-    subject_name = config.subject or default_subject()
     scenes = _scenes(config)
-    task = _task(config, scenes)
+    task, setup = _task(config, scenes), _rig(config, scenes)
+    subject_name = config.subject or default_subject(setup)
     strategy_name = _strategy_name(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
     check_subject_name(subject_name)
-    space = SearchSpace(operators or _operators(config), load_catalogue(packs=config.packs), task.name)
+    catalogue = load_catalogue(packs=config.packs)
+    space = SearchSpace(operators or _operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     subject = subject_at(place, subject_name)
@@ -148,9 +166,10 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         UsageError: no stored run fits, several do, or it cannot be gone on with here.
     """
     asked = RunConfig(**flags)
-    task = _task(asked, _scenes(asked))
-    strategy = _strategy_name(asked)
-    store = asked.store or default_store(task.name, asked.subject or default_subject(), strategy, asked.seed)
+    scenes = _scenes(asked)
+    task, strategy = _task(asked, scenes), _strategy_name(asked)
+    subject = asked.subject or default_subject(_rig(asked, scenes))
+    store = asked.store or default_store(task.name, subject, strategy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
@@ -213,9 +232,9 @@ def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evalua
     )
 
 
-def default_subject() -> str:
-    """The learned one where pictures can be made, else the one that needs physics only."""
-    return "mini" if probe().works else "pinhole"
+def default_subject(setup: Rig = PANDA) -> str:
+    """The learned one where pictures of its robot can be made, else the one that needs physics only."""
+    return "mini" if setup is PANDA and probe().works else "pinhole"
 
 
 def default_store(task: str, subject: str, strategy: str, seed: int) -> Path:
@@ -252,6 +271,22 @@ def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     return find_task(wanted)
 
 
+def _rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
+    """The robot's, whose files are there."""
+    setup = rig(config.robot or (scenes[0].robot if scenes else PANDA.robot))
+    for number, scene in enumerate(scenes, start=1):
+        if scene.robot != setup.robot:
+            raise SceneError(
+                f"{config.scenes or config.pool}: scene {number} is for {scene.robot!r}, not {setup.robot!r}",
+                hint="a run has one robot: split the file, or give --robot",
+            )
+    if setup.urdf:
+        assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
+    for photo in setup.photos.values():
+        assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
+    return setup
+
+
 def _strategy_name(config: RunConfig) -> str:
     if config.scenes is None:
         return config.strategy or STRATEGY
@@ -272,9 +307,12 @@ def _strategy(
     return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)
 
 
-def _operators(config: RunConfig) -> OperatorSet:
-    operators = load_operators(config.operators)
-    return operators.only(config.vary) if config.vary else operators
+def _operators(config: RunConfig, setup: Rig) -> OperatorSet:
+    operators = load_operators(config.operators or setup.operators)
+    if config.vary:
+        return operators.only(config.vary)
+    # A photo fits one view only.
+    return operators.only(set(operators.varied) - _CAMERA) if setup.photos else operators
 
 
 def _manifest(
@@ -283,6 +321,7 @@ def _manifest(
     versions, operators = provenance.versions(), space.operators
     return Manifest(
         task=space.task.name,
+        robot=space.rig.robot,
         subject=config.subject or "",
         spec=json.dumps(asdict(subject.spec), sort_keys=True),
         strategy=strategy,
@@ -313,7 +352,8 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     if "packs" in flags and not has_packs(manifest, flags["packs"]):
         return "other packs of objects"
     if "operators" in flags or "vary" in flags:
-        asked = _operators(RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ())))
+        named = RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ()))
+        asked = _operators(named, rig(manifest.robot))
         if asked.in_task(manifest.task).digest != manifest.operators_digest:
             return "other operators, or other ranges"
     return None

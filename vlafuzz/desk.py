@@ -45,7 +45,7 @@ class SimulatorDesk:
 
     def __init__(self, source: Path, manifest: Manifest, subject: str | None = None) -> None:
         catalogue = stored_catalogue(manifest)
-        self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task)
+        self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task, manifest.robot)
         self.stages = self.space.task.stage_names
         self._manifest, self._subject = manifest, make_subject(subject or manifest.subject)
         self._expert = Expert()

@@ -33,6 +33,10 @@ class View:
     fov: float
     aspect: float = 1.0
 
+    def width(self, height: int) -> int:
+        """Pixels of a picture of the whole view; a multiple of four where it is no square, for videos."""
+        return height if self.aspect == 1 else 4 * round(height * self.aspect / 4)
+
 
 @dataclass(frozen=True)
 class Lights:
@@ -105,6 +109,8 @@ class Rig:
         joints: the names of the joints of ``rest``; none where it is in the simulator's order.
         neutral: of ``neutral_yaw``, radians from the direction in which the hand is, seen from the base.
         physics_hz: physics steps a second.
+        control_hz: control steps a second, where that is for its controller to say and not for the subject.
+        seconds: after which a rollout ends.
         urdf: the robot's file below ``robots/`` in a user's pack; None for what comes with ManiSkill.
         photos: below ``overlays/`` in a user's pack, by task: what the third-person camera sees behind robot
             and objects. Only with its nominal view.
@@ -124,6 +130,8 @@ class Rig:
     neutral: float = -math.pi / 4
     hand: Hand = Hand()
     physics_hz: int = 100
+    control_hz: int | None = None
+    seconds: int = 16
     urdf: str | None = None
     photos: Mapping[str, str] = field(default_factory=dict)
     operators: str = "tabletop"

@@ -67,6 +67,7 @@ WIDOWX = Rig(
         palm=(0.036, (0.0, 0.053), (0.022, 0.16)),
     ),
     physics_hz=500,
+    seconds=24,  # the reference's 120 steps
     urdf="widowx/wx250s.urdf",
     operators="widowx",
     original=Original(base=(0.147, 0.028, 0.87), yaw=180.0, table=0.87),
@@ -113,11 +114,13 @@ GOOGLE = Rig(
     neutral=math.radians(190),
     hand=Hand(
         lowest=0.010,
-        lead=2.0,
+        lead=1.5,
         fingers=(0.026, (0.060, 0.111), (-0.006, 0.08)),
         palm=(0.046, (0.0, 0.070), (0.038, 0.16)),
     ),
     physics_hz=513,
+    control_hz=3,
+    seconds=40,  # the reference's 120 steps of move-near
     urdf="googlerobot/google_robot_meta_sim_fix_wheel_fix_fingertip.urdf",
     operators="google",
     original=Original(base=(0.35, 0.20, 0.07905), yaw=180.0, table=0.87),

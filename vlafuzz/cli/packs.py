@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from vlafuzz import assets
 from vlafuzz.cli.output import progress, stderr
 from vlafuzz.objects import Pack, load_catalogue, open_packs
 
@@ -14,7 +16,7 @@ PackFlag = Annotated[
     list[str] | None,
     typer.Option(
         "--pack",
-        help="Objects from this folder, laid out as SIMPLER, VLATest and ManiSkill do; may be repeated.",
+        help="Objects and robots from this folder, laid out as SIMPLER and VLATest do; may be repeated.",
     ),
 ]
 
@@ -26,7 +28,10 @@ def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
         UsageError: a folder is no pack and has none in it.
         CatalogueError: a mesh is damaged.
     """
-    packs = tuple(pack for each in given or () for pack in open_packs(each))
+    assets.add_folders(Path(each) for each in given or () if Path(each).is_dir())
+    packs = tuple(
+        pack for each in given or () if not _is_robots_only(Path(each)) for pack in open_packs(each)
+    )
     for pack in packs:
         for said in _lacks(pack):
             stderr().print(f"note: {pack.name}: {said}", soft_wrap=True)
@@ -41,6 +46,12 @@ def _measure(packs: Sequence[Pack]) -> None:
     with progress() as bar:
         for name in bar.track(names, description="objects measured"):
             catalogue[name]
+
+
+def _is_robots_only(folder: Path) -> bool:
+    """Whether there are robots in it, and nothing that could be objects."""
+    beside = {each.name for each in folder.iterdir() if each.is_dir()} if folder.is_dir() else set()
+    return "robots" in beside and beside <= {"robots", "overlays"}
 
 
 def _lacks(pack: Pack) -> Iterable[str]:

@@ -24,6 +24,12 @@ def command(
     task: Annotated[
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Whose hand it is: panda; widowx or google, with files from a --pack.", show_default="panda"
+        ),
+    ] = None,
     subject: Annotated[
         str | None,
         typer.Option(
@@ -106,6 +112,7 @@ def command(
 
     asked = {
         "task": task,
+        "robot": robot,
         "subject": subject,
         "strategy": strategy,
         "budget": budget,

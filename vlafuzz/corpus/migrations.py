@@ -146,7 +146,12 @@ def _packs(connection: sqlite3.Connection) -> None:
     connection.execute("ALTER TABLE run ADD COLUMN packs TEXT NOT NULL DEFAULT '[]'")
 
 
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart, _packs]
+def _robot(connection: sqlite3.Connection) -> None:
+    """There was only one."""
+    connection.execute("ALTER TABLE run ADD COLUMN robot TEXT NOT NULL DEFAULT 'panda'")
+
+
+MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart, _packs, _robot]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

@@ -65,6 +65,7 @@ class Manifest:
     operators_digest: str = ""
     catalogue_digest: str = ""
     packs: str = "[]"
+    robot: str = "panda"
     simulator: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     commit: str | None = None
@@ -74,7 +75,7 @@ class Manifest:
     def conditions(self) -> tuple[object, ...]:
         """What else than strategy and seed a share of failures depends on: where equal, runs compare."""
         decisive = (getattr(self, name) for name in _DECISIVE if name != "seed")
-        return (self.task, self.operators_digest, *decisive)
+        return (self.task, self.robot, self.operators_digest, *decisive)
 
     @property
     def subject_key(self) -> str:

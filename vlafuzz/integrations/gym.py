@@ -17,7 +17,6 @@ from vlafuzz.corpus.bundle import Case
 from vlafuzz.corpus.folder import read_bundle
 from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.errors import UsageError
-from vlafuzz.sim.maniskill.env import EPISODE_SECONDS
 from vlafuzz.sim.maniskill.evaluator import proprioception
 from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.subjects.base import CameraRequest
@@ -99,7 +98,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         state = self._env.advance(metric, "current")
         self._steps += 1
         info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
-        done, late = monitor.success_once, self._steps >= EPISODE_SECONDS * HZ
+        done, late = monitor.success_once, self._steps >= self._env.rig.seconds * self._env.control_hz
         info["success"] = done
         return self._observation(state), monitor.progress - before, done, late and not done, info
 

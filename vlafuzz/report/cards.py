@@ -35,7 +35,7 @@ class Spaces:
             CorpusError: another version wrote it, whose operators are others.
             UsageError: a pack of its objects is gone.
         """
-        key = (run.task, run.operators, run.packs)
+        key = (run.task, run.robot, run.operators, run.packs)
         if key not in self._made:
             operators = stored_operators(self._source, run)
             self._made[key] = SearchSpace(operators, stored_catalogue(run), run.task)

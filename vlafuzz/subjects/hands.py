@@ -286,12 +286,10 @@ class Hands:
         return max(clear, self._goal.floor + 0.04) + self._hang
 
     def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
-        way = target - belief.tcp
+        way, lead = target - belief.tcp, self._rig.hand.lead
         length = math.hypot(*way)
-        if length > STEP:
-            way = way * (STEP / length)
-        lead = self._rig.hand.lead
-        return np.array([*(way * lead), *(self._turn(belief, yaw) * lead), gripper])
+        way = way * (STEP / length if length * lead > STEP else lead)
+        return np.array([*way, *(self._turn(belief, yaw) * lead), gripper])
 
     def _turn(self, belief: Belief, yaw: float) -> Array:
         """Rotation vector that points the hand down, but for its lean, its closing axis along ``yaw``."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 import sapien
 import torch
@@ -24,12 +25,13 @@ from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import camera_pose
-from vlafuzz.robots import rig
+from vlafuzz.robots import PANDA, rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.guests import AGENTS, wrist_of
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
+from vlafuzz.sim.maniskill.photo import before, photo_of
 from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
@@ -41,7 +43,7 @@ from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.tasks.tabletop import task as task_named
 
-EPISODE_SECONDS = 16
+EPISODE_SECONDS = PANDA.seconds
 THIRD_PERSON = CameraRequest("third_person", 128, 128)
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
 WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
@@ -55,7 +57,7 @@ class TabletopEnv(BaseEnv):
         task: one of the four.
         catalogue: of objects; the built-in one by default.
         cameras: pictures that observations hold; without a renderer there are none.
-        control_hz: control steps a second, a divisor of 100.
+        control_hz: control steps a second, a divisor of 100; a rig with a rate of its own keeps that.
         robot: the name of a rig.
     """
 
@@ -75,7 +77,9 @@ class TabletopEnv(BaseEnv):
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()
         self._cameras = tuple(cameras)
-        self.control_hz = control_hz
+        self._asked = {camera.name: camera for camera in cameras}
+        self._photo = photo_of(self.rig, self.task.name) if cameras else None
+        self.control_hz = self.rig.control_hz or control_hz
         kwargs.setdefault("robot_uids", AGENTS[self.rig.urdf].uid)
         kwargs.setdefault("control_mode", CONTROL_MODE)
         kwargs.setdefault("reward_mode", "sparse")
@@ -108,9 +112,17 @@ class TabletopEnv(BaseEnv):
         self.world.scene.update_render()
         component.take_picture()
         colour = component.get_picture("Color")[..., :3]
-        return np.asarray(
+        seen = np.asarray(
             np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8
         )
+        asked = self._asked[camera]
+        if self._photo is not None and asked.role == "third_person":
+            who = component.get_picture("PositionSegmentation")[..., 3]
+            seen = before(self._photo, seen, who, self.world.visible)
+        size = (asked.width, asked.height)
+        if seen.shape[1::-1] != size:
+            seen = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return seen
 
     def applied(self) -> Applied:
         """What the simulator has of the scene, read back from it."""
@@ -143,11 +155,16 @@ class TabletopEnv(BaseEnv):
         pose = sapien.Pose(view.position, view.quaternion)
         fov = np.radians(self.rig.view.fov)
         return [
-            CameraConfig(c.name, pose, c.width, c.height, fov, shader_config=use_shaders())
+            CameraConfig(c.name, pose, self._width(c), c.height, fov, shader_config=use_shaders())
             if c.role == "third_person"
             else self._wrist_camera(c)
             for c in self._cameras
         ]
+
+    def _width(self, request: CameraRequest) -> int:
+        """A view that is no square is seen whole, and squeezed into the shape that is asked for."""
+        view = self.rig.view
+        return request.width if view.aspect == 1 else view.width(request.height)
 
     def _wrist_camera(self, request: CameraRequest) -> CameraConfig:
         hand = wrist_of(self.agent)

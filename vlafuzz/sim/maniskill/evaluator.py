@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.env import EPISODE_SECONDS, TabletopEnv
+from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
@@ -132,7 +133,7 @@ class ManiSkillEvaluator:
     ) -> list[NDArray[np.float64]]:
         spec, monitor = self._subject.spec, env.monitor
         actions: list[NDArray[np.float64]] = []
-        last = EPISODE_SECONDS * spec.action.hz
+        last = env.rig.seconds * env.control_hz
         self._record(env, scene)
         while len(actions) < last:
             observe = partial(self._observe, env, start, scene, state, len(actions))
@@ -172,6 +173,8 @@ class ManiSkillEvaluator:
             self._drop_env()
         if self._env is None:
             watching = self._recording.camera if self._recording else None
+            if watching:
+                watching = replace(watching, width=rig(robot).view.width(watching.height))
             spec = self._subject.spec
             cameras = spec.cameras + ((watching,) if watching else ())
             self._env = make_env(self._task.name, self._catalogue, cameras, spec.action.hz, robot)

@@ -128,8 +128,10 @@ class MetricGoogle(BaseAgent):
 
 
 def _control(tcp: str, gains: dict[str, Gains], gripper: Gripper, pace: Pace | None = None) -> dict[str, Any]:
-    """As there, a joint that the inverse kinematics leads beyond its limit stops at it."""
-    config = MetricControllerConfig(list(gains), tcp=tcp, gains=gains, gripper=gripper, pace=pace, clips=True)
+    """Beyond reach the hand yields; there, joints are sent beyond their limits, or all of them stay."""
+    config = MetricControllerConfig(
+        list(gains), tcp=tcp, gains=gains, gripper=gripper, pace=pace, yields=True
+    )
     return {CONTROL_MODE: config}
 
 

@@ -28,7 +28,9 @@ CONTROL_MODE = "metric_ee"
 # Half a Newton step an iteration converges in a dozen. SAPIEN's default of a tenth takes four times as long,
 # and a whole one overshoots near the joints' limits (4 % fewer targets are found there).
 IK_STEP, IK_ITERATIONS = 0.5, 50
-LIMITED_ITERATIONS, DAMPING = 20, 1e-4  # of the search within the joints' limits
+# Of the search within the joints' limits: damped least squares; a radian off counts as 0.2 m.
+NEAREST_ITERATIONS, DAMPING, FARTHEST_STEP = 20, 1e-4, 0.2
+TWIST_WEIGHTS = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
 
 
 def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
@@ -38,6 +40,11 @@ def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
     sine = math.sin(angle / 2) / angle if angle > 1e-12 else 0.5
     by = sapien.Pose(q=[math.cos(angle / 2), x * sine, y * sine, z * sine])
     return sapien.Pose(pose.p + shift, (by * sapien.Pose(q=pose.q)).q)
+
+
+def _damped(jacobian: Array, twist: Array) -> Array:
+    """The joints' step for a twist, by damped least squares."""
+    return np.asarray(jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), twist))
 
 
 @dataclass(frozen=True)
@@ -73,8 +80,7 @@ class MetricArm:
 
     Args:
         pace: of the drives' targets on their way; None to set them at once.
-        clips: whether a joint that should go beyond its limit stops there, and the hand points elsewhere;
-            else the target is out of reach.
+        yields: whether the hand goes as near to a target out of reach as it can, rather than stay.
     """
 
     def __init__(
@@ -84,9 +90,9 @@ class MetricArm:
         gripper: Gripper,
         *,
         pace: Pace | None = None,
-        clips: bool = False,
+        yields: bool = False,
     ) -> None:
-        self._robot, self.gripper, self._clips = robot, gripper, clips
+        self._robot, self.gripper, self._yields = robot, gripper, yields
         self._tcp = next(i for i, link in enumerate(robot.links) if link.name.endswith(tcp_name))
         self._link = robot.links[self._tcp]
         self._model = robot.create_pinocchio_model()
@@ -123,9 +129,11 @@ class MetricArm:
             max_iterations=IK_ITERATIONS,
             dt=IK_STEP,
         )
-        if found and self._clips:
-            qpos = self._within_limits(target, qpos)
-        if found and ((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all():
+        found = found and bool(((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all())
+        if not found and self._yields:
+            qpos, found = self._nearest(target, self._qpos.copy()), True
+            target = self._model.get_link_pose(self._tcp)
+        if found:
             self.target, self._qpos = target, qpos
         else:
             self.refused += 1
@@ -134,18 +142,24 @@ class MetricArm:
         if self._profile is None:
             self._drive(self._qpos)
 
-    def _within_limits(self, target: sapien.Pose, qpos: Array) -> Array:
-        """As near to a pose as joints get that stop at their limits, from a solution that may be beyond."""
-        low, high = self._low, self._high
-        for _ in range(LIMITED_ITERATIONS):
-            if ((low <= qpos[:-2]) & (qpos[:-2] <= high)).all():
-                break
-            qpos[:-2] = np.clip(qpos[:-2], low + 2e-3, high - 2e-3)
+    def _nearest(self, target: sapien.Pose, qpos: Array) -> Array:
+        """As near to a pose as the joints get within their limits, from somewhere on. Place before turn."""
+        low, high = self._low + 2e-3, self._high - 2e-3
+        for _ in range(NEAREST_ITERATIONS):
+            qpos[:-2] = np.clip(qpos[:-2], low, high)
             self._model.compute_forward_kinematics(qpos)
             off = self._model.get_link_pose(self._tcp).inv() * target
-            twist = np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()])
+            twist = (
+                np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()]) * TWIST_WEIGHTS
+            )
+            if np.abs(twist).max() < 1e-4:
+                break
             jacobian = self._model.compute_single_link_local_jacobian(qpos, self._tcp)[:, :-2]
-            qpos[:-2] += jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), twist)
+            jacobian = jacobian * TWIST_WEIGHTS[:, None]
+            step = _damped(jacobian, twist)
+            stuck = ((qpos[:-2] <= low) & (step < 0)) | ((qpos[:-2] >= high) & (step > 0))
+            step = _damped(np.where(stuck, 0.0, jacobian), twist)
+            qpos[:-2] += step * min(1.0, FARTHEST_STEP / np.abs(step).max())
         qpos[:-2] = np.clip(qpos[:-2], low, high)
         return qpos
 
@@ -200,7 +214,7 @@ class MetricController(BaseController):
             joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
             joint.set_friction(0.0)
         self.arm = MetricArm(
-            self.articulation._objs[0], config.tcp, config.gripper, pace=config.pace, clips=config.clips
+            self.articulation._objs[0], config.tcp, config.gripper, pace=config.pace, yields=config.yields
         )
 
     def reset(self) -> None:
@@ -223,7 +237,7 @@ class MetricControllerConfig(ControllerConfig):
     gains: Mapping[str, Gains] = field(default_factory=dict)
     gripper: Gripper = Gripper(0.0, 0.0, lambda qpos: 0.0)
     pace: Pace | None = None
-    clips: bool = False
+    yields: bool = False
     controller_cls = MetricController
 
 

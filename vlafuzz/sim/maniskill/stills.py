@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import imageio.v3 as imageio
 
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.make import make_env
@@ -12,7 +15,7 @@ from vlafuzz.subjects.base import CameraRequest
 
 
 class Stills:
-    """Takes pictures of scenes of one task, ``size`` pixels wide and high."""
+    """Takes pictures of scenes of one task, ``size`` pixels high."""
 
     def __init__(self, task: str, catalogue: Catalogue, size: int = 256) -> None:
         self._task, self._catalogue = task, catalogue
@@ -28,7 +31,8 @@ class Stills:
         if self._env is not None and self._env.rig.robot != scene.robot:
             self.close()
         if self._env is None:
-            self._env = make_env(self._task, self._catalogue, (self._camera,), robot=scene.robot)
+            camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
+            self._env = make_env(self._task, self._catalogue, (camera,), robot=scene.robot)
         self._env.begin(scene)
         return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
 

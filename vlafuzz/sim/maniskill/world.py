@@ -126,6 +126,12 @@ class World:
         """Commands that were out of the robot's reach, so far in this rollout."""
         return self._robot.arm.refused
 
+    @property
+    def visible(self) -> list[int]:
+        """SAPIEN's numbers of robot and objects in the scene."""
+        shown = [*self._robot.articulation.links, *self._bodies]
+        return [body.entity.per_scene_id for body in shown]
+
     def pose_of(self, index: int) -> sapien.Pose:
         """Of an object, as the simulator has it."""
         return self._bodies[index].entity_pose
