@@ -2,12 +2,14 @@
 
 import json
 import shutil
+import sqlite3
 from pathlib import Path
 
 import pytest
 
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import Placement, Scene, write_scenes
 
 
@@ -77,3 +79,16 @@ def test_replay_finds_the_pack_again_and_says_so_when_it_is_gone(folder, capsys,
     monkeypatch.setenv("VLAFUZZ_PACKS", str(moved))
     assert main(["replay", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
+
+
+def test_a_run_that_ended_early_goes_on_with_its_pack(folder, capsys):
+    store = run(folder)
+    raw = sqlite3.connect(store)
+    raw.execute("UPDATE run SET budget = 6, status = 'interrupted'")
+    raw.commit()
+    raw.close()
+    capsys.readouterr()
+    assert main(["run", "--resume", "--store", str(store), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rollouts"] == 6
+    with Corpus.open(store) as corpus:
+        assert {trial.scene.targets[0].object.partition(":")[0] for trial in corpus.trials(1)} == {"mine"}
