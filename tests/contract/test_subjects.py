@@ -1,5 +1,7 @@
 """What every subject keeps, whatever it knows."""
 
+from contextlib import ExitStack
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from vlafuzz.sim.maniskill.world import SIM_HZ
 from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, Subject, SubjectSpec
 from vlafuzz.subjects.harness import check_chunks
 from vlafuzz.subjects.registry import SERVERS, SUBJECTS, known_subjects, make_subject
+from vlafuzz.subjects.serving.serve import PROTOCOLS, serving
 
 SHOWN = [
     pick_up(put("coke_can", -0.05, 0.1)),
@@ -23,14 +26,26 @@ STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
 
 
 REMOTE = "random behind vla-eval"
+SERVED = {f"random behind our own {protocol}": protocol for protocol in PROTOCOLS}
+
+
+@pytest.fixture(scope="module")
+def servers() -> dict[str, str]:
+    """The names of subjects behind our own servers."""
+    with ExitStack() as stack:
+        yield {
+            said: stack.enter_context(serving(make_subject("random"), protocol))
+            for said, protocol in SERVED.items()
+        }
 
 
 @pytest.fixture(scope="module")
 def server() -> str:
     """The name of a subject behind the real vla-eval server."""
-    from tests.subjects.served import Rounded, serving
+    from tests.subjects import served
+    from tests.subjects.served import Rounded
 
-    with serving(Rounded(make_subject("random")), max_batch_size=3) as name:
+    with served.serving(Rounded(make_subject("random")), max_batch_size=3) as name:
         yield name
 
 
@@ -38,6 +53,8 @@ def server() -> str:
 def name(request: pytest.FixtureRequest) -> str:
     """What the command line takes."""
     given = request.param
+    if given in SERVED:
+        return request.getfixturevalue("servers")[given]
     return f"{request.getfixturevalue('server')}?deterministic=1" if given is REMOTE else given
 
 
@@ -81,7 +98,7 @@ def actions(subject: Subject, observations: list[Observation]) -> list[list]:
     return [chunk.actions.tolist() for chunk in subject.act(observations)]
 
 
-@pytest.mark.parametrize("name", [*SUBJECTS, REMOTE], indirect=True)
+@pytest.mark.parametrize("name", [*SUBJECTS, REMOTE, *SERVED], indirect=True)
 class TestSubject:
     def test_its_spec_says_who_it_is_and_fits_the_simulator(self, subject: Subject, name: str):
         spec = subject.spec

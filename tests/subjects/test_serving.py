@@ -1,14 +1,34 @@
 """Subjects of ours behind our own servers: what comes over the wire is what comes without it."""
 
+import io
+import json
+import signal
+import subprocess
+import sys
+from contextlib import closing
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+from urllib.request import urlopen
+
+import anyio
 import numpy as np
 import pytest
+from PIL import Image
+from vla_eval.connection import Connection
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
 from tests.sim.scenes import CATALOGUE, pick_up, put
-from tests.subjects.served import Attentive
+from tests.subjects.served import STATE, Attentive, black, seen, start
+from vlafuzz.cli import main
+from vlafuzz.errors import SubjectError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.base import ActionSpec, CameraRequest
+from vlafuzz.subjects import openpi_wire, vla_eval_wire
+from vlafuzz.subjects.act_wire import decode, encode
+from vlafuzz.subjects.base import ActionChunk, ActionSpec, CameraRequest, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
+from vlafuzz.subjects.expert import Expert
 from vlafuzz.subjects.mini.subject import Mini
 from vlafuzz.subjects.registry import make_subject
 from vlafuzz.subjects.serving.serve import PROTOCOLS, serving
@@ -55,3 +75,207 @@ class TestRollouts:
     def test_pictures(self, protocol):
         cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
         self.same_as_in_process(lambda: Attentive(*cameras), protocol)
+
+
+class Echo:
+    """Answers with what it was shown: the picture's corner, the state, and how often it was asked."""
+
+    def __init__(self, *cameras: CameraRequest) -> None:
+        self.spec = SubjectSpec("echo", cameras=cameras, state=True)
+        self.begun, self.ended = [], []
+
+    def reset(self, episodes) -> None:
+        self.begun += episodes
+
+    def finish(self, episodes) -> None:
+        self.ended += episodes
+
+    def act(self, observations) -> list[ActionChunk]:
+        (seen,) = observations
+        corner = [float(picture[0, 0, 0]) for picture in seen.images.values()]
+        return [ActionChunk(np.array([[*corner, *seen.state[len(corner) : 6], seen.step]]))]
+
+    def close(self) -> None:
+        pass
+
+
+def url(name: str) -> str:
+    """Of a WebSocket, without the protocol and the options."""
+    return name.partition(":")[2].partition("?")[0]
+
+
+class TestOthersClients:
+    """What servers get from clients that are not ours."""
+
+    def picture(self, value: int, side: int = 224) -> np.ndarray:
+        return np.full((side, side, 3), value, np.uint8)
+
+    def test_one_of_openpi_says_nothing_of_a_rollout_and_sends_its_own_size(self):
+        echo = Echo(CameraRequest("front", 64, 48))
+        told = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
+        with serving(echo, "openpi") as name, connect(url(name)) as line:
+            assert openpi_wire.unpack(line.recv())["subject"] == "echo"
+            for step in range(2):
+                line.send(openpi_wire.pack(told))
+                (action,) = openpi_wire.unpack(line.recv())["actions"]
+                assert action.tolist() == [9.0, *STATE[1:6].tolist(), step]
+        assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
+        assert echo.ended == echo.begun
+
+    def test_vla_evals_own(self):
+        echo = Echo(CameraRequest("front", 64, 48))
+
+        async def drive() -> list[dict]:
+            async with Connection(url(name)) as line:
+                await line.start_episode({"task": {"name": "up", "seed": 3}})
+                told = {"images": {"front": self.picture(9)}, "states": STATE, "task_description": "up"}
+                found = [await line.act(told) for _ in range(2)]
+                await line.end_episode({"metrics": {}})
+                return found
+
+        with serving(echo, "vla-eval") as name:
+            found = anyio.run(drive)
+        assert [action["actions"].tolist() for action in found] == [
+            [9.0, *STATE[1:6].tolist(), step] for step in range(2)
+        ]
+        assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 3)]
+        assert echo.ended == echo.begun
+
+    @pytest.mark.parametrize("image", ["image", "full_image"])
+    def test_one_of_act(self, image):
+        told = encode({image: self.picture(9), "state": STATE, "instruction": "up"})
+        with (
+            serving(Echo(CameraRequest("front", 64, 48)), "http") as name,
+            closing(HTTPConnection(urlsplit(name).netloc)) as line,
+        ):
+            for body in (told, encode({"encoded": told.decode()})):
+                line.request("POST", "/act", body)
+                assert decode(line.getresponse().read())[0] == 9.0
+
+    @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+    def test_one_of_vla_eval_compresses_its_pictures(self, kind):
+        packed = io.BytesIO()
+        Image.fromarray(self.picture(9)).save(packed, kind)
+        shown = {"__image__": True, "format": kind.lower(), "data": packed.getvalue()}
+        told = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
+        with (
+            serving(Echo(CameraRequest("front", 64, 48)), "vla-eval") as name,
+            connect(url(name)) as line,
+        ):
+            line.send(vla_eval_wire.pack("observation", told, 4))
+            kind, payload, number = vla_eval_wire.unpack(line.recv())
+        assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
+
+    @pytest.mark.parametrize(("protocol", "path"), [("vla-eval", "health"), ("openpi", "healthz")])
+    def test_they_may_ask_whether_it_is_up(self, protocol, path):
+        with serving(Frozen(), protocol) as name, urlopen(url(name).replace("ws", "http") + f"/{path}") as up:
+            assert up.status == 200
+
+
+class TestErrors:
+    """An observation that does not fit, or a subject that breaks, is told; the next rollout is fine."""
+
+    @pytest.mark.parametrize(
+        ("query", "says"),
+        [
+            ("&camera=0", "observation/image|0 pictures|the picture 'front' is NoneType"),
+            ("&state=eef_pos3_axisangle3_gripper2", "proprioception of shape (8,), expected 7 numbers"),
+        ],
+    )
+    def test_an_observation_that_does_not_fit(self, protocol, query, says):
+        with serving(Echo(CameraRequest("front", 64, 48)), protocol) as name:
+            options = dict(part.split("=") for part in f"{name.partition('?')[2]}{query}".split("&"))
+            asked = "&".join(f"{key}={value}" for key, value in options.items())
+            subject = make_subject(f"{name.partition('?')[0]}?{asked}")
+            subject.reset([start("one")])
+            with pytest.raises(SubjectError) as caught:
+                subject.act([seen("one", images=black(subject.spec))])
+            assert caught.value.cause == "remote"
+            assert any(part in caught.value.message for part in says.split("|")), caught.value.message
+
+    def test_a_subject_that_breaks(self, protocol):
+        subject, fine = Frozen(), Frozen().act
+        subject.act = lambda _: 1 / 0
+        with serving(subject, protocol) as name:
+            client = make_subject(name)
+            client.reset([start("one")])
+            with pytest.raises(SubjectError, match="ZeroDivisionError: division by zero") as caught:
+                client.act([seen("one")])
+            assert caught.value.cause == "remote"
+            subject.act = fine
+            client.reset([start("one")])
+            assert client.act([seen("one")])[0].actions.tolist() == [[0, 0, 0, 0, 0, 0, 1]]
+            client.close()
+
+    @pytest.mark.parametrize("protocol", ["vla-eval", "openpi"])
+    def test_what_is_no_message_ends_the_connection_and_the_server_stays(self, protocol):
+        with serving(Frozen(), protocol) as name, connect(url(name)) as socket:
+            socket.send(b"\xc1")
+            with pytest.raises(ConnectionClosed):
+                list(iter(socket.recv, None))
+            self.answers(name)
+
+    @pytest.mark.parametrize(
+        "body", [b"{", b"3", b'{"image": {"__numpy__": "AA==", "dtype": "|O", "shape": []}}']
+    )
+    def test_what_is_no_observation_is_refused_and_the_server_stays(self, body):
+        with serving(Frozen(), "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
+            line.request("POST", "/act", body)
+            reply = line.getresponse()
+            assert (reply.status, list(decode(reply.read()))) == (400, ["error"])
+            self.answers(name)
+
+    def answers(self, name: str) -> None:
+        client = make_subject(name)
+        client.reset([start("one")])
+        assert len(client.act([seen("one")])) == 1
+        client.close()
+
+    def test_a_rollout_is_not_gone_on_with_on_another_connection(self):
+        with serving(Random(), "http") as name:
+            client = make_subject(name)
+            client.reset([start("one")])
+            client.act([seen("one")])
+            (_, session) = client._sessions._live["one"]
+            session._line.close()
+            with pytest.raises(SubjectError, match="1 observations of this rollout came on a connection"):
+                client.act([seen("one")])
+
+    def test_a_subject_that_no_client_can_ask(self):
+        with pytest.raises(UsageError, match="expert cannot be served: it wants the simulator's state"):
+            serving(Expert(), "http").__enter__()
+
+    def test_a_port_that_is_taken(self, protocol):
+        with serving(Frozen(), "http") as name:
+            again = serving(Frozen(), protocol, port=urlsplit(name).port)
+            with pytest.raises(UsageError, match="Address already in use") as caught:
+                again.__enter__()
+        assert caught.value.hint == "--port 0 takes any that is free"
+
+
+class TestCommand:
+    @pytest.mark.parametrize(
+        ("arguments", "says"),
+        [
+            (["random", "--protocol", "opnpi"], "unknown protocol 'opnpi'\nhint: did you mean 'openpi'?"),
+            (["randm"], "unknown subject 'randm'"),
+            (["random", "--port", "70000"], "--port: expected at most 65535, got 70000"),
+            (["expert"], "expert cannot be served"),
+        ],
+    )
+    def test_what_it_refuses(self, arguments, says, capsys):
+        assert main(["serve", *arguments]) == 2
+        assert says in capsys.readouterr().err
+
+    def test_it_prints_the_name_under_which_a_run_finds_it_and_ends_when_interrupted(self, tmp_path, capsys):
+        asked = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
+        store = str(tmp_path / "a.db")
+        with subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+            try:
+                name = server.stdout.readline().strip()
+                ran = main(["run", "--subject", name, "--budget", "2", "--store", store, "--json"])
+            finally:
+                server.send_signal(signal.SIGINT)
+            _, told = server.communicate(timeout=20)
+        assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
+        assert (server.returncode, told) == (0, "serving random; Ctrl-C ends it\n")
