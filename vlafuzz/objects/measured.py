@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import colorsys
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +33,7 @@ TALL, ROUND = 1.2, 1.15  # how much taller than wide, and wider than deep, what 
 SUPPORTS = {"plate", "cloth"}
 HEAVIEST = 3.0  # kilograms that a Panda carries; what is heavier is furniture
 TRIED, RESTS = 8, 4  # the most rest poses that are looked at, and that are kept
+SEARCHED = 24  # likewise, where none of them can be held
 ALIKE = 0.003  # metres of height within which two rest poses are one
 UPRIGHT = 0.7  # cosine to the vertical
 COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
@@ -122,13 +124,17 @@ def _lean(points: Array) -> Array:
 
 def _rests(name: str, body: Solid, *, can_be_held: bool) -> tuple[RestPose, ...]:
     """The rest poses, upright first, then the steadiest; of what can be held only those in which it can."""
-    found = [
-        rest_pose(_kind(each.up), each.turn, body, rolls=each.rolls, held=can_be_held)
-        for each in _unlike(body)
-    ]
+    stable = sorted(stable_turns(body), key=lambda each: (-(each.up >= UPRIGHT), -each.lean))
+    found = [_rest(each, body, held=can_be_held) for each in _unlike(stable, body)]
     if not found:
         raise CatalogueError(f"{name}: there is no pose in which it stays put")
-    kept = ([rest for rest in found if rest.grasps] or found)[:RESTS]
+    held = [rest for rest in found if rest.grasps]
+    if (
+        can_be_held and not held
+    ):  # as wide as the gripper: it may fit on some faces
+        rests = (_rest(each, body, held=True) for each in stable[:SEARCHED])
+        held = [rest for rest in rests if rest.grasps][:1]
+    kept = (held or found)[:RESTS]
     kinds = [rest.name for rest in kept]
     counts = [kinds[: number + 1].count(kind) for number, kind in enumerate(kinds)]
     return tuple(
@@ -137,10 +143,14 @@ def _rests(name: str, body: Solid, *, can_be_held: bool) -> tuple[RestPose, ...]
     )
 
 
-def _unlike(body: Solid) -> list[Stable]:
-    """Of the ways to stay put some that differ in height, at most one of them upright and one inverted."""
+def _rest(stable: Stable, body: Solid, *, held: bool) -> RestPose:
+    return rest_pose(_kind(stable.up), stable.turn, body, rolls=stable.rolls, held=held)
+
+
+def _unlike(stable: Sequence[Stable], body: Solid) -> list[Stable]:
+    """Of some ways to stay put those that differ in height, at most one of them upright and one inverted."""
     kept: dict[tuple[float, float], Stable] = {}
-    for each in sorted(stable_turns(body), key=lambda each: (-(each.up >= UPRIGHT), -each.lean)):
+    for each in stable:
         heights = body.hull @ each.turn[2]
         low, high = float(heights.min()), float(heights.max())
         known = any(abs(low - one) + abs(high - other) < ALIKE for one, other in kept)

@@ -50,7 +50,7 @@ class PackObject(Strict):
     content: str
     collision: Path = Field(exclude=True)
     visual: Path | None = Field(exclude=True)
-    version: int = 3
+    version: int = 4
 
 
 @dataclass(frozen=True, eq=False)
