@@ -129,9 +129,7 @@ def _rests(name: str, body: Solid, *, can_be_held: bool) -> tuple[RestPose, ...]
     if not found:
         raise CatalogueError(f"{name}: there is no pose in which it stays put")
     held = [rest for rest in found if rest.grasps]
-    if (
-        can_be_held and not held
-    ):  # as wide as the gripper: it may fit on some faces
+    if can_be_held and not held:  # as wide as the gripper: it may fit on some faces
         rests = (_rest(each, body, held=True) for each in stable[:SEARCHED])
         held = [rest for rest in rests if rest.grasps][:1]
     kept = (held or found)[:RESTS]
