@@ -26,7 +26,7 @@ class Spaces:
 
     def __init__(self, source: Path) -> None:
         self._source = source
-        self._made: dict[tuple[str, str, str], SearchSpace] = {}
+        self._made: dict[tuple[str, ...], SearchSpace] = {}
 
     def of(self, run: Manifest) -> SearchSpace:
         """In which the run's scenes are.
@@ -38,7 +38,7 @@ class Spaces:
         key = (run.task, run.robot, run.operators, run.packs)
         if key not in self._made:
             operators = stored_operators(self._source, run)
-            self._made[key] = SearchSpace(operators, stored_catalogue(run), run.task)
+            self._made[key] = SearchSpace(operators, stored_catalogue(run), run.task, run.robot)
         return self._made[key]
 
 
