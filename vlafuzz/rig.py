@@ -68,6 +68,7 @@ class Hand:
         widest: thing that it takes between its fingers, which are 3 mm off on either side.
         thinnest: thing that it holds: fingers do not always close all the way.
         lowest: height of the TCP over the table at which the fingertips clear it.
+        highest: place of a grasp over the table from which it can still lift and carry.
         deep: how far a thing may stick up between the fingers.
         lead: how many times the way there is to go the hand is told, as it lags behind.
         fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
@@ -77,14 +78,15 @@ class Hand:
     widest: float = 0.074
     thinnest: float = 0.0
     lowest: float = 0.0
+    highest: float = math.inf
     deep: float = math.inf
     lead: float = 1.0
     fingers: Box = (0.013, (0.038, 0.062), (-0.012, 0.05))
     palm: Box = (0.035, (0.0, 0.105), (0.038, 0.16))
 
-    def takes(self, width: float) -> bool:
-        """Whether it can hold a thing of so many metres."""
-        return self.thinnest <= width <= self.widest
+    def takes(self, width: float, height: float) -> bool:
+        """Whether it can hold a thing that is so wide where it is grasped, so high over the table. Metres."""
+        return self.thinnest <= width <= self.widest and height <= self.highest
 
 
 @dataclass(frozen=True)

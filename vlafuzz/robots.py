@@ -61,6 +61,7 @@ WIDOWX = Rig(
         widest=0.046,
         thinnest=0.014,
         lowest=0.018,
+        highest=0.12,  # a bottle at its neck is beyond what the arm lifts straight up
         deep=0.020,
         lead=1.3,
         fingers=(0.0145, (0.026, 0.042), (-0.016, 0.04)),

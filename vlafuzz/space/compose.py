@@ -124,8 +124,9 @@ def _slots(
 
 
 def _fits(model: ObjectModel, hand: Hand) -> bool:
-    """Whether a hand can hold an object in one of its rest poses."""
-    return any(hand.takes(grasp.width) for rest in model.rests for grasp in rest.grasps)
+    """Whether a hand can hold an object as it rests first of all the ways in which it can be grasped."""
+    first = next((rest.grasps for rest in model.rests if rest.grasps), ())
+    return any(hand.takes(grasp.width, grasp.z) for grasp in first)
 
 
 def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:

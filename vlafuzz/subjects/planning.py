@@ -60,7 +60,7 @@ def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) ->
     """All grasps of a thing where it lies, the best first: good contact, clear of others, little turning."""
     found = []
     for yaw, width, offset, z, quality in _grasps(thing):
-        if not rig.hand.takes(width):
+        if not rig.hand.takes(width, z):
             continue
         x, y = thing.position[:2] + offset
         z = max(z, rig.hand.lowest, thing.top - rig.hand.deep)

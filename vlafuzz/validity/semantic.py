@@ -94,10 +94,14 @@ def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
         return f"{model.spoken} is not there to be grasped"
     if a.quaternion is not None:
         return None
-    widths = [grasp.width * a.scale for grasp in model.rest(a.rest).grasps]
-    if not any(map(hand.takes, widths)):
-        width = f"{min(widths):.3f} m wide" if widths else "without a grasp"
-        return f"{model.spoken}, {a.rest}, is {width}: the gripper takes {_range(hand)} m"
+    grasps = [(grasp.width * a.scale, grasp.z * a.scale) for grasp in model.rest(a.rest).grasps]
+    if not any(hand.takes(*grasp) for grasp in grasps):
+        width, height = min(grasps, default=(0.0, 0.0))
+        if grasps and height > hand.highest:
+            lifts = f"the hand lifts from {hand.highest:g} m"
+            return f"{model.spoken}, {a.rest}, is grasped {height:.3f} m up: {lifts}"
+        said = f"{width:.3f} m wide" if grasps else "without a grasp"
+        return f"{model.spoken}, {a.rest}, is {said}: the gripper takes {_range(hand)} m"
     return None
 
 

@@ -100,7 +100,8 @@ class MetricGoogle(BaseAgent):
         **dict.fromkeys((finger[2] for finger in fingers), 0.1),
     )
     # joint: stiffness, damping, force limit, of arm_pd_ee_delta_pose_align_interpolate_by_planner and
-    # gripper_pd_joint_target_delta_pos_interpolate_by_planner
+    # gripper_pd_joint_target_delta_pos_interpolate_by_planner. But for the fingers' limit, there 60: they
+    # would press on an orange with 900 N, and then SAPIEN 3's solver holds the arm fast, off its target.
     gains: dict[str, Gains] = {  # noqa: RUF012
         "joint_torso": (1700.0, 1059.9791902443303, 300),
         "joint_shoulder": (1737.0471680861954, 1010.4720585373592, 300),
@@ -111,8 +112,8 @@ class MetricGoogle(BaseAgent):
         "joint_gripper": (468.0013365498738, 340.532560578637, 100),
         "joint_head_pan": (2000, 900, 100),
         "joint_head_tilt": (2000, 900, 100),
-        "joint_finger_right": (200, 8, 60),
-        "joint_finger_left": (200, 8, 60),
+        "joint_finger_right": (200, 8, 10),
+        "joint_finger_left": (200, 8, 10),
     }
     # Its planner's limits; that of the jerk, 50 rad/s^3, is left out: it costs 0.04 s at each change of
     # acceleration.
