@@ -253,6 +253,10 @@ class TestErrors:
         assert caught.value.hint == "--port 0 takes any that is free"
 
 
+def heed_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class TestCommand:
     @pytest.mark.parametrize(
         ("arguments", "says"),
@@ -270,12 +274,15 @@ class TestCommand:
     def test_it_prints_the_name_under_which_a_run_finds_it_and_ends_when_interrupted(self, tmp_path, capsys):
         asked = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
         store = str(tmp_path / "a.db")
-        with subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        # What is started in the background of a shell ignores Ctrl-C, and so do its children.
+        with subprocess.Popen(asked, preexec_fn=heed_interrupts, **options) as server:
             try:
                 name = server.stdout.readline().strip()
                 ran = main(["run", "--subject", name, "--budget", "2", "--store", store, "--json"])
-            finally:
                 server.send_signal(signal.SIGINT)
-            _, told = server.communicate(timeout=20)
+                _, told = server.communicate(timeout=60)
+            finally:
+                server.kill()
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
         assert (server.returncode, told) == (0, "serving random; Ctrl-C ends it\n")
