@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz import config
+from vlafuzz import config, launch
 from vlafuzz.campaign import fuzz
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Tally
@@ -99,14 +99,14 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
     rows = []
     with TemporaryDirectory(dir=options.folder) as folder:
         first = plan(options, options.strategies[0], options.rollouts, folder)
-        evaluator = config.make_evaluator(first.manifest, first.subject)
+        evaluator = launch.make_evaluator(first.manifest, first.subject)
         with closing(LocalExecutor(evaluator)) as executor:
             scene = space_of(options).sample(np.random.default_rng(options.seed))
             list(executor.run([(0, [scene])]))  # its start takes seconds
             with Corpus.open(first.store, "write") as corpus:
                 for name in options.strategies:
                     made = plan(options, name, options.rollouts, folder)
-                    summary = config.fuzz(made, corpus, executor, lambda tally: None, alone=True)
+                    summary = launch.fuzz(made, corpus, executor, lambda tally: None, alone=True)
                     spent = {"search": summary.search_seconds, "store": summary.store_seconds}
                     row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
                     row |= {"proposals": summary.proposals, "seconds": summary.seconds}

@@ -18,7 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from vlafuzz import config
+from vlafuzz import config, launch
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.execute.base import Executor
 
@@ -40,7 +40,7 @@ def plan(options: argparse.Namespace, folder: str, workers: int, repetition: int
 def start(options: argparse.Namespace, folder: str, workers: int, stack: ExitStack) -> tuple[Executor, float]:
     """An executor all of whose workers have evaluated a scene, and the seconds that it took."""
     began, prepared = time.perf_counter(), plan(options, folder, workers, 0)
-    executor = stack.enter_context(closing(config.make_executor(prepared)))
+    executor = stack.enter_context(closing(launch.make_executor(prepared)))
     scenes = [prepared.space.decode(each.genome) for each in prepared.strategy.ask(workers)]
     for _ in executor.run((number, [scene]) for number, scene in enumerate(scenes)):
         pass
@@ -50,7 +50,7 @@ def start(options: argparse.Namespace, folder: str, workers: int, stack: ExitSta
 def campaign(prepared: config.Plan, executor: Executor) -> tuple[float, dict[str, int]]:
     """Rollouts a second, and the verdicts."""
     with Corpus.open(prepared.store, "write") as corpus:
-        summary = config.fuzz(prepared, corpus, executor, lambda tally: None)
+        summary = launch.fuzz(prepared, corpus, executor, lambda tally: None)
     return summary.rollouts / summary.seconds, summary.verdicts
 
 

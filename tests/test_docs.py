@@ -12,7 +12,7 @@ import pytest
 from tests.doubles import ClosedForm
 from tests.search import climb
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz import config
+from vlafuzz import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import write_scenes
@@ -73,7 +73,7 @@ def test_the_example_of_an_own_subject_runs_and_is_about_twenty_lines(save):
 def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeypatch, capsys):
     assert Path(climb.__file__).read_text().endswith("\n\n" + OWN_STRATEGY)
     save(OWN_STRATEGY)
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     assert main(["run", "--strategy", "python:mine:make", "--budget", "30", "--store", "a.db", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rollouts"] == 30
 

@@ -29,6 +29,7 @@ ROWS = (
     "compare export regress",
     "studies",
     "integrations config desk",
+    "launch",
     "cli",
     "__main__",
 )

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vlafuzz import assets, campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
-from vlafuzz.corpus.packs import has_packs, packs_json, stored_catalogue, stored_packs
+from vlafuzz.corpus.packs import has_packs, packs_json, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.registry import Place, executor_at, subject_at
+from vlafuzz.execute.registry import Place, subject_at
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.renderer import probe
 from vlafuzz.rig import Rig
@@ -31,11 +27,10 @@ from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
 from vlafuzz.search.selection import Selection
-from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.subjects.base import Subject
-from vlafuzz.subjects.registry import check_subject_name, make_subject
+from vlafuzz.subjects.registry import check_subject_name
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
@@ -179,57 +174,6 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     made = plan(known, stored_operators(store, run.manifest))
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
-
-
-def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
-    """Run it."""
-    # The store first: whether it can be written shows at once, a simulator takes seconds.
-    with Corpus.open(plan.store, "write") as corpus, closing(make_executor(plan)) as executor:
-        return fuzz(plan, corpus, executor, watch)
-
-
-def fuzz(
-    plan: Plan, corpus: Corpus, executor: Executor, watch: Callable[[Tally], None], *, alone: bool = False
-) -> Summary:
-    """Run it in an open store, with an executor that is there; see ``campaign.fuzz``."""
-    return campaign.fuzz(
-        manifest=plan.manifest,
-        stages=plan.task.stage_names,
-        space=plan.space,
-        strategy=plan.strategy,
-        executor=executor,
-        corpus=corpus,
-        meaningful=None if alone else plan.meaningful,  # who compares counts for himself
-        patience=plan.patience,
-        resume=plan.resume,
-        alone=alone,
-        watch=watch,
-    )
-
-
-def make_executor(plan: Plan) -> Executor:
-    """What evaluates the run's scenes."""
-    return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.subject)
-
-
-def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evaluator:
-    """The simulator with the subject in it: from here on, seconds go by.
-
-    Args:
-        subject: by default made anew from its name.
-    """
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-    return ManiSkillEvaluator(
-        manifest.task,
-        subject or make_subject(manifest.subject),
-        stored_catalogue(manifest),
-        min_distance=manifest.min_distance,
-        seed=manifest.seed,
-        repeats=manifest.repeats,
-        stop_early=manifest.stop_early,
-        criteria=manifest.criteria,
-    )
 
 
 def default_subject(setup: Rig = PANDA) -> str:

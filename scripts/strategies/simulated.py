@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from strategies.results import side_by_side
-from vlafuzz import config
+from vlafuzz import config, launch
 from vlafuzz.compare.compare import Comparison, compare
 from vlafuzz.compare.failures import Found, found
 from vlafuzz.compare.plots import plot
@@ -59,9 +59,9 @@ class Job:
             name: getattr(self, name) for name in ("task", "strategy", "seed", "subject", "budget", "store")
         }
         if not self.store.exists():
-            config.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
+            launch.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
         elif not self._finished():
-            config.start(config.resume(flags), lambda tally: None)
+            launch.start(config.resume(flags), lambda tally: None)
         return self._counted()
 
     def _finished(self) -> bool:

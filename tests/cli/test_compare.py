@@ -10,7 +10,7 @@ import pytest
 
 from tests.doubles import ClosedForm, Raising
 from tests.triage.desks import PlantedDesk
-from vlafuzz import config, desk
+from vlafuzz import desk, launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome
@@ -24,7 +24,7 @@ HERE = ("--store", "a.db", "--out", "out")
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """In the dark the subject fails; the expert solves what is left of the table's middle."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     monkeypatch.setattr(
         desk, "SimulatorDesk", lambda *_: PlantedDesk([], solvable=lambda scene: scene.targets[0].y > 0)
     )
@@ -138,7 +138,7 @@ def test_markdown_can_be_pasted(capsys: pytest.CaptureFixture[str]):
 def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     compare("--json")
     first = capsys.readouterr().out
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
     monkeypatch.setattr(desk, "SimulatorDesk", None)
     compare("--json")
     assert capsys.readouterr().out == first
@@ -241,7 +241,7 @@ def test_the_same_command_goes_on_after_an_interruption(
     whole = json.loads(capsys.readouterr().out)
     with monkeypatch.context() as patched:
         patched.setattr(Stopping, "left", 20)
-        patched.setattr(config, "make_evaluator", lambda *_: Stopping())
+        patched.setattr(launch, "make_evaluator", lambda *_: Stopping())
         compare(code=130)
     assert "hint: the same command goes on" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]
@@ -307,5 +307,5 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
 
 
 def test_a_subject_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert "no scene could be judged: ConnectionError: refused" in complaint(capsys)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Raising, scene
-from vlafuzz import config
+from vlafuzz import launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import write_scenes
@@ -19,7 +19,7 @@ IDLE = ("--subject", "python:tests.doubles:make_idle")
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
 
 
@@ -30,7 +30,7 @@ def run(*flags: str, code: int = 0) -> None:
 def cut(monkeypatch: pytest.MonkeyPatch, *flags: str, after: int = 5) -> None:
     """A run that Ctrl-C ends."""
     with monkeypatch.context() as patched:
-        patched.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=after))
+        patched.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=after))
         run(*flags, code=130)
 
 
@@ -168,7 +168,7 @@ def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str
 def test_a_second_run_in_a_store_is_told_at_once_who_writes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
     with Corpus.open(Path("a.db"), "write"):
         told = complaint(capsys, "run", *IDLE, "--store", "a.db")
     assert "is writing to it" in told

@@ -10,7 +10,7 @@ import pytest
 from tests.doubles import ClosedForm, Raising, scene
 from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS
-from vlafuzz import config, desk
+from vlafuzz import desk, launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import load_scenes, write_scenes
@@ -23,7 +23,7 @@ NAMES = ["failed", "passed", "invalid", "error"]
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Runs happen in a folder of their own, without a simulator: in the dark, subjects fail."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
 
 
@@ -116,7 +116,7 @@ def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, c
 def test_a_run_in_which_nothing_was_judged_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 2
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
@@ -125,7 +125,7 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
 
 
 def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=5))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=5))
     assert main(["run", *IDLE, "--store", "a.db"]) == 130
     assert capsys.readouterr().err.splitlines() == [
         "interrupted: all trials so far are stored in a.db",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm
-from vlafuzz import config
+from vlafuzz import launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 
@@ -16,7 +16,7 @@ SMALL = ("--subject", "python:tests.doubles:make_idle", "--scenes", "6", "--out"
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path / "out"
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz import config
+from vlafuzz import config, launch
 from vlafuzz.corpus.store import Corpus
 
 
@@ -12,7 +12,7 @@ def trials(
     store: Path, workers: int, subject: str = "pinhole", executor: str | None = None
 ) -> list[tuple[object, ...]]:
     flags = {"subject": subject, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
-    summary = config.start(
+    summary = launch.start(
         config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)),
         lambda tally: None,
     )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
 
@@ -34,24 +35,11 @@ def command(
     budget: Annotated[int, typer.Option(help="Subject rollouts of every run.")] = 100,
     repeats: Annotated[int, typer.Option(help="Runs of every strategy.")] = 10,
     seed: Annotated[int, typer.Option(help="Of the first run of every strategy; the others count on.")] = 0,
-    operators: Annotated[
-        str | None,
-        typer.Option(help="YAML file of ranges, or a shipped one's name.", show_default="tabletop"),
-    ] = None,
-    vary: Annotated[
-        str | None, typer.Option(help="Only these operators vary: light,camera-position,…")
-    ] = None,
+    operators: OperatorsFlag = None,
+    vary: VaryFlag = None,
     workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
-    executor: Annotated[
-        str | None,
-        typer.Option(
-            help="local, processes or ray.", show_default="local, or processes with several workers"
-        ),
-    ] = None,
-    address: Annotated[
-        str | None,
-        typer.Option(help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"),
-    ] = None,
+    executor: ExecutorFlag = None,
+    address: AddressFlag = None,
     solvable: Annotated[
         int, typer.Option(help="Failures of every strategy that the expert tries to solve.")
     ] = 50,

@@ -88,7 +88,7 @@ def _run(
     Args:
         commit: of the code that is loaded: what is committed in the meantime makes no other version of it.
     """
-    from vlafuzz import config
+    from vlafuzz import config, launch
     from vlafuzz.cli.pace import Pace
     from vlafuzz.compare.runs import work_through
 
@@ -107,7 +107,7 @@ def _run(
             return config.resume(flags | job._asdict())
 
         def fuzz(planned: Plan, executor: Executor) -> None:
-            summary = config.fuzz(planned, corpus, executor, pace, alone=True)
+            summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
             if not summary.verdicts["passed"] + summary.verdicts["failed"]:
                 raise VlafuzzError(
                     f"no scene could be judged: {summary.last_error or summary.stopped}",
@@ -116,7 +116,7 @@ def _run(
             if summary.stopped:
                 pace.say(f"{summary.strategy}, seed {summary.seed} stopped: {summary.stopped}")
 
-        work_through(missing, plan, config.make_executor, fuzz)
+        work_through(missing, plan, launch.make_executor, fuzz)
 
 
 def _solve(store: Path, run: Run, sampled: dict[str, list[Sampled]], folder: Path) -> dict[str, bool]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import VlafuzzError
@@ -45,13 +46,8 @@ def command(
     seed: Annotated[
         int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
     ] = None,
-    operators: Annotated[
-        str | None,
-        typer.Option(help="YAML file of ranges, or a shipped one's name.", show_default="tabletop"),
-    ] = None,
-    vary: Annotated[
-        str | None, typer.Option(help="Only these operators vary: light,camera-position,…")
-    ] = None,
+    operators: OperatorsFlag = None,
+    vary: VaryFlag = None,
     scenes: Annotated[
         Path | None, typer.Option(help="Run the scenes of this file, each of them once.")
     ] = None,
@@ -76,16 +72,8 @@ def command(
     workers: Annotated[
         int | None, typer.Option(help="Processes that evaluate scenes.", show_default="1")
     ] = None,
-    executor: Annotated[
-        str | None,
-        typer.Option(
-            help="Where they are: local, processes, or ray.", show_default="local; processes for several"
-        ),
-    ] = None,
-    address: Annotated[
-        str | None,
-        typer.Option(help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"),
-    ] = None,
+    executor: ExecutorFlag = None,
+    address: AddressFlag = None,
     resume: Annotated[
         bool,
         typer.Option(
@@ -157,7 +145,7 @@ def command(
 def _start(prepared: Plan) -> Summary:
     """Run it, with a bar."""
     from vlafuzz.cli.summary import Watch
-    from vlafuzz.config import start
+    from vlafuzz.launch import start
 
     with Watch(prepared.manifest.budget) as watch:
         try:

@@ -157,11 +157,11 @@ def _run(plans: dict[Part, Plan], corpus: Corpus) -> dict[Part, Run]:
 
 def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
     """Begin a run, or go on with it."""
-    from vlafuzz import config
+    from vlafuzz import launch
 
     planned = replace(plan, manifest=early.manifest, resume=early.id) if early else plan
-    with closing(config.make_executor(planned)) as executor:
-        summary = config.fuzz(planned, corpus, executor, pace, alone=True)
+    with closing(launch.make_executor(planned)) as executor:
+        summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
     if summary.stopped:
         pace.say(f"{summary.task} stopped: {summary.stopped}")
     if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:

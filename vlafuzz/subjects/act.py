@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.subjects.act_wire import decode, request
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.subjects.base import EpisodeStart, Observation
 from vlafuzz.subjects.http_line import HttpLine
 from vlafuzz.subjects.profiled import Model, Profiled
 from vlafuzz.subjects.remote import Address, Common
@@ -31,7 +31,7 @@ class ActOptions(Profiled):
     encoded: bool = False
 
 
-class Act:
+class Act(Sessions):
     """A model behind OpenVLA's or OpenVLA-OFT's /act, for instance with ?profile=bridge.
 
     A live rollout has a connection of its own, which a header names: our own server reads it, others do not.
@@ -42,28 +42,12 @@ class Act:
     options: ClassVar[type[Common]] = ActOptions
 
     def __init__(self, address: Address[ActOptions]) -> None:
+        super().__init__(address.name, address.options.timeout)
         self._address = address
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("/act", "start it first: python vla-scripts/deploy.py …"):
             self._open().close()
-        self._sessions = Sessions(address.name, address.options.timeout, self._begin)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Open a connection for each."""
-        self._sessions.reset(episodes)
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all, then receive all."""
-        return self._sessions.act(observations)
-
-    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Close their connections."""
-        self._sessions.finish(episodes)
-
-    def close(self) -> None:
-        """No more rollouts."""
-        self._sessions.close()
 
     def _begin(self, start: EpisodeStart) -> ActSession:
         return ActSession(self._open(), self._model, self._address.options, start)

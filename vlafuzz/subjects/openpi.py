@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.subjects.base import EpisodeStart, Observation
 from vlafuzz.subjects.profiled import Model, Profiled
 from vlafuzz.subjects.remote import Address, Common, needed
 from vlafuzz.subjects.sessions import Sessions
@@ -31,7 +31,7 @@ class OpenPiOptions(Profiled):
     instruction_key: str = "prompt"
 
 
-class OpenPi:
+class OpenPi(Sessions):
     """A model behind openpi's policy server; it declares nothing, so name a profile: ?profile=libero.
 
     A live rollout has a connection of its own, which a header names: our own server reads it, others do not.
@@ -42,6 +42,7 @@ class OpenPi:
     options: ClassVar[type[Common]] = OpenPiOptions
 
     def __init__(self, address: Address[OpenPiOptions]) -> None:
+        super().__init__(address.name, address.options.timeout)
         with needed(address.name):
             from vlafuzz.subjects import openpi_wire, sockets
         self._address, self._wire, self._sockets = address, openpi_wire, sockets
@@ -49,23 +50,6 @@ class OpenPi:
         self.spec = self._model.spec
         with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
             self._begin(None).close()
-        self._sessions = Sessions(address.name, address.options.timeout, self._begin)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Open a connection for each."""
-        self._sessions.reset(episodes)
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all, then receive all."""
-        return self._sessions.act(observations)
-
-    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Close their connections."""
-        self._sessions.finish(episodes)
-
-    def close(self) -> None:
-        """No more rollouts."""
-        self._sessions.close()
 
     def _begin(self, start: EpisodeStart | None) -> OpenPiSession:
         return persistently(lambda: self._open(rollout_header(start) if start else {}))

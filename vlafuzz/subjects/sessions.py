@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Protocol
 
@@ -31,14 +32,14 @@ class Session(Protocol):
         """Let go of the connection; it may be broken already."""
 
 
-class Sessions:
-    """The live rollouts of a subject. When a session breaks, its rollout cannot be gone on with.
+class Sessions(ABC):
+    """A subject by its live rollouts. When a session breaks, its rollout cannot be gone on with.
 
-    ``begin`` opens a session; ``timeout`` in seconds is for one reply.
+    ``timeout`` in seconds is for one reply.
     """
 
-    def __init__(self, name: str, timeout: float, begin: Callable[[EpisodeStart], Session]) -> None:
-        self._name, self._timeout, self._begin = name, timeout, begin
+    def __init__(self, name: str, timeout: float) -> None:
+        self._name, self._timeout = name, timeout
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -76,6 +77,10 @@ class Sessions:
     def close(self) -> None:
         """No more rollouts."""
         self.finish([start for start, _ in self._live.values()])
+
+    @abstractmethod
+    def _begin(self, start: EpisodeStart) -> Session:
+        """Open a session, on a connection of its own."""
 
     def _ask(self, seen: Observation) -> Session:
         if seen.episode not in self._live:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from vlafuzz import __version__
 from vlafuzz.errors import SubjectError
-from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
+from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation
 from vlafuzz.subjects.layouts import LAYOUTS
 from vlafuzz.subjects.remote import Address, Common, Options, needed
 from vlafuzz.subjects.sessions import Sessions
@@ -26,7 +26,7 @@ PROTOCOL_VERSION = 1
 GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PROTOCOL_VERSION}
 
 
-class VlaEval:
+class VlaEval(Sessions):
     """A model behind a vla-eval server; options come after a question mark: ?camera=256&wrist=1.
 
     A live rollout has a connection of its own, since servers keep chunks of actions for each. When it breaks,
@@ -39,6 +39,7 @@ class VlaEval:
     options: ClassVar[type[Common]] = Options
 
     def __init__(self, address: Address[Options]) -> None:
+        super().__init__(address.name, address.options.timeout)
         with needed(address.name):
             from vlafuzz.subjects import vla_eval_wire
         self._address, self._wire = address, vla_eval_wire
@@ -47,23 +48,6 @@ class VlaEval:
         connection.close()
         self._layout = LAYOUTS.get(layout_of(address.name, hello, address.options) or "")
         self.spec = spec_of(address.name, hello, address.options)
-        self._sessions = Sessions(address.name, address.options.timeout, self._begin)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Open a connection for each."""
-        self._sessions.reset(episodes)
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all, then receive all, so that the server can batch."""
-        return self._sessions.act(observations)
-
-    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Tell the server, and close their connections."""
-        self._sessions.finish(episodes)
-
-    def close(self) -> None:
-        """No more rollouts."""
-        self._sessions.close()
 
     def _begin(self, start: EpisodeStart) -> VlaEvalSession:
         connection, hello = self._open()

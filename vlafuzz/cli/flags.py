@@ -1,0 +1,31 @@
+"""Flags that several commands have."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+OperatorsFlag = Annotated[
+    str | None,
+    typer.Option(
+        "--operators", help="YAML file of ranges, or a shipped one's name.", show_default="tabletop"
+    ),
+]
+VaryFlag = Annotated[
+    str | None, typer.Option("--vary", help="Only these operators vary: light,camera-position,…")
+]
+ExecutorFlag = Annotated[
+    str | None,
+    typer.Option(
+        "--executor",
+        help="Where scenes are evaluated: local, processes, or ray.",
+        show_default="local; processes for several",
+    ),
+]
+AddressFlag = Annotated[
+    str | None,
+    typer.Option(
+        "--address", help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"
+    ),
+]
