@@ -236,7 +236,7 @@ class TestErrors:
             client = make_subject(name)
             client.reset([start("one")])
             client.act([seen("one")])
-            (_, session) = client._sessions._live["one"]
+            (_, session) = client._live["one"]
             session._line.close()
             with pytest.raises(SubjectError, match="1 observations of this rollout came on a connection"):
                 client.act([seen("one")])
