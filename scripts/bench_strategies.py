@@ -77,6 +77,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         budget=options.budget,
         witnesses=options.witnesses,
         workers=options.workers,
+        each=options.each,
         folder=options.stores,
     )
     for each in compared.values():
@@ -105,6 +106,7 @@ def main() -> None:
         one = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
         one.add_argument("--tasks", nargs="+", default=tasks)
         one.add_argument("--witnesses", type=int, default=5, help="failures of a run that the expert tries")
+        one.add_argument("--each", type=int, default=1, help="processes of one run: outcomes stay the same")
         one.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
     options = parser.parse_args()
     if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:
@@ -120,7 +122,7 @@ def _ground(grounds: Any, name: str, work: Any, *, strategies: list[str], budget
     one.add_argument("--budget", type=int, default=budget, help="rollouts a run")
     one.add_argument("--repeats", type=int, default=repeats, help="runs a strategy")
     one.add_argument("--seed", type=int, default=1, help="of the first run; the others count on")
-    one.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    one.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="runs at a time")
     one.add_argument("--out", type=Path, help="JSON file for the raw results")
     return one
 

@@ -43,7 +43,7 @@ class Ran:
 
 @dataclass(frozen=True)
 class Job:
-    """One run. ``witnesses`` is how many of its failures the expert tries."""
+    """One run. ``witnesses`` is how many of its failures the expert tries, ``workers`` its processes."""
 
     task: str
     strategy: str
@@ -51,12 +51,14 @@ class Job:
     subject: str
     budget: int
     witnesses: int
+    workers: int
     store: Path
 
     def play(self) -> Ran:
         """Run it, go on with it, or only count."""
         flags = {
-            name: getattr(self, name) for name in ("task", "strategy", "seed", "subject", "budget", "store")
+            name: getattr(self, name)
+            for name in ("task", "strategy", "seed", "subject", "budget", "workers", "store")
         }
         if not self.store.exists():
             launch.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
@@ -91,12 +93,16 @@ def simulate(
     budget: int,
     witnesses: int,
     workers: int,
+    each: int,
     folder: Path,
 ) -> dict[str, Comparison]:
-    """Do what is missing; a comparison a task, with ``strategies[0]`` as the reference."""
+    """Do what is missing, ``workers`` runs at a time of ``each`` processes; a comparison a task.
+
+    ``strategies[0]`` is the reference.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
-        Job(task, name, seed, subject, budget, witnesses, folder / f"{task}-{subject}-{name}-{seed}.db")
+        Job(task, name, seed, subject, budget, witnesses, each, folder / f"{task}-{subject}-{name}-{seed}.db")
         for seed in seeds
         for task in tasks
         for name in strategies

@@ -9,7 +9,7 @@ from vlafuzz.robots import rig
 from vlafuzz.scoring import Score, site
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.random import Random
-from vlafuzz.search.surrogate import KEPT, Surrogate
+from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
@@ -55,7 +55,22 @@ def test_without_novelty_they_are_not():
 def test_as_long_as_nothing_is_foreseen_it_is_random():
     asked = played(Surrogate(space(), 3, 200), lambda _: PASSED)
     drawn = Random(space(), 3).ask(len(asked))
-    assert [p.genome.tolist() for p in asked] == [p.genome.tolist() for p in drawn]
+    assert [p.genome.tolist() for p in asked[WARM:]] == [p.genome.tolist() for p in drawn[WARM:]]
+
+
+def test_the_first_scenes_are_farther_from_nominal_than_random_ones():
+    def far(proposals: list[Proposal]) -> float:
+        scenes = [space().decode(proposal.genome) for proposal in proposals]
+        return float(np.mean([space().severity(scene) for scene in scenes]))
+
+    assert far(Surrogate(space(), 3, 200).ask(WARM)) > 1.2 * far(Random(space(), 3).ask(WARM))
+
+
+def test_the_oftener_a_guess_fails_the_fewer_scenes_are_fresh():
+    sure, unsure = Surrogate(space(), 0, 200), Surrogate(space(), 0, 200)
+    played(sure, lambda _: FAILED)
+    played(unsure, coin)
+    assert sure._share_of_fresh() == 0 < unsure._share_of_fresh() < GUIDED
 
 
 def coin(proposal: Proposal) -> Score:
@@ -63,14 +78,14 @@ def coin(proposal: Proposal) -> Score:
     return FAILED if int(space().decode(proposal.genome).digest, 16) % 2 else PASSED
 
 
-@pytest.mark.parametrize(("fallback", "share"), [(True, 1.0), (False, 0.1)])
+@pytest.mark.parametrize(("fallback", "guided"), [(True, False), (False, True)])
 def test_where_the_forest_misleads_all_scenes_are_fresh(
-    monkeypatch: pytest.MonkeyPatch, fallback: bool, share: float
+    monkeypatch: pytest.MonkeyPatch, fallback: bool, guided: bool
 ):
     strategy = Surrogate(space(), 0, 200, fallback=fallback)
     played(strategy, coin)
     monkeypatch.setattr(strategy._forest, "misleads", lambda: True)
-    assert strategy._share_of_fresh() == share
+    assert (strategy._share_of_fresh() <= GUIDED) == guided
 
 
 def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():

@@ -29,11 +29,13 @@ class Candidate:
     Attributes:
         features: what a forest learns from: meaning, genome and severities.
         site: what of the cell of its failure would be known before.
+        severity: its distance from nominal, the sum over the operators.
     """
 
     genome: Genome
     features: Numbers
     site: str
+    severity: float
 
 
 class Breeder:
@@ -51,7 +53,7 @@ class Breeder:
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
         features = np.concatenate([self._space.meaningful(scene), genome, list(severities.values())])
-        return Candidate(genome, features, self._space.site(scene, severities))
+        return Candidate(genome, features, self._space.site(scene, severities), sum(severities.values()))
 
     def learn(self, genome: Genome, score: Score) -> None:
         """Keep what may become a parent."""

@@ -61,6 +61,10 @@ class Forest:
         single = points.astype(np.float32)  # as the trees want them: converted once, not by each
         return np.array([tree.predict(single, check_input=False) for tree in self._trees.estimators_])
 
+    def misses(self) -> float:
+        """Share of passes in what came of late."""
+        return float(np.mean([not score.failed for _, score in self._judged] or [False]))
+
     def misleads(self) -> bool:
         """Whether what came of late is no better than chance, among failures and passes.
 

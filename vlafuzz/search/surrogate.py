@@ -15,9 +15,9 @@ from vlafuzz.search.nursery import Nursery
 
 SUPPLY = 6  # candidates made for each proposal
 KEPT = 256  # of those that were not chosen, the best: they may be at another time
-WARM = 16  # fresh scenes to begin with
+WARM = 16  # fresh scenes to begin with, each the one of SUPPLY that is farthest from nominal
 BLIND = 0.5  # share of fresh scenes before the first failure, where lateness can be foreseen; else all
-GUIDED = 0.1  # and after it: there may be failures elsewhere, and the forest is judged by them
+GUIDED = 0.2  # and after it, times the share of guesses that miss: there may be failures elsewhere
 REPEATED = 0.2  # worth of one more failure at a site that has one: the lost stage may be another
 
 Rng = np.random.Generator
@@ -62,8 +62,7 @@ class Surrogate:
         for number, is_guided in zip(range(first, self._asked), guided, strict=True):
             candidate = next(chosen, None) if is_guided else None
             if candidate is None:
-                drawn = self._nursery.fresh(np.random.default_rng([self._seed, number]))
-                candidate = self._breeder.candidate(drawn)
+                candidate = self._fresh(number)
                 self._tried[candidate.site] += 1
             self._out[number] = candidate
             proposals.append(Proposal(number, candidate.genome))
@@ -88,9 +87,15 @@ class Surrogate:
             features, told = zip(*judged, strict=True)
             self._forest.learn(np.array(features), told)
 
+    def _fresh(self, number: int) -> Candidate:
+        rng = np.random.default_rng([self._seed, number])
+        drawn = [self._nursery.fresh(rng) for _ in range(SUPPLY if number < WARM else 1)]
+        return max(map(self._breeder.candidate, drawn), key=lambda candidate: candidate.severity)
+
     def _share_of_fresh(self) -> float:
         if self._failed:
-            return 1.0 if self._uses_fallback and self._forest.misleads() else GUIDED
+            misleads = self._uses_fallback and self._forest.misleads()
+            return 1.0 if misleads else GUIDED * self._forest.misses()
         foresees = self._forest.fitted and (not self._uses_fallback or self._forest.foresees_lateness())
         return BLIND if foresees else 1.0
 
