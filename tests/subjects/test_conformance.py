@@ -1,8 +1,8 @@
-"""Against genuine code of others: openpi-client and json-numpy, in an environment of their own.
+"""Against genuine code of others: openpi-client, json-numpy, msgpack-numpy, in an environment of their own.
 
 openpi-client 0.1.2 wants NumPy 1, which excludes our own packages. So it is not among them; name the Python
 of an environment in which it is: python -m venv there; there/bin/pip install openpi-client==0.1.2
-typing-extensions json-numpy==2.1.1; VLAFUZZ_OTHERS=there/bin/python scripts/test -m slow
+typing-extensions json-numpy==2.1.1 msgpack-numpy==0.4.8; VLAFUZZ_OTHERS=there/bin/python scripts/test -m slow
 """
 
 import json
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.subjects.served import seen, start
+from vlafuzz.subjects import groot_wire
 from vlafuzz.subjects.act_wire import decode, request
 from vlafuzz.subjects.controls import Random
 from vlafuzz.subjects.openpi_wire import pack, unpack
@@ -27,7 +28,7 @@ pytestmark = [
 ]
 MADE = """
 import json, pathlib, sys
-import json_numpy, numpy as np
+import json_numpy, msgpack, msgpack_numpy as theirs, numpy as np
 from openpi_client import msgpack_numpy
 image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
 obs = {"observation/image": image, "observation/wrist_image": image[::-1].copy(),
@@ -35,11 +36,13 @@ obs = {"observation/image": image, "observation/wrist_image": image[::-1].copy()
 reply = {"actions": np.linspace(-1, 1, 14).reshape(2, 7).astype(np.float32), "state": np.array([0.5]),
          "server_timing": {"infer_ms": np.float64(1.5), "prev_total_ms": 2.5},
          "policy_timing": {"infer_ms": np.float32(1.25)}}
+groot = [{"x": np.linspace(-1, 1, 14).reshape(1, 2, 7).astype(np.float32)}, {"milliseconds": np.float32(1.5)}]
 act = {"image": image, "instruction": "pick up apple", "unnorm_key": "bridge_orig"}
 move = np.linspace(-1, 1, 7)
 out = pathlib.Path(sys.argv[1])
 out.joinpath("openpi_observation.msgpack").write_bytes(msgpack_numpy.packb(obs))
 out.joinpath("openpi_reply.msgpack").write_bytes(msgpack_numpy.packb(reply))
+out.joinpath("groot_reply.msgpack").write_bytes(msgpack.packb(groot, default=theirs.encode))
 out.joinpath("act_request.txt").write_text(json_numpy.dumps(act))
 out.joinpath("act_request_encoded.txt").write_text(json.dumps({"encoded": json_numpy.dumps(act)}))
 out.joinpath("act_reply.txt").write_text(json_numpy.dumps(move))
@@ -48,7 +51,7 @@ out.joinpath("act_reply_encoded.txt").write_text(json.dumps(json_numpy.dumps(mov
 """
 READ = """
 import pathlib, sys
-import json_numpy, numpy as np
+import io, json_numpy, msgpack, numpy as np
 from openpi_client import msgpack_numpy
 image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
 there = pathlib.Path(sys.argv[1])
@@ -59,6 +62,8 @@ assert msgpack_numpy.packb(found) == there.joinpath("ours.msgpack").read_bytes()
 found = json_numpy.loads(there.joinpath("ours.txt").read_text())
 assert np.array_equal(found["image"], image) and found["image"].dtype == np.uint8, found
 assert json_numpy.dumps(found) == there.joinpath("ours.txt").read_text()
+found = msgpack.unpackb(there.joinpath("groot.msgpack").read_bytes())["image"]
+assert np.array_equal(np.load(io.BytesIO(found["as_npy"]), allow_pickle=False), image), found
 """
 DRIVE = """
 import json, sys
@@ -94,6 +99,7 @@ def test_the_golden_frames_are_what_they_write_today(tmp_path):
 def test_they_read_what_we_write_and_write_it_again_byte_by_byte(tmp_path):
     image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
     (tmp_path / "ours.msgpack").write_bytes(pack({"image": image, "scalar": np.float32(1.25), "text": "é"}))
+    (tmp_path / "groot.msgpack").write_bytes(groot_wire.pack({"image": image}))
     (tmp_path / "ours.txt").write_bytes(request({"image": image, "instruction": "up"}))
     others(READ, tmp_path)
     assert unpack((tmp_path / "ours.msgpack").read_bytes())["scalar"] == 1.25

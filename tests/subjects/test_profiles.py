@@ -43,7 +43,8 @@ class TestKnown:
         address = parse(kind.form.replace("host:port", "gpu:1") + f"?profile={name}", kind)
         spec = Model(address.name, address.options).spec
         assert spec.provenance["profile"] == name
-        assert spec.cameras[0] == CameraRequest("front", 224, 224)
+        side = 256 if protocol == "groot" else 224
+        assert spec.cameras[0] == CameraRequest("front", side, side)
 
     def test_libero_behind_openpi(self):
         spec = Model("it", openpi("profile=libero")).spec

@@ -48,6 +48,7 @@ class Profiled(Common):
         "eef_pos3_axisangle3_gripper1",
         "eef_pos3_axisangle3_gripper2",
         "eef_pos3_quat4_gripper1",
+        "eef_pos3_rpy3_pad1_gripper1",
         "joint_positions",
     ] = "0"
     action: Literal["eef_delta", "eef_pose", "joint_delta", "joint_position", "joint_velocity"] = "eef_delta"
@@ -83,16 +84,23 @@ class Profiled(Common):
         pose, tool = self.action == "eef_pose", self.frame == "tool"
         return Convention(pose, tool, self.rotation, self.position_scale, self.rotation_scale)
 
+    @property
+    def layout(self) -> str | None:
+        """In which layout proprioception is sent; None for not at all."""
+        told = OWN if self.state == "1" else self.state
+        return told if told in LAYOUTS else None
+
     def check(self, name: str) -> None:
         """Refuse what cannot be executed.
 
         Raises:
             UsageError: with what it is.
         """
-        for told, hint in self._refusals():
+        for told, hint in self.refusals():
             raise UsageError(f"{name!r}: {told}", hint=hint)
 
-    def _refusals(self) -> list[tuple[str, str]]:
+    def refusals(self) -> list[tuple[str, str]]:
+        """What cannot be executed or sent, each with a hint."""
         found = []
         if self.action.startswith("joint"):
             what = self.action.replace("_", " ")
@@ -118,8 +126,7 @@ class Model:
 
     def __init__(self, name: str, options: Profiled) -> None:
         self._name, self._options, self._convention = name, options, options.convention
-        layout = OWN if options.state == "1" else options.state
-        self._layout = LAYOUTS.get(layout)  # none for "0"
+        self._layout = LAYOUTS.get(options.layout or "")
         self.spec = SubjectSpec(
             name,
             action=_action(options),
@@ -131,7 +138,7 @@ class Model:
             provenance={
                 "server": options.protocol,
                 "profile": options.profile or "none",
-                "state": layout if self._layout else "none",
+                "state": options.layout or "none",
             },
         )
 

@@ -12,6 +12,7 @@ from vlafuzz.subjects.act import Act
 from vlafuzz.subjects.base import Subject, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
 from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.groot import Groot
 from vlafuzz.subjects.openpi import OpenPi
 from vlafuzz.subjects.pinhole import Pinhole
 from vlafuzz.subjects.remote import Remote, parse
@@ -37,6 +38,7 @@ SERVERS: dict[str, type[Remote]] = {
     "vla-eval": VlaEval,
     "openpi": OpenPi,
     "http": Act,
+    "groot": Groot,
 }
 
 

@@ -41,7 +41,12 @@ def _all(text: object) -> object:
 
 # Layouts of proprioception, in vla-eval's words.
 State = Literal[
-    "0", "1", "eef_pos3_axisangle3_gripper1", "eef_pos3_axisangle3_gripper2", "eef_pos3_quat4_gripper1"
+    "0",
+    "1",
+    "eef_pos3_axisangle3_gripper1",
+    "eef_pos3_axisangle3_gripper2",
+    "eef_pos3_quat4_gripper1",
+    "eef_pos3_rpy3_pad1_gripper1",
 ]
 Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

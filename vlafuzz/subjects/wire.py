@@ -6,8 +6,9 @@ Replies come from outside: each is checked for size, type and shape before it is
 from __future__ import annotations
 
 import json
+import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -19,11 +20,13 @@ from vlafuzz.subjects.base import EpisodeStart
 
 MOST_BYTES = 4 << 20  # of a reply; a hundred actions are 3 kB
 OPENING = 10.0  # seconds for a connection to open
-PAUSES = (0.5, 1.0)  # seconds before the second attempt to open one, and before the third
+PAUSES = (0.5, 1.0)  # seconds before the second attempt, and before the third
+CONNECTION: tuple[Cause, ...] = ("connect",)
 KINDS = "biuf"  # of arrays: boolean, integers, floating point
 # Which rollout a connection is for, where the protocol has no word for it. Other servers than ours ignore it.
 ROLLOUT = "Vlafuzz-Rollout"
-Opened = TypeVar("Opened")
+LOG = logging.getLogger(__name__)  # a line for every new attempt
+Done = TypeVar("Done")
 
 
 def failure(url: str, told: str, cause: Cause, hint: str | None = None) -> SubjectError:
@@ -41,18 +44,21 @@ def too_large(url: str) -> SubjectError:
     return failure(url, f"a reply of more than {MOST_BYTES >> 20} MiB", "protocol")
 
 
-def persistently(attempt: Callable[[], Opened]) -> Opened:
-    """A connection, opened up to three times: when it breaks meanwhile, a server has no state of ours yet.
+def persistently(attempt: Callable[[], Done], causes: Collection[Cause] = CONNECTION) -> Done:
+    """Something done, in up to three attempts, as long as they break for one of some causes.
+
+    It must be something that a server has no state of: to open a connection, or a whole rollout.
 
     Raises:
-        SubjectError: what the last attempt broke with, or the first that is not about the connection.
+        SubjectError: what the last attempt broke with, or the first that is not of these causes.
     """
     for pause in PAUSES:
         try:
             return attempt()
         except SubjectError as error:
-            if error.cause != "connect":
+            if error.cause not in causes:
                 raise
+            LOG.warning("%s; again in %g s", error, pause)
         time.sleep(pause)
     return attempt()
 
