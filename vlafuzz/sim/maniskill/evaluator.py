@@ -24,6 +24,7 @@ from vlafuzz.sim.maniskill.settle import check_dynamic
 from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.subjects.base import EpisodeStart, Knowing, Observation, Privileged, Subject
 from vlafuzz.subjects.harness import Harness
+from vlafuzz.subjects.wire import persistently
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import check_static
@@ -87,7 +88,7 @@ class ManiSkillEvaluator:
             rejection = self._check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
-            rollouts = tuple(self._rollout(scene, self.seed + number) for number in range(self._repeats))
+            rollouts = tuple(self._persist(scene, self.seed + number) for number in range(self._repeats))
         except PrerequisiteError:
             raise  # nothing that another scene would not meet too
         except SubjectError as error:
@@ -103,8 +104,14 @@ class ManiSkillEvaluator:
         rejection = check_static(scene, self._catalogue, self._min_distance)
         return rejection or check_dynamic_of(scene, self._catalogue)
 
+    def _persist(self, scene: Scene, seed: int) -> Rollout:
+        """A rollout; begun again, twice at most, when its server was lost on the way or too late."""
+        return persistently(partial(self._rollout, scene, seed), ("connect", "timeout"))
+
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
         began = time.perf_counter()
+        if self._recording is not None:
+            self._recording.clear()
         env = self._environment(scene.robot)
         state = env.begin(scene)
         env.applied().check(scene, env.models, env.rig)

@@ -31,6 +31,10 @@ class Recording:
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
 
+    def clear(self) -> None:
+        """Another rollout begins."""
+        self.frames, self.observations = [], []
+
     def note(self, env: TabletopEnv, instruction: str) -> None:
         """Keep a frame of this moment, with a caption that says how far the rollout has come."""
         if self.camera is None:
