@@ -28,6 +28,7 @@ VARIABLE = "VLAFUZZ_PACKS"  # folders where packs are looked for
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
 _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
+_PLAIN = re.compile(r"[\w. -]+")
 _SAYS = "says where it is"
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
 _MARKER = "dummy_"  # planes that mark a place for SIMPLER's tasks and that no picture shows
@@ -195,6 +196,10 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
             where = ".".join(map(str, first["loc"]))
             raise CatalogueError(f"{path}: {where + ': ' if where else ''}{first['msg'].lower()}") from None
         for name, info in read.items():
+            if name in (".", "..") or not _PLAIN.fullmatch(name):  # it is that of a folder, too
+                raise CatalogueError(
+                    f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"
+                )
             if name not in found or info.scales[0] > found[name].scales[0]:
                 found[name] = info
     return sorted(found.items())

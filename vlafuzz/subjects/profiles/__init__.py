@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from vlafuzz.errors import UsageError, suggestion
 
@@ -24,6 +24,13 @@ class Profile(BaseModel):
     source: str
     options: Mapping[str, Any]
     protocols: Mapping[str, Mapping[str, Any]]
+
+    @field_validator("options")
+    @classmethod
+    def _names_no_other(cls, options: Mapping[str, Any]) -> Mapping[str, Any]:
+        if "profile" in options:
+            raise ValueError("a profile does not name another one")
+        return options
 
     def options_for(self, protocol: str) -> Mapping[str, Any] | None:
         """All options; None where it is not served by that protocol."""

@@ -1,0 +1,267 @@
+"""What comes from outside runs no code and names no file: replies, scenes, profiles, packs, corpora."""
+
+import ast
+import base64
+import json
+import pickle
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+
+import vlafuzz
+from tests.packs import box, write_pack
+from tests.sim.scenes import nominal
+from tests.subjects import served, test_act, test_groot, test_openpi
+from vlafuzz.cli import main
+from vlafuzz.config import default_store
+from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.errors import CatalogueError, CorpusError, SubjectError, UsageError
+from vlafuzz.objects import open_packs
+from vlafuzz.objects.schema import read_file
+from vlafuzz.shipped import corpus_dir
+from vlafuzz.subjects import act_wire, groot_wire, openpi_wire, vla_eval_wire
+from vlafuzz.subjects.profiles import load_profile, options_of
+from vlafuzz.subjects.registry import make_subject
+
+ROOT = Path(vlafuzz.__file__).parent
+FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]
+CODE_IN_DATA = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
+AWAY = "../../../outside"
+
+
+def complaints(source: str) -> list[str]:
+    """Where data could become code."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
+            found += [
+                f"line {node.lineno}: {name}" for name in names if name.partition(".")[0] in CODE_IN_DATA
+            ]
+        if isinstance(node, ast.Call):
+            called, given = ast.unparse(node.func), ast.unparse(node)
+            unsafe = (
+                called in ("eval", "exec", "compile", "__import__", "os.system")
+                or called.endswith(("torch.load", "yaml.unsafe_load", "yaml.full_load"))
+                or (called == "yaml.load" and "SafeLoader" not in given)
+                or (called == "np.load" and "allow_pickle=True" in given)
+                or "shell=True" in given
+            )
+            found += [f"line {node.lineno}: {given}"] if unsafe else []
+    return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_no_code_comes_from_data(path: Path):
+    assert complaints(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import pickle",
+        "from joblib import load",
+        "eval('1')",
+        "yaml.load(text)",
+        "yaml.load(text, yaml.Loader)",
+        "yaml.unsafe_load(text)",
+        "np.load(path, allow_pickle=True)",
+        "torch.load(path)",
+        "subprocess.run(told, shell=True)",
+    ],
+)
+def test_it_would_be_noticed(source: str):
+    assert len(complaints(source)) == 1
+
+
+class Bomb:
+    def __reduce__(self) -> tuple:
+        return (exec, ("import sys; sys.exploded = True",))
+
+
+BOMB = pickle.dumps(np.array([Bomb()], dtype=object))
+OBJECTS = {b"nd": True, b"type": "|O", b"kind": b"O", b"shape": [1], b"data": BOMB}
+ARRAY = {"__ndarray__": True, "data": BOMB, "dtype": "|O", "shape": [1]}
+
+
+@pytest.mark.parametrize(
+    ("unpack", "frame"),
+    [
+        (groot_wire.unpack, msgpack.packb(OBJECTS)),
+        (groot_wire.unpack, msgpack.packb(OBJECTS | {b"type": "O8"})),
+        (
+            groot_wire.unpack,
+            msgpack.packb({"__ndarray_class__": True, "as_npy": b"\x93NUMPY\x01\x00\x3b\x00"
+                           b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }  \n" + BOMB}),
+        ),
+        (openpi_wire.unpack, msgpack.packb({key.encode(): value for key, value in ARRAY.items()})),
+        (
+            vla_eval_wire.unpack,
+            msgpack.packb({"type": "action", "payload": {"actions": ARRAY}, "seq": 1, "timestamp": 0.0}),
+        ),
+        (
+            act_wire.decode,
+            json.dumps({"__numpy__": base64.b64encode(BOMB).decode(), "dtype": "|O", "shape": [1]}),
+        ),
+    ],
+    ids=["groot", "groot, otherwise", "groot, npy", "openpi", "vla-eval", "act"],
+)  # fmt: skip
+def test_a_pickle_in_a_reply_is_refused(unpack: Callable, frame: bytes):
+    with pytest.raises(ValueError, match="object"):
+        unpack(frame)
+    assert not hasattr(sys, "exploded")
+
+
+def test_the_bomb_is_one():
+    pickle.loads(BOMB)
+    del sys.exploded
+
+
+@pytest.fixture(scope="module")
+def audited() -> list[list[str]]:
+    """The lists that every opened path is noted in."""
+    noting: list[list[str]] = []
+
+    def hook(event: str, arguments: tuple) -> None:
+        if event in ("open", "os.listdir", "os.scandir", "os.mkdir", "os.rename", "os.remove"):
+            for paths in noting:
+                paths.append(str(arguments[0]))
+
+    sys.addaudithook(hook)  # for good: there is no way to take it off
+    return noting
+
+
+@pytest.fixture
+def opened(audited) -> Iterator[list[str]]:
+    """Paths of files and folders that were opened meanwhile."""
+    audited.append([])
+    yield audited[0]
+    audited.clear()
+
+
+POISONED = {"path": AWAY, "server": AWAY, "file": f"{AWAY}.yaml", AWAY: AWAY}
+ACTIONS = {"actions": [[0.0] * 6 + [1.0]]}
+SERVERS = {
+    "vla-eval": lambda: served.scripted(
+        lambda number: served.message("action", ACTIONS | POISONED, number),
+        hello=served.HELLO | POISONED | {"model_server": AWAY, "harness_version": AWAY},
+    ),
+    "openpi": lambda: test_openpi.scripted(ACTIONS | POISONED, metadata=openpi_wire.pack(POISONED)),
+    "http": lambda: test_act.scripted((200, json.dumps(ACTIONS | POISONED))),
+    "groot": lambda: test_groot.served(
+        [test_groot.parts(test_groot.STILL[None]) | POISONED, POISONED],
+        told=test_groot.config(test_groot.MODALITIES | {"video": []}) | POISONED,
+    ),
+}
+
+
+@pytest.mark.parametrize("protocol", SERVERS)
+def test_no_path_comes_from_a_reply(protocol: str, opened):
+    with SERVERS[protocol]() as made:
+        subject = make_subject(f"{made if isinstance(made, str) else made[0]}?camera=0")
+        subject.reset([served.start("one")])
+        subject.act([served.seen("one")])
+        subject.close()
+    assert not [path for path in opened if "outside" in path]
+
+
+@pytest.mark.parametrize("protocol", ["http"])
+def test_a_server_sends_nobody_elsewhere(protocol: str):
+    with test_act.scripted((302, "")) as (name, *_):
+        subject = make_subject(f"{name}?camera=0")
+        subject.reset([served.start("one")])
+        with pytest.raises(SubjectError, match="HTTP 302"):
+            subject.act([served.seen("one")])
+
+
+SCENE = json.loads(nominal().to_json())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robot": AWAY},
+        {"task": AWAY},
+        {"targets": [SCENE["targets"][0] | {"object": AWAY}]},
+        {"targets": [SCENE["targets"][0] | {"object": f"{AWAY}:can"}]},
+        {"targets": [SCENE["targets"][0] | {"rest": AWAY}]},
+        {"frame": AWAY},
+        {"file": AWAY},
+    ],
+    ids=["robot", "task", "object", "pack", "rest", "frame", "more"],
+)
+def test_a_scene_names_no_path(change, tmp_path, monkeypatch, capsys, opened):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes.jsonl").write_text(json.dumps(SCENE | change) + "\n")
+    assert main(["lint", "scenes.jsonl", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)
+    assert not [path for path in opened if "outside" in path]
+
+
+@pytest.mark.parametrize("name", [AWAY, "/etc/hosts", "..", "a/b", "a\\b", ""])
+def test_a_pack_names_no_folder_but_its_own(name, tmp_path, opened):
+    folder = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
+    (folder / "info_mine.json").write_text(json.dumps({name: {"scales": [1.0]}}))
+    opened.clear()
+    with pytest.raises(CatalogueError, match="a name with more than letters"):
+        open_packs(str(folder))
+    assert {Path(path) for path in opened} <= {folder, folder / "models", folder / "info_mine.json"}
+
+
+@pytest.mark.parametrize("key", ["scene", "nominal"])
+def test_a_corpus_names_no_file(key, tmp_path, opened):
+    folder = tmp_path / "corpus"
+    shutil.copytree(corpus_dir() / "mini-pick-up", folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["cases"][0][key] = AWAY
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    opened.clear()
+    with pytest.raises(CorpusError, match="no scene with digest"):
+        read_bundle(folder)
+    assert all(Path(path).resolve().is_relative_to(folder) for path in opened)
+
+
+class TestProfiles:
+    @pytest.mark.parametrize("name", ["../profiles/libero", "/libero", "..", ""])
+    def test_one_of_ours_is_named_by_its_name_alone(self, name, opened):
+        with pytest.raises(UsageError, match="unknown profile"):
+            options_of(name, "openpi")
+        assert {Path(path).resolve().parent.name for path in opened} <= {"profiles", "subjects"}
+
+    @pytest.mark.parametrize(
+        ("options", "says"),
+        [
+            ({"profile": AWAY}, "does not name another"),
+            ({"camera": AWAY}, "camera: expected pixels"),
+            ({"url": AWAY}, "unknown option 'url'"),
+        ],
+    )
+    def test_one_names_no_other_file(self, options, says, tmp_path, opened):
+        path = tmp_path / "mine.yaml"
+        path.write_text(
+            json.dumps({"about": "", "source": "", "options": options, "protocols": {"openpi": {}}})
+        )
+        with pytest.raises(UsageError, match=says):
+            make_subject(f"openpi:ws://127.0.0.1:9?profile={path}")
+        assert not [path for path in opened if "outside" in path]
+
+
+@pytest.mark.parametrize("read", [load_profile, read_file])
+def test_yaml_makes_no_objects(read: Callable, tmp_path, opened):
+    path = tmp_path / "a.yaml"
+    path.write_text(f"a: !!python/object/apply:builtins.open ['{AWAY}', 'w']\n")
+    with pytest.raises(UsageError, match="YAML"):
+        read(path)
+    assert not [path for path in opened if "outside" in path]
+
+
+@pytest.mark.parametrize("name", ["lerobot:../../x", "python:a.b:c", "http://gpu:1/../../x?a=..", ".."])
+def test_a_store_that_is_named_after_its_subject_stays_in_its_folder(name):
+    store = default_store("pick-up", name, "../random", 0)
+    assert store.parent == Path("runs")
+    assert Path(store.name).name == store.name
