@@ -13,6 +13,7 @@ from vlafuzz.subjects.base import Subject, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
 from vlafuzz.subjects.expert import Expert
 from vlafuzz.subjects.groot import Groot
+from vlafuzz.subjects.lerobot import LeRobot
 from vlafuzz.subjects.openpi import OpenPi
 from vlafuzz.subjects.pinhole import Pinhole
 from vlafuzz.subjects.remote import Remote, parse
@@ -39,6 +40,7 @@ SERVERS: dict[str, type[Remote]] = {
     "openpi": OpenPi,
     "http": Act,
     "groot": Groot,
+    "lerobot": LeRobot,  # no server, but named like one
 }
 
 

@@ -116,6 +116,8 @@ class Address(Generic[Said]):
 class Remote(Subject, Protocol):
     """A subject behind a model server. ``form`` is how it is named; making it connects, naming it does not.
 
+    Without ``schemes`` it is in a folder in place of at an address.
+
     Raises:
         PrerequisiteError: no server, or a package to install.
         UsageError: the server declares what is not supported.
@@ -129,27 +131,31 @@ class Remote(Subject, Protocol):
 
 
 @contextmanager
-def needed(name: str) -> Iterator[None]:
-    """Packages that only model servers need are imported in here."""
+def needed(name: str, install: str = INSTALL) -> Iterator[None]:
+    """Packages that only these subjects need are imported in here. ``install``: how to get them."""
     try:
         yield
     except ModuleNotFoundError as error:
-        raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=INSTALL) from None
+        raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=install) from None
 
 
 def parse(name: str, kind: type[Remote]) -> Address[Any]:
-    """An address, all of it checked; nothing is connected.
+    """An address, all of it checked; nothing is connected, and no folder opened.
 
     Raises:
         UsageError: not of that form, an unknown option, or a value that an option does not have.
     """
     protocol, _, rest = name.partition(":")
+    if not kind.schemes:
+        folder, _, query = rest.partition("?")
+        if not folder:
+            raise UsageError(f"{name!r} names no folder", hint=f"expected {kind.form}?option=value&…")
+        return Address(f"{protocol}:{folder}", folder, _options(name, kind, query))
     prefix = "" if rest.startswith("//") else f"{protocol}:"  # else the address is the name
     rest = name.removeprefix(prefix)
     try:
         parts = urlsplit(rest)
         complete = parts.scheme in kind.schemes and parts.hostname and parts.port
-        options = parse_qsl(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
     except ValueError as error:
         raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
     if not complete or parts.fragment:
@@ -159,17 +165,21 @@ def parse(name: str, kind: type[Remote]) -> Address[Any]:
             f"the address of {parts.hostname!r} has a password", hint="stores keep names: leave it"
         )
     url = rest.partition("?")[0]
-    return Address(f"{prefix}{url}", url, _options(name, kind.options, options))
+    return Address(f"{prefix}{url}", url, _options(name, kind, parts.query))
 
 
-def _options(name: str, kind: type[Common], given: Sequence[tuple[str, str]]) -> Common:
+def _options(name: str, kind: type[Remote], query: str) -> Common:
+    try:
+        given = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError as error:
+        raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
     keys = [key for key, _ in given]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     try:
-        options = kind.model_validate(kind.completed(dict(given)))
+        options = kind.options.model_validate(kind.options.completed(dict(given)))
     except ValidationError as error:
-        raise _explain(name, kind, error) from None
+        raise _explain(name, kind.options, error) from None
     options.check(name)
     return options
 
