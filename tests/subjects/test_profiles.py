@@ -15,6 +15,8 @@ from vlafuzz.subjects.profiled import Model, Profiled
 from vlafuzz.subjects.profiles import known_profiles
 from vlafuzz.subjects.registry import SERVERS, check_subject_name
 from vlafuzz.subjects.remote import parse
+from vlafuzz.subjects.vla_eval import VlaEval
+from vlafuzz.subjects.vla_eval_spec import Hello, spec_of
 
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 EXECUTABLE = [
@@ -22,6 +24,7 @@ EXECUTABLE = [
     for name, profile in known_profiles().items()
     if name != "droid"
     for protocol in profile.protocols
+    if protocol != "vla-eval"  # whose servers declare the rest themselves
 ]
 
 
@@ -55,6 +58,14 @@ class TestKnown:
     def test_libero_behind_act_is_oft(self):
         options = act("profile=libero")
         assert (options.image_key, options.gripper, options.chunk) == ("full_image", "open_01", 8)
+
+    def test_libero_behind_vla_eval_says_what_its_servers_do_not_declare(self):
+        asked = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
+        declared = {"action_spec": {"rotation": {"format": "euler_xyz"}}, "protocol_version": 1}
+        spec = spec_of("it", Hello.model_validate(declared), asked)
+        assert spec.action == ActionSpec("axis_angle", "current", 0.05, 0.5, gripper="close_positive", hz=20)
+        assert [camera.width for camera in spec.cameras] == [256, 256]
+        assert (spec.state, spec.execute, spec.provenance["profile"]) == (True, 5, "libero")
 
     def test_bridge(self):
         options = act("profile=bridge")
@@ -138,6 +149,13 @@ class TestRefused:
     def test_what_cannot_be_executed_is_refused_in_a_sentence(self, query, says):
         with pytest.raises(UsageError, match=re.escape(says)):
             check_subject_name(f"openpi:ws://gpu:8000?{query}")
+
+
+def test_joints_are_refused_of_a_model_that_declares_itself_too(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("about: a\nsource: b\noptions: {action: joint_delta}\nprotocols: {vla-eval: {}}\n")
+    with pytest.raises(UsageError, match="unknown action 'joint_delta'"):
+        check_subject_name(f"vla-eval:ws://gpu:8000?profile={path}")
 
 
 @pytest.mark.parametrize("option", sorted({*ActOptions.model_fields, *OpenPiOptions.model_fields}))

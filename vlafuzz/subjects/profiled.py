@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, Observation, SubjectSpec
 from vlafuzz.subjects.conventions import SCALED, Convention
 from vlafuzz.subjects.layouts import LAYOUTS, OWN
-from vlafuzz.subjects.profiles import options_of
 from vlafuzz.subjects.remote import SIDE, Common, Size, divisor
 
 
@@ -26,7 +25,7 @@ def _scale(number: float) -> float:
 
 
 class Profiled(Common):
-    """What the user says about a model; a profile says the same for a known one.
+    """What the user, or a profile, says about a model.
 
     Attributes:
         state: ``0``, ``1`` (in our own layout) or the name of a layout.
@@ -39,9 +38,6 @@ class Profiled(Common):
         image_key: what the picture is called on the wire; so are the other keys.
     """
 
-    protocol: ClassVar[str]
-
-    profile: str | None = None
     state: Literal[
         "0",
         "1",
@@ -70,13 +66,6 @@ class Profiled(Common):
     wrist_key: str = "wrist_image"
     state_key: str = "state"
     instruction_key: str = "instruction"
-
-    @classmethod
-    def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
-        """What the profile says, unless the user says otherwise."""
-        if "profile" not in given:
-            return given
-        return {**options_of(given["profile"], cls.protocol), **given}
 
     @property
     def convention(self) -> Convention:

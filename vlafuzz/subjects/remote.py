@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 from vlafuzz.subjects.base import Subject
+from vlafuzz.subjects.profiles import options_of
 
 INSTALL = "pip install 'vlafuzz[remote]'"
 SIDE = 224  # pixels: what nearly all VLAs resize their pictures to
@@ -58,6 +59,7 @@ class Common(BaseModel):
     """What can be said of any server's model. Words as in ``ActionSpec`` and ``SubjectSpec``.
 
     Attributes:
+        profile: what says the same for a known model.
         camera: width and height of the third-person picture; (0, 0) for none.
         wrist: whether a picture from the wrist comes second.
         execute: actions of a chunk to execute before asking again; None for all of them.
@@ -67,7 +69,9 @@ class Common(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    protocol: ClassVar[str]
 
+    profile: str | None = None
     camera: Size | None = None
     wrist: bool | None = None
     gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
@@ -81,8 +85,10 @@ class Common(BaseModel):
 
     @classmethod
     def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
-        """What the user gave, and what follows from it."""
-        return given
+        """What the profile says, unless the user says otherwise."""
+        if "profile" not in given:
+            return given
+        return {**options_of(given["profile"], cls.protocol), **given}
 
     def check(self, name: str) -> None:
         """Refuse what cannot be executed."""
@@ -93,9 +99,15 @@ class Options(Common):
 
     Attributes:
         state: ``0``, ``1`` (in the layout that the server declares) or the name of a layout.
+        action: how the hand is to move; the protocol has words for more, which cannot be executed.
+        frame: along and about the axes of the robot's base.
     """
 
+    protocol: ClassVar[str] = "vla-eval"
+
     state: State | None = None
+    action: Literal["eef_delta"] = "eef_delta"
+    frame: Literal["base"] = "base"
     rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
     rotation_scale: Scale = 1.0
     hz: Annotated[int, AfterValidator(divisor)] = 5

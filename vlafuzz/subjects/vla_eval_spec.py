@@ -77,7 +77,8 @@ def spec_of(name: str, hello: Hello, options: Options) -> SubjectSpec:
             "rotation": rotation_from,
             "gripper": gripper_from,
             "state": state or "none",
-        },
+        }
+        | ({"profile": options.profile} if options.profile else {}),
     )
 
 
