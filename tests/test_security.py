@@ -56,9 +56,10 @@ def complaints(source: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_no_code_comes_from_data(path: Path):
-    assert complaints(path.read_text(encoding="utf-8")) == []
+def test_no_code_comes_from_data():
+    found = {str(path): complaints(path.read_text(encoding="utf-8")) for path in FILES}
+    assert not {path: told for path, told in found.items() if told}
+    assert len(found) > 200
 
 
 @pytest.mark.parametrize(

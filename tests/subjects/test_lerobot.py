@@ -11,8 +11,10 @@ VLAFUZZ_LEROBOT=there/bin/python scripts/test -m slow
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -198,6 +200,7 @@ def there(script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 def policy(tmp_path_factory):
     """``policy(kind)``: the folder of a tiny one."""
 
+    @cache
     def make(kind: str) -> Path:
         folder = tmp_path_factory.mktemp("policies") / kind
         made = there("from tiny_policies import make; import pathlib, sys;"
@@ -231,8 +234,8 @@ class TestReal:
         for other in ("other seed", "black", "other words"):
             assert (found[other] == found["ours"]) is (other in ignores), other
 
-    def test_weights_that_are_none_are_told_in_a_sentence(self, policy):
-        folder = policy("act")
+    def test_weights_that_are_none_are_told_in_a_sentence(self, policy, tmp_path):
+        folder = shutil.copytree(policy("smolvla"), tmp_path / "broken")
         (folder / "model.safetensors").write_bytes(b"none")
         script = "from tiny_policies import torch; import sys;"
         script += "from vlafuzz.subjects.registry import make_subject; make_subject(sys.argv[1])"
