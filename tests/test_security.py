@@ -16,7 +16,7 @@ import pytest
 import vlafuzz
 from tests.packs import box, write_pack
 from tests.sim.scenes import nominal
-from tests.subjects import served, test_act, test_groot, test_openpi
+from tests.subjects import groot_server, served, test_act, test_openpi
 from vlafuzz.cli import main
 from vlafuzz.config import default_store
 from vlafuzz.corpus.folder import read_bundle
@@ -154,9 +154,9 @@ SERVERS = {
     ),
     "openpi": lambda: test_openpi.scripted(ACTIONS | POISONED, metadata=openpi_wire.pack(POISONED)),
     "http": lambda: test_act.scripted((200, json.dumps(ACTIONS | POISONED))),
-    "groot": lambda: test_groot.served(
-        [test_groot.parts(test_groot.STILL[None]) | POISONED, POISONED],
-        told=test_groot.config(test_groot.MODALITIES | {"video": []}) | POISONED,
+    "groot": lambda: groot_server.served(
+        [groot_server.parts(np.ones((1, 1, 7))) | POISONED, POISONED],
+        told=groot_server.config(groot_server.MODALITIES | {"video": []}) | POISONED,
     ),
 }
 

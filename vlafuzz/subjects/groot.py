@@ -113,7 +113,7 @@ class Groot:
             raise
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin: the model is the one that it was, and hears of it."""
+        """These rollouts begin, with the model that it was at first."""
         if self._asked_for_modalities() != self._modalities:
             told = f"{self._address.name}: another server answers than at the beginning of the run"
             raise SubjectError(told, cause="protocol")
@@ -163,28 +163,19 @@ class Groot:
         }
 
     def _message(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """By kind and key, of all observations; each at one moment."""
-        told, sent, options = (
-            [self._model.message(seen) for seen in observations],
-            self._sent(),
-            self._options,
-        )
-        video = {key: np.stack([each[key] for each in told])[:, None] for key in sent["video"]}
-        state = {}
+        """By kind and key, of all observations, each at one moment: (count, 1, …)."""
+        told, sent, options = list(map(self._model.message, observations)), self._sent(), self._options
+        found: dict[str, dict[str, Any]] = {"state": {}, "language": {}}
+        found["video"] = {key: np.stack([each[key] for each in told])[:, None] for key in sent["video"]}
         if options.layout:
-            ends = np.cumsum(list(parts_of(options.state_key).values()))[:-1]
+            ends = np.cumsum([*parts_of(options.state_key).values()])[:-1]
             parts = np.split(np.stack([each[options.state_key] for each in told]), ends, axis=1)
-            state = {key: part[:, None] for key, part in zip(sent["state"], parts, strict=True)}
+            found["state"] = {key: part[:, None] for key, part in zip(sent["state"], parts, strict=True)}
         said = [each[options.instruction_key] for each in told]
         if options.flat:
-            flat: dict[str, Any] = {f"video.{key}": value for key, value in video.items()}
-            return (
-                flat
-                | {f"state.{key}": value for key, value in state.items()}
-                | {options.instruction_key: said}
-            )
-        language = {options.instruction_key: [[text] for text in said]}
-        return {"video": video, "state": state, "language": language}
+            flat = {f"{kind}.{key}": value for kind, by_key in found.items() for key, value in by_key.items()}
+            return flat | {options.instruction_key: said}
+        return found | {"language": {options.instruction_key: [[text] for text in said]}}
 
     def _joined(self, found: Mapping[str, Any], count: int) -> NDArray[np.float64]:
         """``(count, steps, n)`` of the parts of the actions."""
@@ -194,9 +185,8 @@ class Groot:
             if not isinstance(part, np.ndarray) or part.dtype.kind not in "iuf":
                 raise ValueError(f"a reply without the action {key!r}, but {short(sorted(map(str, found)))}")
             if part.ndim != 3 or (len(part), part.shape[2]) != (count, numbers):
-                raise ValueError(
-                    f"the action {key!r} has shape {part.shape}, expected ({count}, steps, {numbers})"
-                )
+                told = f"the action {key!r} has shape {part.shape}"
+                raise ValueError(f"{told}, expected ({count}, steps, {numbers})")
             parts.append(part.astype(np.float64))
         return np.concatenate(parts, axis=2)
 
@@ -222,18 +212,13 @@ class Groot:
 
 def _check_modalities(name: str, there: Modalities, sent: Mapping[str, tuple[str, ...]]) -> None:
     """Whether every key of the model is named, and no other."""
-    options = {
-        "video": "image_key",
-        "state": "state_key",
-        "language": "instruction_key",
-        "action": "action_key",
-    }
+    named = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
     for kind, keys in sent.items():
         modality: Modality = getattr(there, kind)
         if set(keys) != set(modality.modality_keys):
             asked, given = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
             told = f"{name}: the model's keys of {kind} are {asked}, and the options name {given}"
-            raise UsageError(told, hint=f"a profile, or the option {options[kind]}=…")
+            raise UsageError(told, hint=f"a profile, or the option {named[kind]}_key=…")
         if kind != "action" and len(modality.delta_indices) != 1:
             told = f"{name}: the model wants {len(modality.delta_indices)} moments of {kind}"
             raise UsageError(told, hint="supported: one, the present")

@@ -33,10 +33,7 @@ def width(layout: str) -> int:
     return len(LAYOUTS[layout](np.zeros(7, dtype=np.float32)))
 
 
-DOWN = (
-    Rotation.from_rotvec([np.pi, 0, 0]),
-    Rotation.from_rotvec([0, np.pi, 0]),
-)  # half turns: their own inverses
+DOWN = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, their own inverses
 OWN = "eef_pos3_axisangle3_gripper1"  # as in ``SubjectSpec.state``
 # vla-eval's names, as its LIBERO (fingers in metres) and SimplerEnv (quaternion w x y z, opening in [0, 1])
 # send them; and GR00T's for the WidowX, whose angles are zero for a hand that points down.

@@ -47,7 +47,8 @@ def too_large(url: str) -> SubjectError:
 def persistently(attempt: Callable[[], Done], causes: Collection[Cause] = CONNECTION) -> Done:
     """Something done, in up to three attempts, as long as they break for one of some causes.
 
-    It must be something that a server has no state of: to open a connection, or a whole rollout.
+    It must be something that a server has no state of: a connection to open, a request to a server that keeps
+    nothing, or a whole rollout.
 
     Raises:
         SubjectError: what the last attempt broke with, or the first that is not of these causes.
