@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, STILL, nominal, put
-from vlafuzz.errors import SubjectError, UsageError
+from vlafuzz.errors import Cause, SubjectError, UsageError
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.sim.maniskill.world import World
+from vlafuzz.subjects import wire
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, Subject
 from vlafuzz.subjects.controls import Frozen, Random
 from vlafuzz.subjects.expert import Expert
@@ -153,8 +155,11 @@ def raising(*_: object) -> None:
     raise RuntimeError("out of memory")
 
 
-def refusing(*_: object) -> None:
-    raise SubjectError("no answer within 10 s", cause="timeout")
+def failing(cause: Cause) -> Meddle:
+    def refuse(*_: object) -> None:
+        raise SubjectError("no answer within 10 s", cause=cause)
+
+    return refuse
 
 
 BROKEN = {
@@ -179,7 +184,7 @@ BROKEN = {
     "none": (lambda *_: None, ""),
     "words": (lambda *_: [ActionChunk(np.array([["up"] * 7]))], ""),
     "raises": (raising, "remote: expert raised RuntimeError: out of memory"),
-    "silent": (refusing, "timeout: no answer within 10 s"),
+    "refuses": (failing("protocol"), "protocol: no answer within 10 s"),
 }
 
 
@@ -190,6 +195,33 @@ def test_a_subject_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_
     assert broken.detail.startswith(f"subject: {says}")
     assert sound.verdict is Verdict.PASSED
     assert sound.rollouts[0].states_hash == known[1]
+
+
+@pytest.mark.parametrize("cause", ["connect", "timeout"])
+@pytest.mark.parametrize("lost", [1, 2, 3])
+def test_a_rollout_whose_server_is_lost_is_begun_again_twice_at_most(known, monkeypatch, caplog, cause, lost):
+    monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
+    subject = Meddled(failing(cause), episodes=lost)
+    (outcome,) = evaluate(subject, NOMINAL)
+    assert len(subject.started) == min(lost + 1, 3)
+    assert len(caplog.records) == min(lost, 2)
+    if lost < 3:
+        assert [rollout.states_hash for rollout in outcome.rollouts] == known[:1]
+    else:
+        assert (outcome.verdict, outcome.detail) == (
+            Verdict.ERROR,
+            f"subject: {cause}: no answer within 10 s",
+        )
+
+
+def test_of_a_rollout_that_is_begun_again_nothing_stays_recorded(monkeypatch):
+    def late_at_last(seen: Observation, actions: np.ndarray) -> list[ActionChunk]:
+        return failing("timeout")() if seen.step == 3 else [ActionChunk(actions)]
+
+    monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
+    recording = Recording(0)
+    (outcome,) = evaluate(Meddled(late_at_last, episodes=1), NOMINAL, recording=recording)
+    assert [seen.step for seen in recording.observations] == list(range(len(outcome.rollouts[0].actions)))
 
 
 def test_a_subject_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(broken_first, known):
