@@ -106,8 +106,12 @@ class TestFitting:
         ("query", "card", "says"),
         [
             ("state=0", ACT, "takes the pictures image, image2, the options name image"),
-            ("profile=libero&state=1", ACT, "takes 8 numbers of state, eef_pos3_axisangle3_gripper1 has 7"),
-            ("profile=libero&state=0", ACT, "takes 8 numbers of state, state=0"),
+            (
+                "profile=libero&state=1",
+                ACT,
+                "takes 8 numbers of state, state=eef_pos3_axisangle3_gripper1 has 7",
+            ),
+            ("profile=libero&state=0", ACT, "takes 8 numbers of state, state=0 has 0"),
             (
                 "profile=libero&rotation=rot6d&rotation_scale=1",
                 ACT,
@@ -175,7 +179,10 @@ def interleaved():
     found = []
     for step in range(6):
         pair = [seen("a", step), seen("b", step, pictures={name: 255 - one for name, one in images.items()})]
-        found.append(subject.act(pair if step % 2 else pair[::-1])[step % 2 == 0].actions.tolist())
+        try:  # whoever shares it asks again, one by one
+            subject.act([pair[0], seen("b", step, pictures={})])
+        except KeyError:
+            found.append(subject.act(pair if step % 2 else pair[::-1])[step % 2 == 0].actions.tolist())
     return found
 
 black = {name: np.zeros_like(picture) for name, picture in images.items()}

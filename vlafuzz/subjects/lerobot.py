@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -23,6 +23,7 @@ from vlafuzz.subjects.profiled import Model, Profiled
 from vlafuzz.subjects.remote import Address, Common, needed
 from vlafuzz.subjects.wire import numbers, short
 
+INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
 EMPTY = "empty_camera"  # of SmolVLA: a picture that it does without
 REMEMBERED = (
@@ -83,13 +84,9 @@ class LeRobot:
     def __init__(self, address: Address[LeRobotOptions]) -> None:
         folder = Path(address.url).expanduser()
         if not (folder / "config.json").is_file():
-            raise UsageError(
-                f"{address.name}: no config.json there", hint="name the folder that lerobot saved"
-            )
-        with (
-            needed(address.name, "pip install lerobot, into the environment of vlafuzz"),
-            _told(address.name),
-        ):
+            hint = "name the folder that lerobot saved"
+            raise UsageError(f"{address.name}: no config.json there", hint)
+        with needed(address.name, INSTALL), _told(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
         card = _card(address.name, self._policy.config)
         options = fitted(address.name, address.options, card)
@@ -105,9 +102,16 @@ class LeRobot:
             self._live[start.episode] = start, {key: copy(made[key]) for key in REMEMBERED if key in made}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One after the other."""
-        chunks = [ActionChunk(self._decided(seen)) for seen in observations]
-        check_chunks(chunks, len(observations), self._name)
+        """One after the other; when one of them breaks, it has gone on with none."""
+        several = self._card.stepwise and len(observations) > 1
+        before = deepcopy({name: memory for name, (_, memory) in self._live.items()}) if several else {}
+        try:
+            chunks = [ActionChunk(self._decided(seen)) for seen in observations]
+            check_chunks(chunks, len(observations), self._name)
+        except BaseException:
+            for name, memory in before.items():
+                self._live[name][1].update(memory)
+            raise
         return chunks
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -130,7 +134,7 @@ class LeRobot:
         task = told.pop("task")
         vars(self._policy).update(memory)
         seed = np.random.SeedSequence([start.seed, seen.step]).generate_state(1)[0]
-        with torch.inference_mode(), torch.random.fork_rng([device] if device.type == "cuda" else []):
+        with torch.no_grad(), torch.random.fork_rng([device] if device.type == "cuda" else []):
             torch.manual_seed(int(seed))
             told = {key: np.array(value) for key, value in told.items()}  # lerobot keeps them
             batch = self._before(prepare_observation_for_inference(told, device, task=task))
@@ -151,12 +155,10 @@ def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
     """
     front, wrist = _pictures(name, options, card)
     layout = options.layout
-    if card.state != (width(layout) if layout else 0):
-        told, said = (
-            f"{card.state} numbers of state",
-            f"{layout} has {width(layout)}" if layout else "state=0",
-        )
-        raise UsageError(f"{name}: the policy takes {told}, {said}", hint="name their layout: state=…")
+    there = width(layout) if layout else 0
+    if card.state != there:
+        told = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {there}"
+        raise UsageError(told, hint="name their layout: state=…")
     expected = 4 + ROTATIONS[options.rotation][0]
     if card.actions != expected:
         told = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
@@ -181,10 +183,9 @@ def _pictures(name: str, options: LeRobotOptions, card: Card) -> tuple[str | Non
     named = [] if options.camera == (0, 0) else [options.image_key]
     named += [options.wrist_key] if options.wrist else []
     if {key.removeprefix(PICTURES) for key in named} != set(there):
-        told = f"{name}: the policy takes the pictures {', '.join(there) or 'none'}, the options name "
-        raise UsageError(
-            told + (", ".join(named) or "none"), hint="say which is which: image_key=…&wrist=1&wrist_key=…"
-        )
+        takes, given = ", ".join(there) or "none", ", ".join(named) or "none"
+        told = f"{name}: the policy takes the pictures {takes}, the options name {given}"
+        raise UsageError(told, hint="say which is which: image_key=…&wrist=1&wrist_key=…")
     found = [there[key.removeprefix(PICTURES)] for key in named]
     return (found.pop(0) if options.camera != (0, 0) else None), (found.pop() if found else None)
 
@@ -192,10 +193,8 @@ def _pictures(name: str, options: LeRobotOptions, card: Card) -> tuple[str | Non
 def _card(name: str, config: Any) -> Card:
     """From lerobot's ``PreTrainedConfig``, whose pictures have the shape (3, height, width)."""
     if config.env_state_feature is not None:
-        raise UsageError(
-            f"{name}: the policy wants the state of its environment",
-            hint="such as one that sees pictures only",
-        )
+        told = f"{name}: the policy wants the state of its environment"
+        raise UsageError(told, hint="name one that sees pictures only")
     state, actions = config.robot_state_feature, config.action_feature
     if actions is None:
         raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
