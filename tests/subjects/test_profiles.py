@@ -10,6 +10,8 @@ from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.subjects.act import Act, ActOptions
 from vlafuzz.subjects.base import ActionSpec, CameraRequest
+from vlafuzz.subjects.groot import GrootOptions
+from vlafuzz.subjects.lerobot import LeRobotOptions
 from vlafuzz.subjects.openpi import OpenPi, OpenPiOptions
 from vlafuzz.subjects.profiled import Model, Profiled
 from vlafuzz.subjects.profiles import known_profiles
@@ -158,7 +160,10 @@ def test_joints_are_refused_of_a_model_that_declares_itself_too(tmp_path):
         check_subject_name(f"vla-eval:ws://gpu:8000?profile={path}")
 
 
-@pytest.mark.parametrize("option", sorted({*ActOptions.model_fields, *OpenPiOptions.model_fields}))
+OPTIONS = (ActOptions, GrootOptions, LeRobotOptions, OpenPiOptions)
+
+
+@pytest.mark.parametrize("option", sorted(set().union(*(each.model_fields for each in OPTIONS))))
 def test_readme_has_a_row_for_every_option(option):
     assert re.search(rf"^\| .*`{option}`", README, flags=re.MULTILINE)
 
