@@ -18,7 +18,10 @@ def command(
     port: Annotated[int, typer.Option(help="Where to listen; 0 for any port that is free.")] = 8000,
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
 ) -> None:
-    """Serve a subject until interrupted; prints the name under which vlafuzz finds it."""
+    """Serve a subject until interrupted; prints the name under which vlafuzz finds it.
+
+    What several clients ask for at the same time, the subject is asked in one call.
+    """
     from vlafuzz.subjects.registry import make_subject
     from vlafuzz.subjects.serving.serve import serving
 

@@ -16,8 +16,8 @@ from typing import Any
 
 from vlafuzz.errors import SubjectError, UsageError, VlafuzzError
 from vlafuzz.execute.processes import cause_of_death
-from vlafuzz.execute.service import Asked, Service
 from vlafuzz.subjects.base import Subject, SubjectSpec
+from vlafuzz.subjects.service import Asked, Service
 
 Address = str | tuple[str, int]  # a path, or host and port
 LONGEST = 240.0  # seconds for an answer: less than a worker waits for a scene, so that the host is to blame

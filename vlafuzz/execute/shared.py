@@ -12,9 +12,9 @@ from typing import Any
 from vlafuzz.errors import SubjectError
 from vlafuzz.execute.crew import Lost
 from vlafuzz.execute.host import Address, Host
-from vlafuzz.execute.service import Asked
 from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
 from vlafuzz.subjects.registry import make_subject
+from vlafuzz.subjects.service import Asked
 
 PATIENCE = 20.0  # seconds for a host that died to be there again
 

@@ -161,8 +161,9 @@ class Subject(Protocol):
     Every worker has one of its own, unless what makes it (the class, or the factory that its name names) says
     ``shared = True``: then there is one for all of them, in a process of its own, which is asked for whatever
     they want at the same time in one call. That is for a model that fills a device; a small one on a CPU is
-    faster in the workers. A shared subject whose ``act`` raises has gone on with none of the observations:
-    they may be asked again, one by one.
+    faster in the workers. `vlafuzz serve` asks in one call, too, for what several connections want at the
+    same time. A subject that is shared or served and whose ``act`` raises has gone on with none of the
+    observations: they may be asked again, one by one.
     """
 
     @property

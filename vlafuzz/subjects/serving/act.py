@@ -25,9 +25,7 @@ def listening(host: Host, address: str, port: int) -> Iterator[int]:
     class Handler(_Handler):
         served = host
 
-    server = ThreadingHTTPServer((address, port), Handler)
-    server.daemon_threads = True
-    server.block_on_close = False  # clients keep connections open
+    server = _Server((address, port), Handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
     thread.start()
     try:
@@ -36,6 +34,12 @@ def listening(host: Host, address: str, port: int) -> Iterator[int]:
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False  # clients keep connections open
+    request_queue_size = 128  # with the usual 5, the sixth of many simulators that start waits for a second
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,8 +13,9 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.errors import UsageError
-from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Finishing, Observation, Subject
-from vlafuzz.subjects.harness import check_chunks
+from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation, Subject, SubjectSpec
+from vlafuzz.subjects.service import Asked
+from vlafuzz.subjects.serving.gather import Gathered
 
 
 class Told(BaseModel):
@@ -41,7 +41,7 @@ def told_by(header: str | None) -> Told:
 
 
 class Host:
-    """Lets one connection at a time ask a subject.
+    """Lets connections ask a subject, several of them in one call where they ask at the same time.
 
     Raises:
         UsageError: the subject needs what no client can send.
@@ -54,8 +54,7 @@ class Host:
                 f"{subject.spec.name} cannot be served: it wants {what}",
                 hint="serve one that takes pictures, proprioception and words, such as mini",
             )
-        self.subject, self.spec = subject, subject.spec
-        self.lock = threading.Lock()
+        self.spec, self.subject = subject.spec, Gathered(subject)
         self._numbers = itertools.count()
 
     def guest(self, told: Told) -> Guest:
@@ -66,24 +65,21 @@ class Host:
         """
         if told.asked:
             raise ValueError(f"{told.asked} observations of this rollout came on a connection that is gone")
-        return Guest(self, told, self._numbers)
+        return Guest(self.spec, self.subject, told, next(self._numbers))
 
 
 class Guest:
     """A connection, and its rollout."""
 
-    def __init__(self, host: Host, told: Told, numbers: itertools.count[int]) -> None:
-        self._host, self._told, self._numbers = host, told, numbers
+    def __init__(self, spec: SubjectSpec, subject: Gathered, told: Told, number: int) -> None:
+        self._spec, self._subject, self._told, self._number = spec, subject, told, number
         self._start: EpisodeStart | None = None
-        self._step = 0
+        self._begun = self._step = 0
 
-    def begin(self, instruction: str, told: Told) -> None:
-        """A rollout begins."""
+    def expect(self, told: Told) -> None:
+        """Another rollout begins, with the next observation."""
         self.end()
-        start = EpisodeStart(f"served-{next(self._numbers)}", instruction, told.task, told.seed)
-        with self._host.lock:
-            self._host.subject.reset([start])
-        self._start, self._step, self._told = start, 0, told
+        self._told = told
 
     def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
         """The actions ``(steps, 7)`` that are to be executed before the next observation.
@@ -91,7 +87,7 @@ class Guest:
         Raises:
             ValueError: not what the subject's spec asks for.
         """
-        spec = self._host.spec
+        spec = self._spec
         if not isinstance(instruction, str):
             raise ValueError(f"an instruction that is no text: {type(instruction).__name__}")
         if len(pictures) < len(spec.cameras):
@@ -102,21 +98,24 @@ class Guest:
             for camera, found in zip(spec.cameras, pictures, strict=False)
         }
         known = _proprioception(state) if spec.state else None
-        if self._start is None:
-            self.begin(instruction, self._told)
-        assert self._start is not None
-        seen = Observation(self._start.episode, self._step, instruction, images, known)
-        with self._host.lock:
-            chunks = self._host.subject.act([seen])
+        start = self._start or self._begin(instruction)
+        seen = Observation(start.episode, self._step, instruction, images, known)
+        (chunk,) = self._subject.ask(self._number, Asked(act=[seen]))
         self._step += 1
-        return check_chunks(chunks, 1, spec.name)[0][: spec.execute]
+        return chunk.actions[: spec.execute]
 
     def end(self) -> None:
         """The rollout is over, whatever came of it."""
-        if self._start is not None and isinstance(self._host.subject, Finishing):
-            with self._host.lock:
-                self._host.subject.finish([self._start])
+        if self._start is not None:
+            self._subject.ask(self._number, Asked(over=[self._start.episode]))
         self._start = None
+
+    def _begin(self, instruction: str) -> EpisodeStart:
+        told = self._told
+        start = EpisodeStart(f"served-{self._begun}", instruction, told.task, told.seed)
+        self._subject.ask(self._number, Asked(begin=[start]))
+        self._start, self._step, self._begun = start, 0, self._begun + 1
+        return start
 
 
 def _fitting(found: Any, camera: CameraRequest) -> NDArray[np.uint8]:

@@ -2,8 +2,8 @@
 
 from tests.execute.models import Counter
 from vlafuzz.errors import SubjectError
-from vlafuzz.execute.service import Answer, Asked, Service
 from vlafuzz.subjects.base import EpisodeStart, Observation
+from vlafuzz.subjects.service import Answer, Asked, Service
 
 ONE = EpisodeStart("1/scene", "move", "pick-up", 0)
 

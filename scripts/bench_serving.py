@@ -1,0 +1,235 @@
+#!/usr/bin/env python
+"""What does a server cost? `mini` behind one, asked by several clients, against `mini` without one.
+
+Two rates, each of them measured with and without the server by turns:
+
+answers      observations answered in a second, without a simulator. In process: ``act`` of as many
+             observations at once as there are clients. Server: as many processes, each with a connection
+             of its own that sends an observation, waits for the actions and sends the next one. As other
+             work on the machine hides it, the CPU time of an answer is told, too: with the server, that of
+             server and clients together.
+simulators   control steps in a second of that many simulators, each in a process of its own, in the same
+             scenes. In process: one `mini` for all of them, which is asked for whatever they want at the
+             same time in one call (``shared``, see ``vlafuzz.subjects.base.Subject``). Server: the same
+             through `vlafuzz serve`. Both must go through the same states.
+
+The server is `vlafuzz serve mini`, in a process of its own, on loopback; a chunk comes back as far as it is
+to be executed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
+from itertools import count
+from multiprocessing import get_context
+from multiprocessing.synchronize import Barrier
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vlafuzz.execute.base import Executor
+from vlafuzz.execute.registry import Place, executor_at, subject_at
+from vlafuzz.execute.threads import single_threaded
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Evaluator
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.subjects.base import EpisodeStart, Observation, Subject
+from vlafuzz.subjects.mini.subject import CAMERA, Mini
+from vlafuzz.subjects.registry import make_subject
+from vlafuzz.subjects.serving.serve import PROTOCOLS
+
+GOAL = 0.8  # of the rate without a server
+TASK, WORDS = "pick-up", "pick up coke can"
+Measured = dict[str, list[float]]
+IN_PROCESS, SERVER = "in process", "server"
+
+
+class Shared(Mini):
+    """One mini for all simulators."""
+
+    shared = True
+
+
+def observation(episode: str, step: int) -> Observation:
+    rng = np.random.default_rng(step)
+    picture = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), np.uint8)
+    return Observation(episode, step, WORDS, {CAMERA.name: picture}, rng.random(7, np.float32))
+
+
+def begin(subject: Subject, episode: str) -> None:
+    subject.reset([EpisodeStart(episode, WORDS, TASK, 0)])
+
+
+@contextmanager
+def server(protocol: str) -> Iterator[tuple[str, int]]:
+    """The name under which the server is found, and the number of its process."""
+    asked = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--protocol", protocol, "--port", "0"]
+    with single_threaded(), subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) as running:
+        try:
+            assert running.stdout is not None
+            yield running.stdout.readline().strip(), running.pid
+        finally:
+            running.terminate()
+
+
+def client(name: str, steps: int, rounds: int, together: Barrier) -> None:
+    """One of the processes that ask for answers."""
+    with closing(make_subject(name)) as subject:
+        for _ in range(rounds):
+            together.wait()  # until the other side of the comparison is done
+            begin(subject, "it")
+            subject.act([observation("it", 0)])  # the connection is open, and the rollout has begun
+            seen = [observation("it", step) for step in range(steps)]
+            together.wait()
+            for each in seen:
+                subject.act([each])
+            together.wait()
+
+
+def cpu_seconds(processes: list[int]) -> float:
+    """That they have used so far, all together."""
+    told = (Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split() for number in processes)
+    return sum(int(fields[11]) + int(fields[12]) for fields in told) / os.sysconf("SC_CLK_TCK")
+
+
+def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measured, Measured]:
+    """Answers a second, and CPU seconds for one."""
+    rates: Measured = {IN_PROCESS: [], SERVER: []}
+    spent: Measured = {IN_PROCESS: [], SERVER: []}
+    context, mini = get_context("spawn"), Mini()
+    together = context.Barrier(options.clients + 1)
+    given = (name, options.steps, options.rounds, together)
+    clients = [context.Process(target=client, args=given) for _ in range(options.clients)]
+    with single_threaded():
+        for each in clients:
+            each.start()
+    others, total = [process, *(each.pid or 0 for each in clients)], options.steps * options.clients
+    names = [str(number) for number in range(options.clients)]
+    for _ in range(options.rounds):
+        batches = [[observation(name, step) for name in names] for step in range(options.steps)]
+        for each in names:
+            begin(mini, each)
+        began, before = time.perf_counter(), time.process_time()
+        for batch in batches:
+            mini.act(batch)
+        spent[IN_PROCESS].append((time.process_time() - before) / total)
+        rates[IN_PROCESS].append(total / (time.perf_counter() - began))
+        together.wait()
+        together.wait()
+        began, before = time.perf_counter(), cpu_seconds(others)
+        together.wait()
+        spent[SERVER].append((cpu_seconds(others) - before) / total)
+        rates[SERVER].append(total / (time.perf_counter() - began))
+    for each in clients:
+        each.join()
+    return rates, spent
+
+
+def make_evaluator(name: str, subject: Subject | None = None) -> Evaluator:
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+    catalogue, apart = load_catalogue(), load_operators().min_distance
+    return ManiSkillEvaluator(TASK, subject or make_subject(name), catalogue, min_distance=apart)
+
+
+def crew(options: argparse.Namespace, name: str) -> Executor:
+    """Simulators, each in a process of its own."""
+    place = Place(workers=options.clients, executor="processes")
+    return executor_at(place, partial(make_evaluator, name), subject_at(place, name))
+
+
+def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:
+    """Control steps a second, and the hashes of all states."""
+    began = time.perf_counter()
+    found = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
+    spent = time.perf_counter() - began
+    outcomes = [found[number][0] for number in range(len(scenes))]
+    if broken := [each.detail for each in outcomes if each.verdict is Verdict.ERROR]:
+        raise RuntimeError(broken[0])
+    rolled = [rollout for outcome in outcomes for rollout in outcome.rollouts]
+    return sum(len(rollout.actions) for rollout in rolled) / spent, [each.states_hash for each in rolled]
+
+
+def simulators(options: argparse.Namespace, name: str) -> Measured:
+    space = SearchSpace(load_operators(), load_catalogue(), TASK)
+    drawn = (space.sample(np.random.default_rng([options.seed, number])) for number in count())
+    shared = f"python:{Path(__file__).stem}:{Shared.__name__}"
+    rates: Measured = {IN_PROCESS: [], SERVER: []}
+    with ExitStack() as stack:
+        crews = {
+            kind: stack.enter_context(closing(crew(options, each)))
+            for kind, each in ((IN_PROCESS, shared), (SERVER, name))
+        }
+        for each in crews.values():  # until all simulators are there
+            rollouts(each, [next(drawn) for _ in range(2 * options.clients)])
+        for number in range(options.rounds):
+            scenes, states = [next(drawn) for _ in range(options.scenes)], {}
+            for kind in (IN_PROCESS, SERVER) if number % 2 else (SERVER, IN_PROCESS):
+                rate, states[kind] = rollouts(crews[kind], scenes)
+                rates[kind].append(rate)
+            assert states[IN_PROCESS] == states[SERVER], "with the server, mini went another way"
+    return rates
+
+
+def summary(rates: Measured) -> dict[str, Any]:
+    ratios = [there / here for here, there in zip(rates[IN_PROCESS], rates[SERVER], strict=True)]
+    return {"per_second": rates, "ratios": ratios, "ratio": statistics.median(ratios)}
+
+
+def machine() -> dict[str, Any]:
+    found = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+    name = found[0].partition(":")[2].strip() if found else platform.processor()
+    return {"processor": name, "cores": os.cpu_count(), "load_before": os.getloadavg()[0]}
+
+
+def show(part: str, unit: str, found: dict[str, Any]) -> None:
+    here, there = (statistics.median(found["per_second"][kind]) for kind in (IN_PROCESS, SERVER))
+    rates = f"{here:7.1f} {unit} in process, {there:7.1f} through the server"
+    low, high = min(found["ratios"]), max(found["ratios"])
+    print(f"{part:11}{rates}: {found['ratio']:.2f} times ({low:.2f} to {high:.2f})", flush=True)
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("--clients", type=int, default=8)
+    parser.add_argument("--protocol", choices=list(PROTOCOLS), default="vla-eval")
+    parser.add_argument("--rounds", type=int, default=12)
+    parser.add_argument("--steps", type=int, default=15, help="answers to each client in a round; 0 for none")
+    parser.add_argument("--scenes", type=int, default=16, help="in a round; 0 for no simulators")
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes")
+    parser.add_argument("--json", type=Path, help="file to write the figures to")
+    options = parser.parse_args()
+    report: dict[str, Any] = {"machine": machine(), "clients": options.clients, "protocol": options.protocol}
+    print(", ".join(f"{name}: {value}" for name, value in report["machine"].items()))
+    print(f"{options.clients} clients, {options.protocol}; goal: at least {GOAL} times the rate in process")
+    with server(options.protocol) as (name, process):
+        if options.steps:
+            rates, spent = answers(options, name, process)
+            report["answers"] = summary(rates)
+            show("answers", "answers/s", report["answers"])
+            report["cpu_ms"] = {kind: 1e3 * statistics.median(each) for kind, each in spent.items()}
+            here, there = report["cpu_ms"].values()
+            print(f"CPU time of an answer: {here:.2f} ms in process, {there:.2f} ms with server and client")
+        if options.scenes:
+            report["simulators"] = summary(simulators(options, name))
+            show("simulators", "control steps/s", report["simulators"])
+    if options.json:
+        options.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
