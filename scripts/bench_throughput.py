@@ -66,7 +66,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "stages": (Monitor, "observe"),
     "expert": (Harness, "action"),
     "reset": (TabletopEnv, "begin"),
-    "validity": (ManiSkillEvaluator, "_check"),
+    "validity": (ManiSkillEvaluator, "check"),
     "rest": (ManiSkillEvaluator, "evaluate"),
 }
 

@@ -1,23 +1,27 @@
 """A corpus as a gymnasium environment: its scenes one after the other, without the search.
 
-``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``
+``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by
+side: ``gymnasium.make_vec("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
 from vlafuzz.corpus.bundle import Case
 from vlafuzz.corpus.folder import read_bundle
 from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.errors import UsageError
-from vlafuzz.sim.maniskill.evaluator import proprioception
+from vlafuzz.execute.threads import single_threaded
+from vlafuzz.sim.maniskill.episode import proprioception
 from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.subjects.base import CameraRequest
 from vlafuzz.tasks.state import State
@@ -40,6 +44,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     Args:
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
         size: of a picture, pixels; 0 for none, which needs no renderer.
+        first: number of the case to begin with; ``every`` n-th one follows, round and round.
 
     Raises:
         CorpusError: it is no such folder, or is damaged.
@@ -50,7 +55,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     metadata = {"render_modes": ["rgb_array"], "render_fps": HZ}  # noqa: RUF012 - as gymnasium has it
     render_mode = "rgb_array"
 
-    def __init__(self, corpus: Path | str, size: int = 128) -> None:
+    def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
         bundle = read_bundle(Path(corpus))
         self.cases = bundle.cases
         self._camera = CameraRequest("image", size, size) if size else None
@@ -67,7 +72,8 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self.observation_space = spaces.Dict(seen)
         reach = np.array([*MOST, 1.0])
         self.action_space = spaces.Box(-reach, reach, (7,), np.float64)
-        self._next = 0
+        self._next = self._first = first % len(self.cases)
+        self._every = every
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -78,10 +84,10 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
             UsageError: there is no such case.
         """
         super().reset(seed=seed)
-        number = (options or {}).get("case", self._next if seed is None else 0)
+        number = (options or {}).get("case", self._next if seed is None else self._first)
         if not (isinstance(number, int) and 0 <= number < len(self.cases)):
             raise UsageError(f"options['case']: {number!r}", hint=f"0 to {len(self.cases) - 1}")
-        self._next = (number + 1) % len(self.cases)
+        self._next = (number + self._every) % len(self.cases)
         self._case: Case = self.cases[number]
         state = self._env.begin(self._case.scene)
         self._steps = 0
@@ -118,4 +124,35 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         return seen | ({"image": self.render()} if self._camera else {})
 
 
-gymnasium.register(ID, entry_point="vlafuzz.integrations.gym:CorpusEnv")
+def corpus_envs(
+    num_envs: int,
+    corpus: Path | str,
+    size: int = 128,
+    *,
+    processes: bool = False,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+) -> VectorEnv[Any, Any, Any]:
+    """Several ``CorpusEnv``s as one: the i-th begins with case i, and ``num_envs`` cases on is its next one.
+
+    So the first round of resets shows as many different cases, and all of them together show all cases. After
+    an episode, ``step`` begins the next one as gymnasium's ``autoreset_mode`` says. What an environment goes
+    through does not depend on the others.
+
+    Args:
+        processes: each in a process of its own.
+
+    Raises:
+        as ``CorpusEnv``.
+    """
+    made = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
+    if not processes:
+        return SyncVectorEnv(made, autoreset_mode=autoreset_mode)
+    with single_threaded():  # gymnasium 1.4 garbles text in shared memory
+        return AsyncVectorEnv(made, shared_memory=False, context="spawn", autoreset_mode=autoreset_mode)
+
+
+gymnasium.register(
+    ID,
+    entry_point="vlafuzz.integrations.gym:CorpusEnv",
+    vector_entry_point="vlafuzz.integrations.gym:corpus_envs",
+)

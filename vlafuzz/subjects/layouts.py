@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float32]
+Layout = Callable[[Array], Array]
 
 
 def _two_fingers(state: Array) -> Array:

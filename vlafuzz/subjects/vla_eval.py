@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from vlafuzz import __version__
 from vlafuzz.errors import SubjectError
 from vlafuzz.subjects.base import CameraRequest, EpisodeStart, Observation
-from vlafuzz.subjects.layouts import LAYOUTS
+from vlafuzz.subjects.layouts import LAYOUTS, Layout
 from vlafuzz.subjects.remote import Address, Common, Options, needed
 from vlafuzz.subjects.sessions import Sessions
 from vlafuzz.subjects.vla_eval_spec import Hello, layout_of, spec_of
@@ -88,22 +88,16 @@ class VlaEvalSession:
         self,
         connection: Connection,
         cameras: Sequence[CameraRequest],
-        layout: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None,
+        layout: Layout | None,
     ) -> None:
         self._connection, self._cameras, self._layout = connection, cameras, layout
         self._asked: deque[int] = deque()
         self.close = connection.close
 
     def ask(self, seen: Observation) -> None:
-        """Pictures in the cameras' order: servers tell them apart by it."""
-        message: dict[str, Any] = {
-            "images": {camera.name: seen.images[camera.name] for camera in self._cameras},
-            "task_description": seen.instruction,
-        }
-        if self._layout is not None and seen.state is not None:
-            state = self._layout(seen.state)
-            message |= {"state": state, "states": state}  # servers read the one or the other
-        self._asked.append(self._connection.send("observation", message))
+        """Send it."""
+        told = message_of(seen, self._cameras, self._layout)
+        self._asked.append(self._connection.send("observation", told))
 
     def answer(self, wait: float) -> NDArray[np.float64]:
         """The actions."""
@@ -112,6 +106,18 @@ class VlaEvalSession:
     def end(self) -> None:
         """Without metrics: those are ours to judge."""
         self._connection.send("episode_end", {"metrics": {}})
+
+
+def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layout | None) -> dict[str, Any]:
+    """An observation. Pictures are in the cameras' order: servers tell them apart by it."""
+    message: dict[str, Any] = {
+        "images": {camera.name: seen.images[camera.name] for camera in cameras},
+        "task_description": seen.instruction,
+    }
+    if layout is not None and seen.state is not None:
+        state = layout(seen.state)
+        message |= {"state": state, "states": state}  # servers read the one or the other
+    return message
 
 
 def _task(start: EpisodeStart) -> Mapping[str, Any]:

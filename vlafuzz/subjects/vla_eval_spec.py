@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.errors import UsageError
@@ -80,6 +81,27 @@ def spec_of(name: str, hello: Hello, options: Options) -> SubjectSpec:
         }
         | ({"profile": options.profile} if options.profile else {}),
     )
+
+
+def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
+    """Actions, as far as vla-eval has words for them."""
+    rotations = {ours: theirs for theirs, ours in ROTATIONS.items()}
+    grippers = {ours: theirs for theirs, ours in GRIPPERS.items()}
+    turned = rotations.get(spec.rotation, UNSAID)
+    return {
+        "position": {"name": "position", "dims": 3, "format": "delta_xyz"},
+        "rotation": {"name": "rotation", "dims": 3, "format": turned},
+        "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.gripper]},
+    }
+
+
+def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) -> dict[str, dict[str, Any]]:
+    """Observations in vla-eval's words. ``layout`` of proprioception; None where there is none."""
+    seen = {camera.name: ("rgb_hwc_uint8", 0) for camera in cameras}
+    if layout is not None:
+        seen["state"] = (layout, len(LAYOUTS[layout](np.zeros(7, dtype=np.float32))))
+    seen["language"] = ("language", 0)
+    return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in seen.items()}
 
 
 def layout_of(name: str, hello: Hello, options: Options) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,7 @@ class Player:
 
     def __init__(self, like: SubjectSpec) -> None:
         self.spec = SubjectSpec("witness", action=like.action)
-        self.actions: Actions = np.zeros((0, 7), dtype=np.float32)
+        self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Nothing to prepare: an observation says which step it is."""

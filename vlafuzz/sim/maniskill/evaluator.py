@@ -7,30 +7,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
 from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
+from vlafuzz.sim.maniskill.episode import Episode
 from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
-from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.settle import check_dynamic
 from vlafuzz.sim.maniskill.video import Recording
-from vlafuzz.subjects.base import EpisodeStart, Knowing, Observation, Privileged, Subject
+from vlafuzz.subjects.base import Knowing, Observation, Subject
 from vlafuzz.subjects.harness import Harness
 from vlafuzz.subjects.wire import persistently
-from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import check_static
 from vlafuzz.validity.report import Rejection
-
-AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
 
 
 class ManiSkillEvaluator:
@@ -74,6 +67,18 @@ class ManiSkillEvaluator:
         """One outcome a scene, in order."""
         return [self._evaluate(scene) for scene in scenes]
 
+    def check(self, scene: Scene) -> Rejection | None:
+        """Whether a scene is fair."""
+        if scene.task != self._task.name:
+            return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
+        rejection = check_static(scene, self._catalogue, self._min_distance)
+        return rejection or check_dynamic_of(scene, self._catalogue)
+
+    def begin(self, scene: Scene, seed: int) -> Episode:
+        """A rollout in a fair scene, for who goes through it himself."""
+        env, spec = self._environment(scene.robot), self._subject.spec
+        return Episode(env, spec, scene, seed, stop_early=self._stop_early, published=self._published)
+
     def renew(self) -> None:
         """The next scene gets an environment that has seen no other."""
         self._drop_env()
@@ -85,7 +90,7 @@ class ManiSkillEvaluator:
 
     def _evaluate(self, scene: Scene) -> Outcome:
         try:
-            rejection = self._check(scene) if self._checked else None
+            rejection = self.check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
             rollouts = tuple(self._persist(scene, self.seed + number) for number in range(self._repeats))
@@ -98,12 +103,6 @@ class ManiSkillEvaluator:
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
         return Outcome.of(rollouts, self._task.stage_names)
 
-    def _check(self, scene: Scene) -> Rejection | None:
-        if scene.task != self._task.name:
-            return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
-        rejection = check_static(scene, self._catalogue, self._min_distance)
-        return rejection or check_dynamic_of(scene, self._catalogue)
-
     def _persist(self, scene: Scene, seed: int) -> Rollout:
         """A rollout; begun again, twice at most, when its server was lost on the way or too late."""
         return persistently(partial(self._rollout, scene, seed), ("connect", "timeout"))
@@ -112,68 +111,23 @@ class ManiSkillEvaluator:
         began = time.perf_counter()
         if self._recording is not None:
             self._recording.clear()
-        env = self._environment(scene.robot)
-        state = env.begin(scene)
-        env.applied().check(scene, env.models, env.rig)
-        start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
-        actions = self._act(env, Harness(self._subject, start), start, scene, state)
-        monitor = env.monitor
-        success = monitor.published_success if self._published else monitor.success_once
-        return Rollout(
-            success_once=success,
-            success_at_end=monitor.success_now,
-            published_success=monitor.published_success,
-            reached=self._task.stage_names
-            if success
-            else tuple(monitor.reached[: len(self._task.stages) - 1]),
-            progress=1.0
-            if success
-            else min(monitor.progress, 0.99),  # 1 where only the other criteria are met
-            trace=monitor.trace,
-            actions=np.array(actions, dtype=np.float32),
-            states_hash=env.world.states_hash,
-            seconds=time.perf_counter() - began,
-        )
+        episode = self.begin(scene, seed)
+        harness = Harness(self._subject, episode.start)
+        self._record(episode)
+        while not episode.over:
+            episode.advance(harness.action(partial(self._observe, episode)))
+            self._record(episode)
+        return episode.rollout(time.perf_counter() - began)
 
-    def _act(
-        self, env: TabletopEnv, harness: Harness, start: EpisodeStart, scene: Scene, state: State
-    ) -> list[NDArray[np.float64]]:
-        spec, monitor = self._subject.spec, env.monitor
-        actions: list[NDArray[np.float64]] = []
-        last = env.rig.seconds * env.control_hz
-        self._record(env, scene)
-        while len(actions) < last:
-            observe = partial(self._observe, env, start, scene, state, len(actions))
-            actions.append(harness.action(observe))
-            before = monitor.success_once
-            state = env.advance(actions[-1], spec.action.relative_to)
-            self._record(env, scene)
-            if monitor.success_once and not before:
-                last = min(last, len(actions) + (0 if self._stop_early else AFTER_SUCCESS))
-        return actions
-
-    def _observe(
-        self, env: TabletopEnv, start: EpisodeStart, scene: Scene, state: State, step: int
-    ) -> Observation:
-        spec = self._subject.spec
-        observation = Observation(
-            episode=start.episode,
-            step=step,
-            instruction=scene.instruction,
-            images={camera.name: env.picture(camera.name) for camera in spec.cameras},
-            state=proprioception(state, env.rig.opening) if spec.state else None,
-            outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
-            privileged=Privileged(scene, env.models, state, env.monitor.success_now)
-            if spec.privileged
-            else None,
-        )
+    def _observe(self, episode: Episode) -> Observation:
+        observation = episode.observe()
         if self._recording is not None:
             self._recording.observations.append(observation)
         return observation
 
-    def _record(self, env: TabletopEnv, scene: Scene) -> None:
+    def _record(self, episode: Episode) -> None:
         if self._recording is not None:
-            self._recording.note(env, scene.instruction)
+            self._recording.note(episode.env, episode.start.instruction)
 
     def _environment(self, robot: str) -> TabletopEnv:
         if self._env is not None and self._env.rig.robot != robot:
@@ -191,12 +145,6 @@ class ManiSkillEvaluator:
         if self._env is not None:
             self._env.close()
             self._env = None
-
-
-def proprioception(state: State, opening: float) -> NDArray[np.float32]:
-    """``(7,)``: the hand's position (metres), rotation vector (radians), share of its ``opening``."""
-    turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
-    return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
 
 
 def check_dynamic_of(scene: Scene, catalogue: Catalogue) -> Rejection | None:

@@ -22,7 +22,7 @@ from vlafuzz.subjects.layouts import OWN
 from vlafuzz.subjects.openpi import OpenPiOptions
 from vlafuzz.subjects.serving.host import Guest, Host, Told, told_by
 from vlafuzz.subjects.vla_eval import PROTOCOL_VERSION
-from vlafuzz.subjects.vla_eval_spec import GRIPPERS, ROTATIONS
+from vlafuzz.subjects.vla_eval_spec import declared_actions, declared_observations
 from vlafuzz.subjects.wire import ROLLOUT, array_of, short
 
 MOST_ASKED = 64 << 20  # bytes of an observation
@@ -128,8 +128,7 @@ def _replied(
     if kind == "hello":
         return "hello", _hello(spec)
     if kind == "episode_start":
-        task = payload.get("task", {})
-        guest.begin(str(task.get("name", "")), Told.model_validate(task))
+        guest.expect(Told.model_validate(payload.get("task", {})))
     elif kind == "episode_end":
         guest.end()
     elif kind == "observation":
@@ -143,26 +142,18 @@ def _replied(
 
 
 def _hello(spec: SubjectSpec) -> Mapping[str, Any]:
-    """What is declared, as far as vla-eval has words for it."""
-    rotations = {ours: theirs for theirs, ours in ROTATIONS.items()}
-    grippers = {ours: theirs for theirs, ours in GRIPPERS.items()}
-    turned = rotations.get(spec.action.rotation, "raw")
-    seen = {camera.name: ("rgb_hwc_uint8", 0) for camera in spec.cameras}
-    seen |= {"state": (OWN, 7)} if spec.state else {}
+    """What is declared."""
     return {
         "harness_version": __version__,
         "protocol_version": PROTOCOL_VERSION,
         "model_server": f"vlafuzz {spec.name}",
         "capabilities": {},
-        "action_spec": {
-            "position": {"name": "position", "dims": 3, "format": "delta_xyz"},
-            "rotation": {"name": "rotation", "dims": 3, "format": turned},
-            "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.action.gripper]},
+        "observation_params": {
+            "send_state": spec.state,
+            "send_wrist_image": any(camera.role == "wrist" for camera in spec.cameras),
         },
-        "observation_spec": {
-            name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in seen.items()
-        }
-        | {"language": {"name": "language", "dims": 0, "format": "language"}},
+        "action_spec": declared_actions(spec.action),
+        "observation_spec": declared_observations(spec.cameras, OWN if spec.state else None),
     }
 
 

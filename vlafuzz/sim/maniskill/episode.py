@@ -1,0 +1,105 @@
+"""Episode: one rollout step by step, what its subject gets to see and what comes of its actions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.outcome import Rollout
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.env import TabletopEnv
+from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, SubjectSpec
+from vlafuzz.tasks.state import State
+
+AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
+
+
+class Episode:
+    """Begins a scene in an environment.
+
+    Args:
+        spec: of who acts.
+        seed: of the rollout.
+        stop_early: be over at success instead of ten steps later.
+        published: go by the weaker success of the reference's environments.
+
+    Attributes:
+        actions: so far, each ``(7,)`` metric.
+    """
+
+    def __init__(
+        self,
+        env: TabletopEnv,
+        spec: SubjectSpec,
+        scene: Scene,
+        seed: int,
+        *,
+        stop_early: bool = False,
+        published: bool = False,
+    ) -> None:
+        self.env, self._spec, self._scene = env, spec, scene
+        self._after, self._published = 0 if stop_early else AFTER_SUCCESS, published
+        self._state = env.begin(scene)
+        env.applied().check(scene, env.models, env.rig)
+        self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
+        self.actions: list[NDArray[np.float64]] = []
+        self._last = env.rig.seconds * env.control_hz
+
+    @property
+    def over(self) -> bool:
+        """Whether there is nothing left to do."""
+        return len(self.actions) >= self._last
+
+    @property
+    def success(self) -> bool:
+        """Whether the task was done, at whatever time."""
+        monitor = self.env.monitor
+        return monitor.published_success if self._published else monitor.success_once
+
+    def observe(self) -> Observation:
+        """What the spec asks for, at this moment."""
+        env, spec, scene, state = self.env, self._spec, self._scene, self._state
+        return Observation(
+            episode=self.start.episode,
+            step=len(self.actions),
+            instruction=scene.instruction,
+            images={camera.name: env.picture(camera.name) for camera in spec.cameras},
+            state=proprioception(state, env.rig.opening) if spec.state else None,
+            outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
+            privileged=Privileged(scene, env.models, state, env.monitor.success_now)
+            if spec.privileged
+            else None,
+        )
+
+    def advance(self, action: NDArray[np.float64]) -> None:
+        """One control step of a metric action."""
+        monitor = self.env.monitor
+        before = monitor.success_once
+        self.actions.append(action)
+        self._state = self.env.advance(action, self._spec.action.relative_to)
+        if monitor.success_once and not before:
+            self._last = min(self._last, len(self.actions) + self._after)
+
+    def rollout(self, seconds: float = 0.0) -> Rollout:
+        """What came of it, which took so long."""
+        monitor, names = self.env.monitor, self.env.task.stage_names
+        return Rollout(
+            success_once=self.success,
+            success_at_end=monitor.success_now,
+            published_success=monitor.published_success,
+            reached=names if self.success else tuple(monitor.reached[: len(names) - 1]),
+            # 1 where only the other criteria are met
+            progress=1.0 if self.success else min(monitor.progress, 0.99),
+            trace=monitor.trace,
+            actions=np.array(self.actions, dtype=np.float32),
+            states_hash=self.env.world.states_hash,
+            seconds=seconds,
+        )
+
+
+def proprioception(state: State, opening: float) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), share of its ``opening``."""
+    turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
+    return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
