@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest
@@ -11,6 +12,7 @@ from vlafuzz.cli import main
 from vlafuzz.corpus.folder import read_bundle
 from vlafuzz.corpus.records import Trial
 from vlafuzz.corpus.store import Corpus
+from vlafuzz.integrations.demonstrations import Demonstrations
 from vlafuzz.scene import load_scenes
 
 TILTED = CONDITIONS["camera-orientation"][0]
@@ -91,3 +93,22 @@ def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys: pytest.Capture
 def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
     assert main(["export", "a.jsonl", "--run", "1", "--out", "b.jsonl"]) == 2
     assert "--run 1: a.jsonl is a file of scenes" in capsys.readouterr().err
+
+
+def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_findings(store: Path):
+    with Corpus.open(store) as corpus:
+        left = {each.shrunk: each.witness for each in corpus.triaged()}
+    found = Demonstrations(store, run=1)
+    assert [proof.scene for proof in found.proofs] == list(left)
+    for proof in found.proofs:
+        assert np.array_equal(proof.witness.actions, left[proof.scene].actions)
+    assert (found.robot, found.hz) == ("panda", 5)
+
+
+def test_a_store_without_witnesses_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
+    pytest.importorskip("pyarrow")
+    with Corpus.open(Path("b.db"), "write") as corpus:
+        corpus.add(corpus.begin(manifest()), Trial(0, Planted([TILTED]).finding(0), failed(), 1.0))
+    assert main(["export", "b.db", "--format", "lerobot", "--out", "shown"]) == 2
+    assert "no failure in it has a witness" in capsys.readouterr().err
+    assert not Path("shown").exists()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.output import progress, stderr
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
     from vlafuzz.corpus.bundle import Bundle
@@ -34,27 +34,37 @@ class Format(StrEnum):
 
     vlafuzz = "vlafuzz"
     vlatest = "vlatest"
+    lerobot = "lerobot"
 
 
 def command(
     store: Annotated[
         Path,
-        typer.Argument(help="A store that `vlafuzz run` wrote; or a file of scenes, .jsonl or VLATest's."),
+        typer.Argument(
+            help="A store that `vlafuzz run` wrote; a file of scenes, .jsonl or VLATest's; for lerobot "
+            "also a corpus."
+        ),
     ],
-    out: Annotated[Path, typer.Option(help="File to write; with --minimal a new folder.")],
+    out: Annotated[Path, typer.Option(help="File to write; with --minimal or lerobot a new folder.")],
     run: Annotated[int | None, typer.Option(help="Only this run.", show_default="all runs")] = None,
     verdict: Annotated[Wanted, typer.Option(help="Which scenes.")] = Wanted.failed,
     minimal: Annotated[
         bool, typer.Option("--minimal", help="A corpus: what is left of triaged findings, with proofs.")
     ] = False,
     format_: Annotated[
-        Format, typer.Option("--format", help="One JSON scene a line, or a scene file of VLATest.")
+        Format,
+        typer.Option(
+            "--format", help="One JSON scene a line, a scene file of VLATest, or a data set of LeRobot."
+        ),
     ] = Format.vlafuzz,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder.
 
     With --minimal every failure is run once more with its witness and its passing counterparts, and only what
     holds is written. `vlafuzz regress` and `vlafuzz report` read the folder.
+
+    With --format lerobot the expert's solutions of failed scenes are played once more and written as
+    episodes, with the pictures that the subject sees: demonstrations to train it with.
     """
     if minimal and (verdict is not Wanted.failed or format_ is not Format.vlafuzz):
         raise UsageError(
@@ -63,6 +73,11 @@ def command(
         )
     if minimal:
         _export(store, out, run)
+        return
+    if format_ is Format.lerobot:
+        if verdict is not Wanted.failed:
+            raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
+        _demonstrate(store, out, run)
         return
     if store.suffix in FILES:
         written = _write(out, _of_file(store, run), format_)
@@ -106,6 +121,29 @@ def _export(store: Path, out: Path, run: int | None) -> None:
         )
     write_bundle(bundle, out)
     _tell(bundle, out)
+
+
+def _demonstrate(source: Path, out: Path, run: int | None) -> None:
+    """The witnesses of failures, played once more, with a bar."""
+    from vlafuzz.corpus.folder import whole
+    from vlafuzz.export import UNSOLVED
+
+    try:
+        from vlafuzz.integrations.lerobot import write_dataset
+    except ModuleNotFoundError as error:
+        told = f"--format lerobot needs the package {error.name!r}"
+        raise PrerequisiteError(told, hint="pip install 'vlafuzz[lerobot]'") from None
+    from vlafuzz.integrations.demonstrations import Demonstrations
+
+    found = Demonstrations(source, run)
+    with whole(out) as folder, progress() as bar:
+        played = bar.track(found.play(), len(found.proofs), description="witnesses played")
+        written = write_dataset(filter(None, played), folder, found.hz, found.robot)
+        if not written:
+            raise CorpusError(f"{source}: no witness solves its scene here", hint="`vlafuzz triage` it here")
+    stderr().print(f"{written} demonstrations written to {out}")
+    if left := len(found.proofs) - written:
+        stderr().print(f"left out: {left}: {UNSOLVED}")
 
 
 def _tell(bundle: Bundle, out: Path) -> None:

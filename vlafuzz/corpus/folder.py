@@ -6,7 +6,8 @@ import hashlib
 import io
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -76,7 +77,18 @@ _ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
 
 
 def write_bundle(bundle: Bundle, folder: Path) -> None:
-    """Write a new folder: beside its place first, so that there is never half of one.
+    """Write a new folder.
+
+    Raises:
+        CorpusError: it is there already, or cannot be written.
+    """
+    with whole(folder) as unfinished:
+        _write(bundle, unfinished)
+
+
+@contextmanager
+def whole(folder: Path) -> Iterator[Path]:
+    """A new folder beside its place, which is moved there in the end, so that there is never half of one.
 
     Raises:
         CorpusError: it is there already, or cannot be written.
@@ -86,7 +98,7 @@ def write_bundle(bundle: Bundle, folder: Path) -> None:
     unfinished = folder.with_name(f".{folder.name}.part")
     try:
         shutil.rmtree(unfinished, ignore_errors=True)  # of an export that was killed
-        _write(bundle, unfinished)
+        yield unfinished
         unfinished.rename(folder)
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()

@@ -1,0 +1,149 @@
+"""Demonstrations: how an expert solves the scenes in which a subject failed, as the subject would see it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.corpus.folder import is_bundle, read_bundle
+from vlafuzz.corpus.packs import stored_catalogue
+from vlafuzz.corpus.records import Manifest
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.evidence import Witness
+from vlafuzz.robots import rig
+from vlafuzz.scene import Scene
+from vlafuzz.subjects.base import CameraRequest, SubjectSpec
+from vlafuzz.subjects.expert import Expert
+from vlafuzz.subjects.remote import SIDE
+from vlafuzz.triage.witness import Player
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.episode import Episode
+
+
+class Proof(NamedTuple):
+    """A scene, who solves it, and the run that found it."""
+
+    scene: Scene
+    witness: Witness
+    run: Manifest
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """A solution, from the start to success. An item of each for every control step.
+
+    Attributes:
+        images: by camera, uint8 ``(steps, height, width, 3)``, before the action.
+        states: float32 ``(steps, 7)``, as ``SubjectSpec.state``.
+        actions: float32 ``(steps, 7)``, as ``Rollout.actions``, from where the hand is.
+    """
+
+    scene: Scene
+    images: Mapping[str, NDArray[np.uint8]]
+    states: NDArray[np.float32]
+    actions: NDArray[np.float32]
+
+
+class Demonstrations:
+    """All that are proven in a store or an exported corpus.
+
+    Pictures are those that the subject of the runs asks for; where it asks for none, 224 pixels square.
+
+    Args:
+        source: store, folder of a corpus, or the name of a shipped one.
+        run: only of this run of a store.
+
+    Attributes:
+        hz: control steps a second.
+
+    Raises:
+        CorpusError: there is none.
+        UsageError: they are of several robots, or with several kinds of pictures.
+    """
+
+    def __init__(self, source: Path, run: int | None = None) -> None:
+        self.proofs = _of_corpus(source, run) if is_bundle(source) else _of_store(source, run)
+        if not self.proofs:
+            raise CorpusError(f"{source}: no failure in it has a witness", hint="`vlafuzz triage` finds them")
+        kinds = {(proof.scene.robot, _cameras(proof.run)) for proof in self.proofs}
+        if len(kinds) > 1:
+            told = f"{source}: has failures of {len(kinds)} robots or kinds of pictures"
+            raise UsageError(told, hint="--run N takes those of one run")
+        ((self.robot, cameras),) = kinds
+        expert = Expert().spec
+        self.hz = rig(self.robot).control_hz or expert.action.hz
+        self._spec = SubjectSpec("witness", action=expert.action, cameras=cameras, state=True)
+
+    def play(self) -> Iterator[Demonstration | None]:
+        """One for each proof, in order; None where its witness does not solve the scene any more.
+
+        Raises:
+            PrerequisiteError: nothing here can render.
+            UsageError: a pack of objects is gone.
+        """
+        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+        runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
+        catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
+        player.spec = self._spec
+        evaluators: dict[str, ManiSkillEvaluator] = {}
+        with ExitStack() as stack:
+            for scene, witness, run in self.proofs:
+                if run.task not in evaluators:
+                    apart = run.min_distance
+                    made = ManiSkillEvaluator(
+                        run.task, player, catalogue, min_distance=apart, stop_early=True
+                    )
+                    evaluators[run.task] = stack.enter_context(closing(made))
+                yield self._played(evaluators[run.task].begin(scene, 0), scene, witness)
+
+    def _played(self, episode: Episode, scene: Scene, witness: Witness) -> Demonstration | None:
+        seen = []
+        for action in witness.actions.astype(np.float64):
+            if episode.over:
+                break
+            seen.append(episode.observe())
+            episode.advance(action)
+        if not episode.success:
+            return None
+        cameras = self._spec.cameras
+        return Demonstration(
+            scene,
+            {camera.name: np.stack([each.images[camera.name] for each in seen]) for camera in cameras},
+            np.stack([each.state for each in seen if each.state is not None]),
+            np.array(episode.actions, dtype=np.float32),
+        )
+
+
+def _of_corpus(folder: Path, run: int | None) -> list[Proof]:
+    if run is not None:
+        raise UsageError(f"--run {run}: {folder} is a corpus, not a store", hint="leave out --run")
+    bundle = read_bundle(folder)
+    return [Proof(case.scene, case.witness, bundle.runs[case.run]) for case in bundle.cases]
+
+
+def _of_store(store: Path, run: int | None) -> list[Proof]:
+    with Corpus.open(store) as corpus:
+        runs = {each.id: each.manifest for each in corpus.runs()}
+        found = {(each.scene.digest, each.subject_key): runs[each.run] for each in corpus.findings(run)}
+        proofs: dict[Scene, Proof] = {}
+        for each in corpus.triaged():
+            manifest = found.get((each.scene.digest, each.subject_key))
+            if manifest and each.witness:
+                scene = each.shrunk if each.bucket == "minimal" and each.shrunk else each.scene
+                proofs.setdefault(scene, Proof(scene, each.witness, manifest))
+    return list(proofs.values())
+
+
+def _cameras(run: Manifest) -> tuple[CameraRequest, ...]:
+    asked: Sequence[Mapping[str, object]] = json.loads(run.spec).get("cameras", ())
+    return tuple(CameraRequest(**camera) for camera in asked) or (CameraRequest("front", SIDE, SIDE),)  # type: ignore[arg-type]

@@ -1,0 +1,201 @@
+"""A data set of LeRobot's format, version 3.0, from demonstrations: parquet files and JSON, pictures as PNG.
+
+The layout is that of lerobot 0.4.4: frames in ``data/``, an episode a row in ``meta/episodes/``, instructions
+in ``meta/tasks.parquet``, statistics of all in ``meta/stats.json`` and of each episode in its row, and in
+``meta/info.json`` what there is.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pyarrow
+import pyarrow.parquet
+from numpy.typing import NDArray
+from PIL import Image
+
+from vlafuzz.integrations.demonstrations import Demonstration
+from vlafuzz.integrations.summaries import Levels, Stats, summary
+
+VERSION = "v3.0"
+FILE_BYTES = 100 << 20  # of pictures in a file, before there is another one
+FILES = 1000  # in a folder
+PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+TASKS = "meta/tasks.parquet"
+STATE, ACTION, PICTURE = "observation.state", "action", "observation.images."
+NAMES = {
+    STATE: [
+        "x",
+        "y",
+        "z",
+        "rx",
+        "ry",
+        "rz",
+        "opening",
+    ],  # metres, rotation vector in radians, 1 for wide open
+    ACTION: ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],  # likewise; 1 opens, -1 closes
+}
+NUMBERS = {"timestamp": "float32"} | dict.fromkeys(
+    ("frame_index", "episode_index", "index", "task_index"), "int64"
+)
+Columns = dict[str, NDArray[Any]]
+
+
+class Dataset:
+    """Writes one, an episode at a time; ``close`` makes it whole.
+
+    Args:
+        folder: empty, or not there.
+        fps: frames a second.
+        robot: its name.
+    """
+
+    def __init__(self, folder: Path, fps: int, robot: str) -> None:
+        self._folder, self._fps, self._robot = folder, fps, robot
+        self._tasks: dict[str, int] = {}
+        self._rows: list[dict[str, Any]] = []
+        self._columns: list[Columns] = []
+        self._levels: dict[str, Levels] = {}
+        self._sizes: dict[str, tuple[int, ...]] = {}
+        self._file, self._bytes, self._frames = 0, 0, 0
+        self._writer: pyarrow.parquet.ParquetWriter | None = None
+
+    @property
+    def episodes(self) -> int:
+        """So far."""
+        return len(self._rows)
+
+    def add(self, shown: Demonstration) -> None:
+        """One more episode."""
+        task = self._tasks.setdefault(shown.scene.instruction, len(self._tasks))
+        columns = self._numbered(shown, task)
+        pictures = {PICTURE + name: frames for name, frames in shown.images.items()}
+        levels = {key: Levels.of(frames) for key, frames in pictures.items()}
+        self._sizes = {key: frames.shape[1:] for key, frames in pictures.items()}
+        self._write({key: [_png(frame) for frame in frames] for key, frames in pictures.items()}, columns)
+        stats = {key: each.summary() for key, each in levels.items()}
+        stats |= {key: summary(values) for key, values in columns.items()}
+        self._rows.append(self._row(shown, len(shown.actions), stats))
+        self._columns.append(columns)
+        self._levels = {key: self._levels.get(key, Levels.none()) + each for key, each in levels.items()}
+        self._frames += len(shown.actions)
+
+    def close(self) -> None:
+        """Write what is known when all episodes are there."""
+        if self._writer is not None:
+            self._writer.close()
+        tasks = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
+        meta = self._folder / "meta"
+        episodes = meta / "episodes" / PATH.format(chunk_index=0, file_index=0)
+        episodes.parent.mkdir(parents=True, exist_ok=True)
+        tasks.to_parquet(self._folder / TASKS)
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(self._rows), episodes)
+        stats = {key: each.summary() for key, each in self._levels.items()}
+        stats |= {
+            key: summary(np.concatenate([columns[key] for columns in self._columns]))
+            for key in self._columns[0]
+        }
+        for name, told in (("stats", stats), ("info", self._info())):
+            (meta / f"{name}.json").write_text(json.dumps(told) + "\n", encoding="utf-8")
+
+    def _numbered(self, shown: Demonstration, task: int) -> Columns:
+        """All columns but pictures."""
+        steps = np.arange(len(shown.actions))
+        alike = {"episode_index": len(self._rows), "task_index": task}
+        return {
+            STATE: shown.states,
+            ACTION: shown.actions,
+            "timestamp": (steps / self._fps).astype(np.float32),
+            "frame_index": steps,
+            "index": self._frames + steps,
+            **{name: np.full(len(steps), value) for name, value in alike.items()},
+        }
+
+    def _write(self, pictures: Mapping[str, list[bytes]], columns: Columns) -> None:
+        table = {key: _image_column(each) for key, each in pictures.items()}
+        table |= {key: _column(values) for key, values in columns.items()}
+        if self._bytes > FILE_BYTES and self._writer is not None:
+            self._writer.close()
+            self._writer, self._bytes, self._file = None, 0, self._file + 1
+        made = pyarrow.table(table)
+        if self._writer is None:
+            path = self._folder / "data" / PATH.format(**self._place())
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pyarrow.parquet.ParquetWriter(path, made.schema)
+        self._writer.write_table(made)
+        self._bytes += sum(len(data) for each in pictures.values() for data in each)
+
+    def _place(self) -> dict[str, int]:
+        return {"chunk_index": self._file // FILES, "file_index": self._file % FILES}
+
+    def _row(self, shown: Demonstration, length: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
+        return {
+            "episode_index": len(self._rows),
+            "tasks": [shown.scene.instruction],
+            "length": length,
+            "scene": shown.scene.digest,
+            **{f"data/{name}": number for name, number in self._place().items()},
+            "dataset_from_index": self._frames,
+            "dataset_to_index": self._frames + length,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+            **{f"stats/{key}/{name}": value for key, each in stats.items() for name, value in each.items()},
+        }
+
+    def _info(self) -> dict[str, Any]:
+        pictures = {
+            key: {"dtype": "image", "shape": list(size), "names": ["height", "width", "channels"]}
+            for key, size in self._sizes.items()
+        }
+        vectors = {key: {"dtype": "float32", "shape": [7], "names": names} for key, names in NAMES.items()}
+        numbers = {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in NUMBERS.items()}
+        return {
+            "codebase_version": VERSION,
+            "robot_type": self._robot,
+            "total_episodes": len(self._rows),
+            "total_frames": self._frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": FILES,
+            "data_files_size_in_mb": FILE_BYTES >> 20,
+            "video_files_size_in_mb": 200,  # there are none
+            "fps": self._fps,
+            "splits": {"train": f"0:{len(self._rows)}"},
+            "data_path": f"data/{PATH}",
+            "video_path": None,
+            "features": pictures | vectors | numbers,
+        }
+
+
+def write_dataset(shown: Iterable[Demonstration], folder: Path, fps: int, robot: str) -> int:
+    """How many episodes it has; where there are none, nothing is written."""
+    dataset = Dataset(folder, fps, robot)
+    for each in shown:
+        dataset.add(each)
+    if dataset.episodes:
+        dataset.close()
+    return dataset.episodes
+
+
+def _png(frame: NDArray[np.uint8]) -> bytes:
+    packed = io.BytesIO()
+    Image.fromarray(frame).save(packed, "PNG")
+    return packed.getvalue()
+
+
+def _image_column(pictures: list[bytes]) -> pyarrow.Array:
+    rows = [{"bytes": data, "path": f"frame-{number:06d}.png"} for number, data in enumerate(pictures)]
+    kind = pyarrow.struct({"bytes": pyarrow.binary(), "path": pyarrow.string()})
+    return pyarrow.array(rows, kind)
+
+
+def _column(values: NDArray[Any]) -> pyarrow.Array:
+    if values.ndim == 1:
+        return pyarrow.array(values)
+    flat = pyarrow.array(np.ascontiguousarray(values, dtype=np.float32).reshape(-1))
+    return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
