@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, SubjectSpec
-from vlafuzz.subjects.layouts import LAYOUTS, OWN
+from vlafuzz.subjects.layouts import LAYOUTS, OWN, width
 from vlafuzz.subjects.remote import SIDE, Options
 
 UNSAID = "raw"  # vla-eval's word for "no convention declared"
@@ -99,7 +98,7 @@ def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) 
     """Observations in vla-eval's words. ``layout`` of proprioception; None where there is none."""
     seen = {camera.name: ("rgb_hwc_uint8", 0) for camera in cameras}
     if layout is not None:
-        seen["state"] = (layout, len(LAYOUTS[layout](np.zeros(7, dtype=np.float32))))
+        seen["state"] = (layout, width(layout))
     seen["language"] = ("language", 0)
     return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in seen.items()}
 
