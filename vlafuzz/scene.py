@@ -16,7 +16,8 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
-_LATER = {"listed": None, "frame": ""}  # digests are older than these: with this value they are not there
+# Digests are older than these: with this value they are not there.
+_LATER = {"listed": None, "frame": "", "then": ()}
 _COUNTS = ("schema", "listed")  # written as whole numbers
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -78,7 +79,8 @@ class Scene:
     """Everything that is shown to the subject. Equal scenes are equal, and have equal digests.
 
     ``frame`` names the world that an imported scene's coordinates are of; none for that of its robot, the
-    only one that can be run.
+    only one that can be run. ``then`` are instructions that take the first one's place, one after the other:
+    each once another stage is reached.
     """
 
     __pydantic_config__ = _STRICT
@@ -91,6 +93,11 @@ class Scene:
     robot: str = "panda"
     schema: int = SCHEMA
     frame: str = ""
+    then: tuple[str, ...] = ()
+
+    def said(self, reached: int) -> str:
+        """The instruction once so many stages are reached."""
+        return (self.instruction, *self.then)[min(reached, len(self.then))]
 
     @property
     def placements(self) -> tuple[Placement, ...]:

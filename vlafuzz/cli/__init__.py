@@ -17,7 +17,7 @@ from vlafuzz.errors import VlafuzzError
 COMMANDS = {
     "run": ("vlafuzz.cli.run:command", "Fuzz a subject: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
-    "study": ("vlafuzz.cli.study:app", "Do an experiment of the VLATest paper with a subject."),
+    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with a subject."),
     "triage": ("vlafuzz.cli.triage:command", "Say which failures can be trusted, and what they are due to."),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
     "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),

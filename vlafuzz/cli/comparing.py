@@ -94,7 +94,7 @@ def _run(
 
     if not missing:
         return
-    with Pace(len(missing), asked.budget or 0, list(there.values())) as pace:
+    with Pace([asked.budget or 0] * len(missing), list(there.values())) as pace:
 
         def plan(job: Job) -> Plan:
             pace.begin(f"{job.strategy}, seed {job.seed}")

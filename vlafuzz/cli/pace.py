@@ -17,32 +17,32 @@ class Pace:
     """Hears of every trial of every run.
 
     Args:
-        runs: to be done.
-        budget: rollouts of each.
-        known: runs of the same conditions: where some are over, they say at once how long one takes.
+        budgets: rollouts of each run that is to be done.
+        known: runs of the same conditions: where some are over, they say at once how long a rollout takes.
     """
 
-    def __init__(self, runs: int, budget: int, known: Sequence[Run]) -> None:
-        self._runs, self._budget, self._begun = runs, budget, 0
+    def __init__(self, budgets: Sequence[int], known: Sequence[Run]) -> None:
+        self._budgets, self._begun = budgets, 0
         self._bar = progress()
-        self._task = self._bar.add_task("", total=runs * budget)
+        self._task = self._bar.add_task("", total=sum(budgets))
         self._began: tuple[float, int] | None = (
             None  # when the first rollout was done, and how many then were
         )
-        took = [run.seconds for run in known if run.status not in UNFINISHED and run.seconds]
-        self._told = bool(took)
-        if took:
-            self._estimate(sum(took) / len(took) / budget, "at the speed of the runs in the store")
+        over = [run for run in known if run.status not in UNFINISHED and run.seconds]
+        self._told = bool(over)
+        if over:
+            seconds = sum(run.seconds or 0.0 for run in over) / sum(run.manifest.budget for run in over)
+            self._estimate(seconds, "at the speed of the runs in the store")
 
     def begin(self, name: str) -> None:
         """The next run."""
         self._begun += 1
-        self._bar.update(self._task, description=f"run {self._begun} of {self._runs}: {name}")
+        self._bar.update(self._task, description=f"run {self._begun} of {len(self._budgets)}: {name}")
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
         now = time.monotonic()
-        done = (self._begun - 1) * self._budget + tally.rollouts
+        done = sum(self._budgets[: self._begun - 1]) + tally.rollouts
         self._bar.update(self._task, completed=done)
         if self._began is None:
             self._began = (now, done)
@@ -63,8 +63,8 @@ class Pace:
         self._bar.stop()
 
     def _estimate(self, seconds_each: float, how: str) -> None:
-        total = self._runs * self._budget
-        told = f"{self._runs} runs of {self._budget} rollouts: about {_duration(seconds_each * total)} {how}"
+        total = sum(self._budgets)
+        told = f"{len(self._budgets)} runs, {total} rollouts: about {_duration(seconds_each * total)} {how}"
         self.say(told)
 
 

@@ -11,106 +11,99 @@ import typer
 
 from vlafuzz.cli.output import print_json, print_rows, stderr, stdout
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
 if TYPE_CHECKING:
-    from vlafuzz.cli.studying import Study
-
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-
-_Subjects = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--subject",
-        help="The policy under test, or python:pkg.mod:factory; may be repeated.",
-        show_default="mini, or pinhole where nothing renders",
-    ),
-]
-_Out = Annotated[
-    Path, typer.Option(help="Folder for study.json, study.md, stages.png and the store of all runs.")
-]
-_Tasks = Annotated[
-    list[str] | None, typer.Option("--task", help="Only this task; may be repeated.", show_default="all four")
-]
-_Scenes = Annotated[int, typer.Option(help="Scenes a task, and a number of confounders in rq2.")]
-_Operators = Annotated[str, typer.Option(help="YAML file of ranges, or a shipped one's name.")]
-_Seed = Annotated[int, typer.Option(help="The same seed gives the same scenes.")]
-_Workers = Annotated[int, typer.Option(help="Processes that evaluate scenes.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-
-
-@app.callback()
-def _group() -> None:
-    """Do an experiment of the VLATest paper with a subject. The same command goes on where it ended early."""
-
-
-@app.command("rq1")
-def rq1(
-    out: _Out,
-    subject: _Subjects = None,
-    task: _Tasks = None,
-    scenes: _Scenes = 100,
-    operators: _Operators = "paper-rq1",
-    pack: PackFlag = None,
-    seed: _Seed = 0,
-    workers: _Workers = 1,
-    stores: Annotated[
-        list[Path] | None,
-        typer.Option("--from", help="Run nothing: count the runs of this store; may be repeated."),
-    ] = None,
-    json: _Json = False,
-) -> None:
-    """How far a subject comes in random scenes: the share that reaches each stage, for every task.
-
-    The paper takes 1000 scenes a task. Its own shares of success stand beside. With --from it is about the
-    random runs of stores, and those of files of scenes.
-    """
-    if stores:
-        from vlafuzz.cli.studying import study_of
-
-        _print(study_of(stores), out, json)
-        return
-    _study("rq1", out, subject, task, scenes, operators, pack, seed, workers, json)
-
-
-@app.command("rq2")
-def rq2(
-    out: _Out,
-    subject: _Subjects = None,
-    task: _Tasks = None,
-    scenes: _Scenes = 100,
-    operators: _Operators = "paper-rq1",
-    pack: PackFlag = None,
-    seed: _Seed = 0,
-    workers: _Workers = 1,
-    json: _Json = False,
-) -> None:
-    """The same with 0, 1, 2, 3 and 4 confounders; and whether those that are like the target matter more.
-
-    The paper takes 100 scenes a task and number.
-    """
-    _study("rq2", out, subject, task, scenes, operators, pack, seed, workers, json)
-
-
-def _study(
-    name: str,
-    out: Path,
-    subjects: list[str] | None,
-    task: list[str] | None,
-    scenes: int,
-    operators: str,
-    pack: list[str] | None,
-    seed: int,
-    workers: int,
-    json: bool,
-) -> None:
-    from vlafuzz.cli.studying import study
+    from vlafuzz.cli.studying import Found, Wish
     from vlafuzz.config import RunConfig
 
+STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
+ALPHAS = ("linear", "log")
+
+
+def command(
+    study: Annotated[str, typer.Argument(help="Which one: " + ", ".join(STUDIES) + ".")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")
+    ],
+    subject: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The policy under test, or python:pkg.mod:factory; may be repeated.",
+            show_default="mini, or pinhole where nothing renders",
+        ),
+    ] = None,
+    task: Annotated[
+        list[str] | None,
+        typer.Option(help="Only this task; may be repeated.", show_default="all that the study has"),
+    ] = None,
+    scenes: Annotated[
+        int, typer.Option("--scenes", "--n", help="Scenes a task, and a number of confounders in rq2.")
+    ] = 100,
+    operators: Annotated[
+        str, typer.Option(help="YAML file of ranges, or a shipped one's name.")
+    ] = "paper-rq1",
+    pack: PackFlag = None,
+    alpha: Annotated[
+        str, typer.Option(help="How rq3 draws the light: linear, as the paper, or log, evenly in log2.")
+    ] = "linear",
+    unseen: Annotated[
+        list[str] | None,
+        typer.Option(help="The pack of rq5's unseen objects, a folder or a name; may be repeated."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same scenes.")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
+    stores: Annotated[
+        list[Path] | None,
+        typer.Option("--from", help="Run nothing: rq1 of the runs of this store; may be repeated."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Do an experiment of the VLATest paper with subjects, side by side.
+
+    \b
+    rq1      how far a subject comes in random scenes (the paper: 1000 a task)
+    rq2      the same with 0, 1, 2, 3 and 4 confounders (100 a task and number)
+    rq3      what is left of the scenes that it passed in other light, beside an unmutated control
+    rq4      the same with the camera moved and turned
+    rq5      seen objects against those of --unseen PACK
+    rq6      ten paraphrases of every instruction, beside the plain one
+    prompts  both steps in one instruction; and one step at a time
+
+    The same command goes on where it ended early. Studies with one --out share its store: what one has
+    run is not run again for another. With --from, rq1 is about the random runs of stores, and those of files
+    of scenes.
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    if study not in STUDIES:
+        raise UsageError(f"unknown study {study!r}", hint=suggestion(study, STUDIES))
+    if alpha not in ALPHAS:
+        raise UsageError(f"--alpha: {alpha!r}", hint=suggestion(alpha, ALPHAS))
+    if (study == "rq5") != bool(unseen):
+        raise UsageError(
+            f"{study}: --unseen {'is missing' if study == 'rq5' else 'is for rq5 only'}",
+            hint="`vlafuzz study rq5 --unseen DIR`: the pack of the objects that the subjects have not seen",
+        )
+    check_number("--scenes", scenes, 1)
     for wanted in task or ():
         if wanted not in TASKS:
             raise UsageError(f"unknown task {wanted!r}", hint=suggestion(wanted, TASKS))
+    if stores and study != "rq1":
+        raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
+
+    from vlafuzz.cli.studying import Wish, study_of
+    from vlafuzz.config import RunConfig
+
+    if stores:
+        _print(study_of(stores), out, json)
+        return
+    wish = Wish(
+        study,
+        tasks=list(dict.fromkeys(task or ())),
+        subjects=[*dict.fromkeys(subject or ())] or [None],
+        alpha=alpha,  # type: ignore[arg-type] # one of ALPHAS
+        unseen=opened(unseen),
+    )
     asked = RunConfig(
         budget=scenes,
         seed=seed,
@@ -119,26 +112,30 @@ def _study(
         workers=workers,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
+    _print(_found(wish, asked, out), out, json)
+
+
+def _found(wish: Wish, asked: RunConfig, out: Path) -> Found:
+    from vlafuzz.cli.studying import study
+
     try:
-        named: list[str | None] = [*dict.fromkeys(subjects or ())] or [None]
-        made = study(name, asked, list(dict.fromkeys(task or TASKS)), named, out)
+        return study(wish, asked, out)
     except KeyboardInterrupt:
         stderr().print(
             "interrupted: all scenes so far are stored\nhint: the same command goes on", soft_wrap=True
         )
         raise typer.Exit(130) from None
-    _print(made, out, json)
 
 
-def _print(made: Study, out: Path, json: bool) -> None:
+def _print(found: Found, out: Path, json: bool) -> None:
     from vlafuzz.cli.studying import write
 
-    told = write(made, out)
+    told, sheet = write(found, out)
     if json:
         print_json(told)
         return
-    from vlafuzz.studies.sheet import NOTE, stage_rows
-
-    print_rows(stage_rows(made.standings, made.published), title=made.title)
-    stdout().print(NOTE, soft_wrap=True)
-    stderr().print(f"written to {out}: study.json, study.md, stages.png")
+    for table in sheet.tables:
+        print_rows(table.rows, title=table.title)
+    for said in (*sheet.notes, sheet.deviation):
+        stdout().print(said, soft_wrap=True)
+    stderr().print(f"written to {out}: {found.study}.json, {found.study}.md, {found.study}.png")

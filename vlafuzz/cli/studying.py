@@ -1,73 +1,79 @@
-"""What ``vlafuzz study`` does: the runs that are missing, with a bar, and what all of them come to."""
+"""What ``vlafuzz study`` does: the runs of each study, and what they come to."""
 
 from __future__ import annotations
 
 import json as json_format
-from collections.abc import Sequence
-from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, cast
 
-from vlafuzz.errors import UsageError, VlafuzzError
-
-if TYPE_CHECKING:
-    from vlafuzz.cli.pace import Pace
-    from vlafuzz.config import Plan, RunConfig
-    from vlafuzz.corpus.records import Run
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.space import OperatorSet
-    from vlafuzz.studies.parts import Part
-    from vlafuzz.studies.similar import Similarity
-    from vlafuzz.studies.stages import Published, Standing
+from vlafuzz.cli.laboratory import Lab
+from vlafuzz.config import RunConfig
+from vlafuzz.corpus.packs import stored_catalogue
+from vlafuzz.corpus.records import Run, Trial
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import Pack
+from vlafuzz.outcome import Verdict
+from vlafuzz.space import OperatorSet, SearchSpace, load_operators
+from vlafuzz.space.operators import Wording
+from vlafuzz.studies import published, wordings
+from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, kept, mutants, mutating, points
+from vlafuzz.studies.mutants_sheet import Mutated
+from vlafuzz.studies.parts import Part, operators_of, parts_of
+from vlafuzz.studies.sheet import Sheet
+from vlafuzz.studies.similar import Similarity, adjusted, similarity
+from vlafuzz.studies.stages import Standing, in_paper, standing
+from vlafuzz.studies.stages_sheet import Staged
+from vlafuzz.studies.unseen import difference, tests
+from vlafuzz.studies.unseen_sheet import Unseen
+from vlafuzz.studies.variants import JUDGED, Tried, Variant, distinct, pooled, tried
+from vlafuzz.studies.wordings_sheet import Said
+from vlafuzz.tasks.tabletop import TASKS
 
 STORE = "study.db"
 SAMPLES = ("random", "pool")  # strategies that choose no scenes by what came of others
+Found = Staged | Mutated | Unseen | Said
 
 
 @dataclass(frozen=True)
-class Study:
-    """What a study came to; only RQ1 has figures of the paper beside it."""
+class Wish:
+    """What a user asks of a study.
+
+    Attributes:
+        tasks: none for all that it has.
+        subjects: None for the default one.
+        alpha: how RQ3 draws the light.
+        unseen: the packs of RQ5's unseen objects.
+    """
 
     study: str
-    subjects: list[str]
-    standings: list[Standing]
-    published: list[Published]
-    similar: list[Similarity]
+    tasks: Sequence[str] = ()
+    subjects: Sequence[str | None] = (None,)
+    alpha: Alpha = "linear"
+    unseen: Sequence[Pack] = ()
 
-    @property
-    def title(self) -> str:
-        return f"{self.study.upper()}: {', '.join(self.subjects)}"
+    def parts(self) -> list[Part]:
+        """The first runs."""
+        own = wordings.two_steps() if self.study == "prompts" else TASKS
+        return parts_of(self.study, list(self.tasks or own), self.subjects)
 
 
-def study(
-    name: str, asked: RunConfig, tasks: Sequence[str], subjects: Sequence[str | None], folder: Path
-) -> Study:
+def study(wish: Wish, asked: RunConfig, folder: Path) -> Found:
     """Run what is missing in the folder's store, and count what is there.
 
     Args:
         asked: the same for all runs; its ``budget`` is the number of scenes of each.
-        subjects: None for the default one.
     """
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.space import load_operators
-    from vlafuzz.studies.parts import parts_of
-    from vlafuzz.studies.stages import standing
-
     operators = load_operators(asked.operators)
-    plans = {part: _plan(part, asked, operators, folder) for part in parts_of(name, tasks, subjects)}
     _make(folder)
     with Corpus.open(folder / STORE, "write") as corpus:
-        runs = _run(plans, corpus)
-        counted = [standing(corpus, run, part.confounders) for part, run in runs.items()]
-        return _told(name, counted, _similar(corpus, list(runs.values())) if name == "rq2" else [])
+        return STUDIES[wish.study](Lab(asked, operators, corpus, folder), wish)
 
 
-def study_of(stores: Sequence[Path]) -> Study:
+def study_of(stores: Sequence[Path]) -> Staged:
     """RQ1 of the runs that stores have: of random scenes, or those of a file. Others are no sample."""
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.studies.stages import standing
-
     counted = []
     for path in stores:
         with Corpus.open(path) as corpus:
@@ -78,21 +84,35 @@ def study_of(stores: Sequence[Path]) -> Study:
             f"{', '.join(map(str, stores))}: no run with scenes of strategy {' or '.join(SAMPLES)}",
             hint="what a guided strategy proposes is no sample of the scenes",
         )
-    return _told("rq1", counted, [])
+    return _staged("rq1", counted, [])
 
 
-def _told(name: str, counted: list[Standing], similar: list[Similarity]) -> Study:
-    from vlafuzz.studies.stages import in_paper
+def write(found: Found, folder: Path) -> tuple[dict[str, Any], Sheet]:
+    """JSON, markdown and plot, named after the study; what they say."""
+    _make(folder)
+    told, sheet = asdict(found), found.sheet()
+    (folder / f"{found.study}.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
+    (folder / f"{found.study}.md").write_text(sheet.markdown(), "utf-8")
+    sheet.draw(folder / f"{found.study}.png")
+    return told, sheet
 
+
+def _stages(lab: Lab, wish: Wish) -> Staged:
+    """RQ1, RQ2."""
+    runs = lab.sampled(wish.parts())
+    counted = [standing(lab.corpus, run, part.confounders) for part, run in runs.items()]
+    return _staged(
+        wish.study, counted, _similar(lab.corpus, list(runs.values())) if wish.study == "rq2" else []
+    )
+
+
+def _staged(name: str, counted: list[Standing], similar: list[Similarity]) -> Staged:
     tasks = dict.fromkeys(each.task for each in counted) if name == "rq1" else ()
     subjects = list(dict.fromkeys(each.subject for each in counted))
-    return Study(name, subjects, counted, [in_paper(task) for task in tasks], similar)
+    return Staged(name, subjects, counted, [in_paper(task) for task in tasks], similar)
 
 
 def _similar(corpus: Corpus, runs: Sequence[Run]) -> list[Similarity]:
-    from vlafuzz.corpus.packs import stored_catalogue
-    from vlafuzz.studies.similar import adjusted, similarity
-
     groups: dict[tuple[str, str], list[Run]] = {}
     for run in runs:
         groups.setdefault((run.manifest.subject, run.manifest.task), []).append(run)
@@ -100,25 +120,92 @@ def _similar(corpus: Corpus, runs: Sequence[Run]) -> list[Similarity]:
     return adjusted([similarity(corpus, its, catalogue) for its in groups.values()])
 
 
-def write(made: Study, folder: Path) -> dict[str, Any]:
-    """study.json, study.md and stages.png; the JSON."""
-    from vlafuzz.studies.sheet import markdown, plot
+def _mutated(lab: Lab, wish: Wish) -> Mutated:
+    """RQ3, RQ4."""
 
-    _make(folder)
-    told = asdict(made)
-    (folder / "study.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
-    sheet = markdown(made.title, made.standings, made.published, made.similar)
-    (folder / "study.md").write_text(sheet, "utf-8")
-    plot(made.title, made.standings, made.published, folder / "stages.png")
-    return told
+    def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
+        operators = mutating(wish.study, operators_of(part, lab.operators), wish.alpha)
+        space = SearchSpace(operators, stored_catalogue(run.manifest), part.task, run.manifest.robot)
+        passed = [trial.scene for trial in trials if trial.outcome.verdict is Verdict.PASSED]
+        return operators, mutants(space, passed, lab.asked.seed)
+
+    by_subject: dict[str, dict[str, list[Tried]]] = {}
+    for run, _, found in _varied(lab, wish, make):
+        by_subject.setdefault(run.manifest.subject, {})[run.manifest.task] = found
+    rows, curves = [], []
+    for subject, by_task in by_subject.items():
+        every = {**by_task, **({ALL: pooled(by_task.values())} if len(by_task) > 1 else {})}
+        rows += [kept(task, subject, found) for task, found in every.items()]
+        curves += points(wish.study, subject, pooled(by_task.values()))
+    return Mutated(
+        wish.study,
+        list(by_subject),
+        wish.alpha if wish.study == "rq3" else None,
+        rows,
+        curves,
+        [row for row in published.mutated() if row.study == wish.study],
+    )
 
 
-def _plan(part: Part, asked: RunConfig, operators: OperatorSet, folder: Path) -> Plan:
-    from vlafuzz import config
-    from vlafuzz.studies.parts import operators_of
+def _unseen(lab: Lab, wish: Wish) -> Unseen:
+    """RQ5."""
+    parts = {part: part._replace(arm="unseen") for part in wish.parts()}
+    seen = lab.sampled(parts)
+    unseen = lab.sampled(parts.values(), wish.unseen)
+    found = [
+        difference(standing(lab.corpus, seen[part]), standing(lab.corpus, unseen[other]))
+        for part, other in parts.items()
+        if part in seen and other in unseen
+    ]
+    subjects = list(dict.fromkeys(each.subject for each in found))
+    return Unseen(wish.study, subjects, [pack.name for pack in wish.unseen], found, tests(found))
 
-    own = replace(asked, task=part.task, subject=part.subject, strategy="random", store=folder / STORE)
-    return config.plan(own, operators_of(part, operators))
+
+def _said(lab: Lab, wish: Wish) -> Said:
+    """RQ6, prompts."""
+    study = cast(wordings.Study, wish.study)
+
+    def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
+        ways, catalogue = wordings.prompts(study, part.task), stored_catalogue(run.manifest)
+        scenes = [trial.scene for trial in trials]
+        operators = operators_of(part, lab.operators).only([Wording.name])
+        return operators, wordings.variants(scenes, ways, catalogue)
+
+    found: list[wordings.Reworded] = []
+    for run, trials, reworded in _varied(lab, wish, make):
+        ways = wordings.prompts(study, run.manifest.task)
+        plain = [trial.outcome for trial in trials]
+        found += wordings.compared(run.manifest.task, run.manifest.subject, plain, reworded, ways)
+    subjects = list(dict.fromkeys(each.subject for each in found))
+    return Said(wish.study, subjects, wordings.adjusted(found))
+
+
+def _varied(
+    lab: Lab, wish: Wish, make: Callable[[Part, Run, list[Trial]], tuple[OperatorSet, list[Variant]]]
+) -> list[tuple[Run, list[Trial], list[Tried]]]:
+    """Each first run with its judged trials, and what came of the variants that ``make`` makes of these."""
+    runs = lab.sampled(wish.parts())
+    trials = {
+        part: [trial for trial in distinct(lab.corpus, run) if trial.outcome.verdict in JUDGED]
+        for part, run in runs.items()
+    }
+    arms = {part: part._replace(arm=wish.study) for part in runs}
+    made = {arms[part]: make(part, run, trials[part]) for part, run in runs.items()}
+    done = lab.given(made)
+    return [
+        (run, trials[part], tried(lab.corpus, done.get(arms[part]), made[arms[part]][1]))
+        for part, run in runs.items()
+    ]
+
+
+STUDIES: dict[str, Callable[[Lab, Wish], Found]] = {
+    "rq1": _stages,
+    "rq2": _stages,
+    **dict.fromkeys(MUTATED, _mutated),
+    "rq5": _unseen,
+    "rq6": _said,
+    "prompts": _said,
+}
 
 
 def _make(folder: Path) -> None:
@@ -127,45 +214,3 @@ def _make(folder: Path) -> None:
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise UsageError(f"--out: {folder}: cannot be made: {reason}", hint="give another folder") from None
-
-
-def _run(plans: dict[Part, Plan], corpus: Corpus) -> dict[Part, Run]:
-    """Do the runs that are missing: those of all parts that have a scene."""
-    from vlafuzz.cli.pace import Pace
-    from vlafuzz.corpus.records import UNFINISHED
-    from vlafuzz.studies.parts import stored
-
-    there = {part: stored(corpus.path, corpus.runs(), plan.manifest) for part, plan in plans.items()}
-    problem: UsageError | None = None
-    early = {part: run for part, run in there.items() if run is None or run.status in UNFINISHED}
-    if early:
-        over = [run for run in there.values() if run]
-        with Pace(len(early), next(iter(plans.values())).manifest.budget, over) as pace:
-            for part, run in early.items():
-                pace.begin(str(part))
-                try:
-                    _fuzz(plans[part], run, corpus, pace)
-                except UsageError as error:  # boxes of the paper have no room for all of its confounders
-                    pace.say(f"{part}: left out: {error.message}")
-                    problem = error
-    runs = {part: stored(corpus.path, corpus.runs(), plan.manifest) for part, plan in plans.items()}
-    done = {part: run for part, run in runs.items() if run and corpus.count(run.id)}
-    if not done and problem:
-        raise problem
-    return done
-
-
-def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
-    """Begin a run, or go on with it."""
-    from vlafuzz import launch
-
-    planned = replace(plan, manifest=early.manifest, resume=early.id) if early else plan
-    with closing(launch.make_executor(planned)) as executor:
-        summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
-    if summary.stopped:
-        pace.say(f"{summary.task} stopped: {summary.stopped}")
-    if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:
-        raise VlafuzzError(
-            f"no scene could be judged: {summary.last_error}",
-            hint="`vlafuzz doctor` checks this machine; then begin with another --out",
-        )

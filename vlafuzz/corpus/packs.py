@@ -37,5 +37,13 @@ def stored_catalogue(*manifests: Manifest) -> Catalogue:
 
 def has_packs(manifest: Manifest, packs: Iterable[Pack]) -> bool:
     """Whether a manifest's are these, wherever they are."""
-    marks = {(mark["name"], mark["digest"]) for mark in json.loads(manifest.packs)}
-    return marks == {(pack.name, pack.digest) for pack in packs}
+    return _marks(manifest) == {(pack.name, pack.digest) for pack in packs}
+
+
+def same_packs(manifest: Manifest, other: Manifest) -> bool:
+    """Whether two manifests have the same packs, wherever they are."""
+    return _marks(manifest) == _marks(other)
+
+
+def _marks(manifest: Manifest) -> set[tuple[str, str]]:
+    return {(mark["name"], mark["digest"]) for mark in json.loads(manifest.packs)}

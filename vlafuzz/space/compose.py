@@ -77,7 +77,8 @@ class Composer:
         spoken = [
             self._catalogue[each.object].spoken for each in scene.targets if each.object in self._catalogue
         ]
-        found["instruction"] = _index([say(wording, spoken) for wording in self._wordings], scene.instruction)
+        wordings = [say(wording, spoken) for wording in self._wordings]
+        found["instruction"] = math.nan if scene.then else _index(wordings, scene.instruction)
         return found
 
     def _placed(self, slot: str, placement: Placement) -> Values:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
+from vlafuzz.corpus.packs import same_packs
 from vlafuzz.corpus.records import UNFINISHED, Manifest, Run
+from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import UsageError
+from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
 from vlafuzz.space.operators import ConfounderCount
 
@@ -26,24 +28,23 @@ class Part(NamedTuple):
     Attributes:
         confounders: None where their number is left to the operators.
         subject: None for the default one.
+        arm: what is other than in the study's first runs; nothing for these.
     """
 
     task: str
     confounders: int | None = None
     subject: str | None = None
+    arm: str = ""
 
     def __str__(self) -> str:
-        told = [
-            self.subject,
-            self.task,
-            None if self.confounders is None else f"{self.confounders} confounders",
-        ]
+        counted = None if self.confounders is None else f"{self.confounders} confounders"
+        told = [self.subject, self.task, counted, self.arm]
         return ", ".join(each for each in told if each)
 
 
 def parts_of(study: str, tasks: Sequence[str], subjects: Sequence[str | None]) -> list[Part]:
-    """All runs, of each subject: a task each in RQ1, a task and a number of confounders each in RQ2."""
-    counts = (None,) if study == "rq1" else COUNTS
+    """The first runs, of each subject: a task each, in RQ2 a task and a number of confounders each."""
+    counts = COUNTS if study == "rq2" else (None,)
     return [Part(task, count, subject) for subject in subjects for task in tasks for count in counts]
 
 
@@ -56,21 +57,29 @@ def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
     return replace(own, operators={**own.operators, ConfounderCount.name: fixed})
 
 
-def stored(path: Path, runs: Iterable[Run], wanted: Manifest) -> Run | None:
+def stored(corpus: Corpus, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
     """What a store has of a part: a run that is over, else the newest that ended early.
 
     Args:
         wanted: the part's manifest, as it would be made now.
+        scenes: of the part, where these are given; those of the run are these, or the first of them.
 
     Raises:
         UsageError: another version made what is there.
     """
-    same = [run for run in runs if all(getattr(run.manifest, n) == getattr(wanted, n) for n in _SAME)]
+    same = [
+        run
+        for run in corpus.runs()
+        if all(getattr(run.manifest, name) == getattr(wanted, name) for name in _SAME)
+        and same_packs(run.manifest, wanted)
+        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in corpus.trials(run.id)))
+    ]
     for run in same:
         for name in _OF_VERSION:
             if getattr(run.manifest, name) != getattr(wanted, name):
                 raise UsageError(
-                    f"{path}: run {run.id} was made by another version than is here: its {name} differs",
+                    f"{corpus.path}: run {run.id} was made by another version than is here: "
+                    f"its {name} differs",
                     hint="runs of two versions do not compare: give another --out",
                 )
     over = [run for run in same if run.status not in UNFINISHED]

@@ -11,7 +11,7 @@ from vlafuzz.corpus.records import Run
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Scene
-from vlafuzz.studies.stages import distinct
+from vlafuzz.studies.variants import distinct
 
 
 @dataclass(frozen=True)

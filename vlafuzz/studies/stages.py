@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from statistics import fmean
 
-from vlafuzz.corpus.records import Run, Trial
+from vlafuzz.corpus.records import Run
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scoring import wilson
 from vlafuzz.studies import published
+from vlafuzz.studies.shares import Share
+from vlafuzz.studies.variants import distinct
 from vlafuzz.tasks.tabletop import TASKS
 
 
 @dataclass(frozen=True)
-class Reached:
-    """``count`` of ``of`` scenes reached a stage; ``low`` and ``high`` are Wilson's interval, 95 %."""
+class Reached(Share):
+    """The scenes that reached a stage."""
 
-    stage: str
-    count: int
-    of: int
-    share: float
-    low: float
-    high: float
+    stage: str = ""
 
 
 @dataclass(frozen=True)
@@ -76,13 +73,8 @@ def standing(corpus: Corpus, run: Run, confounders: int | None = None) -> Standi
         errors=verdicts.count(Verdict.ERROR),
         progress=fmean(outcome.progress for outcome in judged) if judged else None,
         stopped=run.status != "finished",
-        stages=tuple(_reached(stage, judged) for stage in TASKS[run.manifest.task].stage_names),
+        stages=reached(run.manifest.task, judged),
     )
-
-
-def distinct(corpus: Corpus, run: Run) -> list[Trial]:
-    """The trials of a run, without those that were answered with the outcome of another one."""
-    return [trial for trial in corpus.trials(run.id) if not trial.duplicate]
 
 
 def in_paper(task: str) -> Published:
@@ -92,10 +84,16 @@ def in_paper(task: str) -> Published:
     return Published(task, mean.share, mean.as_well, shares)
 
 
-def _reached(stage: str, judged: list[Outcome]) -> Reached:
-    count = sum(
-        all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
-        for outcome in judged
+def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
+    """How many scenes reached each stage of a task: in all of their rollouts."""
+    return tuple(_reached(stage, judged) for stage in TASKS[task].stage_names)
+
+
+def _reached(stage: str, judged: Sequence[Outcome]) -> Reached:
+    counted = Reached.counted(
+        [
+            all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
+            for outcome in judged
+        ]
     )
-    low, high = wilson(count, len(judged))
-    return Reached(stage, count, len(judged), count / len(judged) if judged else 0.0, low, high)
+    return replace(counted, stage=stage)

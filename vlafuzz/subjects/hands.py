@@ -116,6 +116,8 @@ class Hands:
     def _lift(self, belief: Belief) -> Array:
         if not belief.held:
             return self._retry(belief)
+        if self._goal is None and belief.b:  # it was told only now where it goes
+            self._aim(belief)
         if self._goal is None:
             up = np.array([*self._taken_at[:2], self._taken_at[2] + 0.12])
             return self._toward(belief, up, self._yaw, CLOSE)
@@ -251,6 +253,10 @@ class Hands:
         self._offset = a.position[:2] - belief.tcp[:2]
         self._hang = float(belief.tcp[2] - a.corners[:, 2].min())
         self._radius = float(np.linalg.norm(a.corners[:, :2] - a.position[:2], axis=1).max())
+        self._aim(belief)
+        self._enter(self._lift)
+
+    def _aim(self, belief: Belief) -> None:
         self._goal = self._find_goal(belief)
         self._b_was = belief.b.position[:2].copy() if belief.b else np.zeros(2)
         self._goal_yaw = self._yaw
@@ -258,7 +264,6 @@ class Hands:
             self._goal_yaw = planning.nearest_yaw(
                 self._yaw + self._goal.turn, self._rig.neutral_yaw(*self._goal.place)
             )
-        self._enter(self._lift)
 
     def _find_goal(self, belief: Belief) -> Goal | None:
         if self._task == "pick-up" or belief.b is None:

@@ -13,7 +13,7 @@ from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig, camera_pose
 from vlafuzz.robots import rig
-from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, SubjectSpec
+from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, Outlines, SubjectSpec
 from vlafuzz.subjects.eyes import Eyes
 from vlafuzz.subjects.hands import Belief, Hands
 from vlafuzz.subjects.planning import Thing
@@ -62,8 +62,7 @@ class Pinhole:
         if self._models is None:
             self.know(load_catalogue())
         for start in episodes:
-            named = _named(start.instruction, self._models or ())
-            self._episodes[start.episode] = _Episode(start.task, named, rig(start.robot))
+            self._episodes[start.episode] = _Episode(start.task, self._models or (), rig(start.robot))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         """One action each."""
@@ -80,11 +79,11 @@ class Pinhole:
 class _Episode:
     """One rollout: look, act, look again after a failed attempt."""
 
-    def __init__(self, task: str, named: Sequence[ObjectModel], rig: Rig) -> None:
-        self._named, self._rig = named, rig
+    def __init__(self, task: str, models: Sequence[ObjectModel], rig: Rig) -> None:
+        self._models, self._rig = models, rig
         self._eyes = Eyes(camera_pose(rig.view))
         self._hands = Hands(task, rig)
-        self._found: list[Thing] = []
+        self._seen: dict[str, Thing] = {}
         self._attempt = 0
 
     def act(self, observation: Observation) -> Array:
@@ -93,26 +92,28 @@ class _Episode:
             raise SubjectError("pinhole needs outlines and proprioception, and got none", cause="protocol")
         tcp = state[:3].astype(np.float64)
         if self._hands.attempt != self._attempt:
-            self._attempt, self._found = self._hands.attempt, []
-        if not self._found:
-            self._found = self._look(observation)
-        if not self._found:
+            self._attempt, self._seen = self._hands.attempt, {}
+        found = self._look(observation.instruction, outlines)
+        if not found:
             return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
         seen = self._eyes.hand(outlines, float(tcp[2]))
         if seen is not None:
             tcp[:2] += CORRECTED * (seen - tcp[:2])
-        return self._hands.act(self._belief(tcp, state))
+        return self._hands.act(self._belief(found, tcp, state))
 
-    def _look(self, observation: Observation) -> list[Thing]:
-        assert observation.outlines is not None
-        found = [self._eyes.find(model, observation.outlines) for model in self._named]
-        return [thing for thing in found if thing] if all(found) else []
+    def _look(self, instruction: str, outlines: Outlines) -> list[Thing]:
+        """What the instruction names, as it was seen first; without what it names anew and is out of view."""
+        named = _named(instruction, self._models)
+        found = {each.name: self._seen.get(each.name) or self._eyes.find(each, outlines) for each in named}
+        if all(found.values()):
+            self._seen = {name: thing for name, thing in found.items() if thing}
+        return [self._seen[each.name] for each in named if each.name in self._seen]
 
-    def _belief(self, tcp: Array, state: NDArray[np.float32]) -> Belief:
+    def _belief(self, found: Sequence[Thing], tcp: Array, state: NDArray[np.float32]) -> Belief:
         angle = state[3:6].astype(np.float64)
         return Belief(
-            a=self._found[0],
-            b=self._found[1] if len(self._found) > 1 else None,
+            a=found[0],
+            b=found[1] if len(found) > 1 else None,
             others=(),
             tcp=tcp,
             tcp_rotation=np.asarray(Rotation.from_rotvec(angle).as_matrix()),

@@ -58,13 +58,18 @@ class Episode:
         monitor = self.env.monitor
         return monitor.published_success if self._published else monitor.success_once
 
+    @property
+    def instruction(self) -> str:
+        """What is to be done now, see ``Scene.said``."""
+        return self._scene.said(len(self.env.monitor.reached))
+
     def observe(self) -> Observation:
         """What the spec asks for, at this moment."""
         env, spec, scene, state = self.env, self._spec, self._scene, self._state
         return Observation(
             episode=self.start.episode,
             step=len(self.actions),
-            instruction=scene.instruction,
+            instruction=self.instruction,
             images={camera.name: env.picture(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,

@@ -127,7 +127,7 @@ class ManiSkillEvaluator:
 
     def _record(self, episode: Episode) -> None:
         if self._recording is not None:
-            self._recording.note(episode.env, episode.start.instruction)
+            self._recording.note(episode.env, episode.instruction)
 
     def _environment(self, robot: str) -> TabletopEnv:
         if self._env is not None and self._env.rig.robot != robot:

@@ -1,0 +1,115 @@
+"""Lab: the runs that a study needs, those that its store lacks with a bar."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from vlafuzz import config, launch
+from vlafuzz.cli.pace import Pace
+from vlafuzz.config import Plan, RunConfig
+from vlafuzz.corpus.records import UNFINISHED, Run
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.objects import Pack
+from vlafuzz.scene import Scene, write_scenes
+from vlafuzz.space import OperatorSet
+from vlafuzz.studies.parts import Part, operators_of, stored
+from vlafuzz.studies.variants import Variant
+
+
+class _Job(NamedTuple):
+    """A run that is wanted; ``scenes`` where they are given."""
+
+    plan: Plan
+    scenes: Sequence[Scene] = ()
+
+    def there(self, corpus: Corpus) -> Run | None:
+        return stored(corpus, self.plan.manifest, self.scenes)
+
+
+@dataclass(frozen=True)
+class Lab:
+    """Does runs in the store of a folder.
+
+    Attributes:
+        asked: the same for all runs; its ``budget`` is the number of random scenes of each.
+    """
+
+    asked: RunConfig
+    operators: OperatorSet
+    corpus: Corpus
+    folder: Path
+
+    def sampled(self, parts: Iterable[Part], packs: Sequence[Pack] | None = None) -> dict[Part, Run]:
+        """Runs of random scenes, of all parts that have a scene; with these packs in place of those asked."""
+        jobs = {}
+        for part in parts:
+            own = self._own(part, strategy="random", packs=self.asked.packs if packs is None else packs)
+            jobs[part] = _Job(config.plan(own, operators_of(part, self.operators)))
+        return self._done(jobs)
+
+    def given(self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]) -> dict[Part, Run]:
+        """Runs of variants in the next seed, of all parts that have any; the operators made them."""
+        jobs = {}
+        for part, (operators, variants) in parts.items():
+            if not variants:
+                continue
+            scenes = [variant.scene for variant in variants]
+            path = self._file(part)
+            write_scenes(path, scenes)
+            own = self._own(part, scenes=path, budget=None, seed=self.asked.seed + 1)
+            jobs[part] = _Job(config.plan(own, operators), scenes)
+        return self._done(jobs)
+
+    def _own(self, part: Part, **changes: object) -> RunConfig:
+        own = replace(self.asked, task=part.task, subject=part.subject, store=self.corpus.path)
+        return replace(own, **changes)  # type: ignore[arg-type]
+
+    def _file(self, part: Part) -> Path:
+        folder = self.folder / "scenes"
+        folder.mkdir(exist_ok=True)
+        name = "-".join(filter(None, (part.arm, part.task, part.subject)))
+        return folder / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".jsonl")
+
+    def _done(self, jobs: Mapping[Part, _Job]) -> dict[Part, Run]:
+        there = {part: job.there(self.corpus) for part, job in jobs.items()}
+        early = {part: run for part, run in there.items() if run is None or run.status in UNFINISHED}
+        problem = self._work(jobs, early, [run for run in there.values() if run]) if early else None
+        runs = {part: job.there(self.corpus) for part, job in jobs.items()}
+        done = {part: run for part, run in runs.items() if run and self.corpus.count(run.id)}
+        if not done and problem:
+            raise problem
+        return done
+
+    def _work(
+        self, jobs: Mapping[Part, _Job], early: Mapping[Part, Run | None], known: Sequence[Run]
+    ) -> UsageError | None:
+        """Do runs that are missing, or were cut short; why the last one that was left out was."""
+        problem = None
+        with Pace([jobs[part].plan.manifest.budget for part in early], known) as pace:
+            for part, run in early.items():
+                pace.begin(str(part))
+                try:
+                    _fuzz(jobs[part].plan, run, self.corpus, pace)
+                except UsageError as error:  # boxes of the paper have no room for all of its confounders
+                    pace.say(f"{part}: left out: {error.message}")
+                    problem = error
+        return problem
+
+
+def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
+    """Begin a run, or go on with it."""
+    planned = replace(plan, manifest=early.manifest, resume=early.id) if early else plan
+    with closing(launch.make_executor(planned)) as executor:
+        summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
+    if summary.stopped:
+        pace.say(f"{summary.task} stopped: {summary.stopped}")
+    if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:
+        raise VlafuzzError(
+            f"no scene could be judged: {summary.last_error}",
+            hint="`vlafuzz doctor` checks this machine; then begin with another --out",
+        )

@@ -1,0 +1,155 @@
+"""RQ3 and RQ4 on paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vlafuzz.studies import plots, published
+from vlafuzz.studies.mutants import CURVES, Alpha, Kept, Point
+from vlafuzz.studies.sheet import BESIDE, Row, Sheet, Table, points, share, title
+
+_NOTES = (
+    "Def.: scenes that the subject passed. Control: the same scenes once more, unmutated, in the seed "
+    "of the mutants. Mut.: of Def., how many are passed with a mutant, the mean of three. The "
+    "interval of Mut./Def. allows for it that mutants of one scene resemble each other. Net: "
+    "Mut./Def. less the control's share, in points. Unfair mutants and errors count in no share.",
+    BESIDE,
+)
+_DIFFERS = {
+    "rq3": "it has no control arm, so that what a subject loses by chance counts as the light's; its light "
+    "takes effect in pick-up only, as the other environments ignore it, and leaves ambient light as "
+    "it is, here α multiplies every light in every task; it draws α by a coin, dark or bright, and "
+    "then linearly, {alpha}.",
+    "rq4": "it has no control arm; with the camera its background changes, too, a photo, which here stays as "
+    "it is; it moves the camera by up to 5 cm along each of three axes (8.7 cm in all) and turns it "
+    "about two axes, here it moves by at most 5 cm in any direction and turns by up to 5° about all "
+    "three.",
+}
+_ALPHA = {
+    "linear": "as here",
+    "log": "here evenly in log2, so that small changes are as frequent as large ones",
+}
+
+
+@dataclass(frozen=True)
+class Mutated:
+    """What RQ3 or RQ4 found.
+
+    Attributes:
+        alpha: how it was drawn; None in RQ4.
+        published: the rows of the paper's table that are known.
+    """
+
+    study: str
+    subjects: list[str]
+    alpha: Alpha | None
+    kept: list[Kept]
+    points: list[Point]
+    published: list[published.Mutated]
+
+    def sheet(self) -> Sheet:
+        """The paper's table, and curves."""
+        curves = [Table(f"Mutants passed: {curve}", self._curve(curve)) for curve in CURVES[self.study]]
+        tables = [
+            Table("Passed by default, and of these when mutated", [_row(each) for each in self.kept]),
+            *(table for table in curves if table.rows),
+            Table("The paper's, as far as known", [_paper_row(row) for row in self.published]),
+        ]
+        differs = _DIFFERS[self.study].format(alpha=_ALPHA[self.alpha or "linear"])
+        return Sheet(title(self.study, self.subjects), tables, _NOTES, differs, self._plot)
+
+    def _curve(self, curve: str) -> list[Row]:
+        its = {(each.subject, each.low, each.high): each for each in self.points if each.curve == curve}
+        spans = sorted({(low, high) for _, low, high in its})
+        return [
+            {"subject": subject}
+            | {f"{low:g} to {high:g}": _passed(its.get((subject, low, high))) for low, high in spans}
+            for subject in dict.fromkeys(name for name, *_ in its)
+        ]
+
+    def _plot(self, path: Path) -> None:
+        """What is kept of each task beside the control; then the curves."""
+        names = ["passed when mutated, ◆ control", *CURVES[self.study]]
+        figure, (first, *every) = plots.panels(title(self.study, self.subjects), names, width=4)
+        colours = plots.coloured(self.subjects)
+        self._plot_kept(first, colours)
+        for axes, curve in zip(every, CURVES[self.study], strict=True):
+            for subject in self.subjects:
+                its = [each for each in self.points if (each.subject, each.curve) == (subject, curve)]
+                series = plots.Series(subject, [each.passed for each in its], colours[subject])
+                plots.line(axes, [_middle(each) for each in its], series)
+            _scale(axes, curve)
+        plots.save(figure, path)
+
+    def _plot_kept(self, axes: Any, colours: Mapping[str, str]) -> None:
+        tasks = list(dict.fromkeys(each.task for each in self.kept))
+        its = {(each.subject, each.task): each for each in self.kept}
+        found = [[its.get((subject, task)) for task in tasks] for subject in self.subjects]
+        series = [
+            plots.Series(subject, [each.mutated if each else None for each in row], colours[subject])
+            for subject, row in zip(self.subjects, found, strict=True)
+        ]
+        for stands, row in zip(plots.bars(axes, tasks, series), found, strict=True):
+            marks = [
+                (x, each.control.share)
+                for x, each in zip(stands, row, strict=True)
+                if each and each.control.of
+            ]
+            axes.scatter(*zip(*marks, strict=True), **plots.MARK) if marks else None
+
+
+def _row(each: Kept) -> Row:
+    both = each.control.of and each.mutated.of
+    return {
+        "task": each.task,
+        "subject": each.subject,
+        "Def.": each.default,
+        "control": str(each.control),
+        "Mut.": round(each.mean, 1) if each.mutated.of else None,
+        "Mut./Def.": str(each.mutated),
+        "net": points(each.mutated.share - each.control.share) if both else None,
+        "invalid": each.invalid,
+        "errors": each.errors,
+    }
+
+
+def _paper_row(row: published.Mutated) -> Row:
+    def beside(value: object, right: object) -> str | None:
+        shown = "–" if value is None else str(value)
+        return shown if right is None else f"{shown} (adds up to {right})"
+
+    return {
+        "task": row.task,
+        "subject": row.subject,
+        "Def.": beside(row.default, row.right_default),
+        "Mut.": beside(row.mutated, row.right_mutated),
+        "Mut./Def.": beside(*(None if each is None else share(each) for each in (row.kept, row.right_kept))),
+    }
+
+
+def _passed(point: Point | None) -> str:
+    return f"{point.passed.count} of {point.passed.of}" if point else "–"
+
+
+def _middle(point: Point) -> float:
+    return math.sqrt(point.low * point.high) if _logarithmic(point.curve) else (point.low + point.high) / 2
+
+
+def _logarithmic(curve: str) -> bool:
+    return curve in CURVES["rq3"]
+
+
+def _scale(axes: Any, curve: str) -> None:
+    if _logarithmic(curve):
+        axes.set_xscale("log", base=2)
+        ticks = (1, 2, 4, 8, 20)
+        axes.set_xticks(
+            ticks, [f"1/{each}" if curve == "darker" and each > 1 else str(each) for each in ticks]
+        )
+        axes.set_xlim(1, 20)
+        axes.minorticks_off()
+    axes.set_xlabel("α" if _logarithmic(curve) else curve)

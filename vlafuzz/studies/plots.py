@@ -1,0 +1,100 @@
+"""What the plots of studies share. matplotlib is imported when one is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vlafuzz.studies.shares import Share
+
+# Okabe, Ito 2008: told apart with any colour vision.
+COLOURS = ("#56B4E9", "#0072B2", "#000000", "#009E73", "#E69F00")
+MARK = {"marker": "D", "color": "#D55E00", "s": 18, "zorder": 3, "clip_on": False}
+
+
+class Series(NamedTuple):
+    """Shares that belong together, one a place; None where there is none."""
+
+    label: str
+    shares: Sequence[Share | None]
+    colour: str
+    alpha: float = 1.0
+
+
+def panels(
+    title: str, names: Sequence[str], *, columns: int = 4, width: float = 3.2
+) -> tuple[Any, list[Any]]:
+    """A figure, and in it named panels of shares, side by side."""
+    from matplotlib.figure import Figure
+
+    columns = min(columns, len(names))
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(max(width * columns + 0.8, 5), 2.9 * rows + 0.9), layout="constrained")
+    every = list(figure.subplots(rows, columns, sharey=True, squeeze=False).flat)
+    for axes in every[len(names) :]:
+        axes.remove()
+    for axes, name in zip(every, names, strict=False):
+        axes.set_title(name, fontsize=10)
+        axes.set_ylim(0, 1)
+        axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+    for axes in every[: len(names) : columns]:
+        axes.set_ylabel("share of scenes")
+    figure.suptitle(title, fontsize=11)
+    return figure, every[: len(names)]
+
+
+def bars(axes: Any, places: Sequence[str], every: Sequence[Series]) -> list[list[float]]:
+    """Bars with their intervals, the series side by side at each place; where the bars of each stand."""
+    width, stands = 0.8 / max(len(every), 1), []
+    for number, series in enumerate(every):
+        where = [place + (number - (len(every) - 1) / 2) * width for place in range(len(places))]
+        there = [(x, each) for x, each in zip(where, series.shares, strict=True) if each and each.of]
+        xs, shares = [x for x, _ in there], [each for _, each in there]
+        heights = [each.share for each in shares]
+        axes.bar(xs, heights, width * 0.92, color=series.colour, alpha=series.alpha, label=series.label)
+        axes.errorbar(xs, heights, _ends(shares), fmt="none", ecolor="#777777", elinewidth=1, capsize=2)
+        stands.append(where)
+    axes.set_xticks(range(len(places)), places)
+    return stands
+
+
+def line(axes: Any, xs: Sequence[float], series: Series) -> None:
+    """Points with their intervals, joined."""
+    shares = [each for each in series.shares if each]
+    axes.errorbar(
+        xs, [each.share for each in shares], _ends(shares),
+        color=series.colour, label=series.label, marker="o", markersize=4, linewidth=1.2, elinewidth=0.8,
+        capsize=2, clip_on=False,
+    )  # fmt: skip
+
+
+def save(figure: Any, path: Path) -> None:
+    """With one legend for all panels, below them."""
+    drawn = [axes.get_legend_handles_labels() for axes in figure.axes]
+    labelled = {
+        label: handle for handles, labels in drawn for handle, label in zip(handles, labels, strict=True)
+    }
+    if labelled:
+        figure.legend(
+            labelled.values(),
+            labelled.keys(),
+            loc="outside lower center",
+            ncols=min(5, len(labelled)),
+            frameon=False,
+            fontsize=8,
+        )
+    figure.savefig(path, dpi=150)
+
+
+def coloured(names: Sequence[str]) -> dict[str, str]:
+    """A colour for each of some names."""
+    return {name: COLOURS[number % len(COLOURS)] for number, name in enumerate(dict.fromkeys(names))}
+
+
+def _ends(shares: Sequence[Share]) -> list[list[float]]:
+    below = [max(0.0, each.share - each.low) for each in shares]
+    return [below, [max(0.0, each.high - each.share) for each in shares]]
