@@ -33,6 +33,7 @@ SCENES = st.builds(
     camera=st.builds(Camera, *[NUMBER] * 6),
     robot=st.text(),
     frame=st.text(),
+    then=st.lists(st.text(), max_size=2).map(tuple),
 )
 ONE = Scene(
     "put-on",
@@ -82,6 +83,7 @@ def test_a_digest_sees_every_number_of_a_placement(drawn):
         replace(ONE, light=Light(2.0000000001)),
         replace(ONE, camera=replace(ONE.camera, roll=2.0, pitch=1.0)),
         replace(ONE, robot="widowx"),
+        replace(ONE, then=("put apple on plate",)),
         replace(ONE, schema=0),
     ],
 )

@@ -2,13 +2,18 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.doubles import ClosedForm
+from tests.doubles import Always, ClosedForm, failed, passed, rollout
+from tests.packs import box, write_pack
 from vlafuzz import launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Camera, Scene
+from vlafuzz.tasks.tabletop import TASKS
 
 SMALL = ("--subject", "python:tests.doubles:make_idle", "--scenes", "6", "--out", "out")
 
@@ -38,9 +43,9 @@ def test_rq1_has_a_run_of_every_task_and_the_papers_figures(
     assert [stage["stage"] for stage in found["standings"][0]["stages"]] == ["grasp", "lift", "success"]
     assert {each["judged"] for each in found["standings"]} == {6}
     assert found["published"][0]["mean"] == 0.124
-    assert json.loads((folder / "study.json").read_text()) == found
-    assert "12.4%, elsewhere 12.8%" in (folder / "study.md").read_text()
-    assert (folder / "stages.png").read_bytes().startswith(b"\x89PNG")
+    assert json.loads((folder / "rq1.json").read_text()) == found
+    assert "12.4%, elsewhere 12.8%" in (folder / "rq1.md").read_text()
+    assert (folder / "rq1.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_is_stored_is_not_run_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,7 +73,7 @@ def test_several_subjects_stand_in_one_table(folder: Path, capsys: pytest.Captur
     study("rq1", "--task", "pick-up", "--subject", "expert")
     shown = capsys.readouterr().out
     assert "expert" in shown
-    assert "make_idle" in (folder / "study.md").read_text()
+    assert "make_idle" in (folder / "rq1.md").read_text()
     assert len(runs(folder)) == 2
 
 
@@ -108,12 +113,157 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
     assert "left out: pick-up: no room for" in " ".join(told.err.split())
 
 
+class Dim(ClosedForm):
+    """Breaks in the dark, fails in dazzling light, and passes everything else."""
+
+    def outcome(self, scene: Scene) -> Outcome:
+        if scene.light.intensity < 0.5:
+            return Outcome.error("broke")
+        return failed() if scene.light.intensity >= 8 else passed()
+
+
+class Literal(ClosedForm):
+    """Understands the plain wording, and steps one at a time; knows no objects of packs."""
+
+    def outcome(self, scene: Scene) -> Outcome:
+        plain = scene.instruction.startswith(("pick up", "put")) and " and " not in scene.instruction
+        if plain and ":" not in scene.targets[0].object:
+            return passed()
+        return Outcome.of((rollout(0.5, ("grasp",)),), TASKS[scene.task].stage_names)
+
+
+def using(evaluator: type[ClosedForm], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: evaluator(manifest.repeats))
+
+
+def found(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
+    study(*flags, "--json")
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    using(Dim, monkeypatch)
+    made = found(capsys, "rq3", "--task", "pick-up", "--task", "put-on")
+    one, other, whole = made["kept"]
+    assert [each["task"] for each in made["kept"]] == ["pick-up", "put-on", "all"]
+    assert (one["default"], one["control"]["count"], whole["default"]) == (6, 6, 12)
+    assert one["mutated"]["of"] + one["errors"] == 18
+    assert 0 < whole["mutated"]["count"] < whole["mutated"]["of"]
+    assert whole["errors"] == one["errors"] + other["errors"] > 0
+    bright = [each["passed"] for each in made["points"] if each["low"] == 8 and each["curve"] == "brighter"]
+    assert [each["count"] for each in bright] == [0]
+    told = (folder / "rq3.md").read_text()
+    assert "491 (adds up to 391)" in told
+    assert "What differs from the paper: it has no control arm" in told
+    assert (folder / "rq3.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ("rq3", "--task", "pick-up", "--scenes", "20")
+    share = {}
+    for alpha in ("linear", "log"):
+        points = found(capsys, *flags, "--alpha", alpha, "--out", alpha)["points"]
+        tried = {each["low"]: each["passed"]["of"] for each in points if each["curve"] == "brighter"}
+        share[alpha] = tried[8] / sum(tried.values())
+    assert share["log"] < 0.5 < share["linear"]
+
+
+def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (kept,) = found(capsys, "rq4", "--task", "pick-up")["kept"]
+    assert (kept["default"], kept["mutated"]["count"]) == (6, 18)
+    with Corpus.open(folder / "study.db") as corpus:
+        scenes = [trial.scene for trial in corpus.trials(2)]
+    assert {each.light.intensity for each in scenes} == {1.0}
+    assert len({each.camera for each in scenes}) == 1 + 18
+    assert all(each.camera == Camera() for each in scenes[::4])
+
+
+def test_studies_with_one_folder_share_its_runs_and_go_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study("rq1", "--task", "pick-up")
+    assert len(runs(folder)) == 1
+    with monkeypatch.context() as patched:
+        patched.setattr(ClosedForm, "outcome", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        assert main(["study", "rq3", "--task", "pick-up", *SMALL]) == 130
+    assert [status for _, status in runs(folder)] == ["finished", "interrupted"]
+    for name in ("rq3", "rq4", "rq3", "rq4"):
+        study(name, "--task", "pick-up")
+    assert [status for _, status in runs(folder)] == ["finished"] * 3
+
+
+def test_rq5_tests_over_three_subjects_and_over_scenes_with_fewer(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    using(Literal, monkeypatch)
+    pack = write_pack(Path("mine"), stick=box(0.03, 0.04, 0.08), brick=box(0.03, 0.05, 0.06))
+    narrow = Path("narrow.yaml")
+    narrow.write_text("extends: paper-rq1\noperators:\n  confounder-count: {low: 0, high: 0, nominal: 0}\n")
+    flags = ("rq5", "--task", "pick-up", "--unseen", str(pack), "--operators", str(narrow))
+    alone = found(capsys, *flags)
+    (one,) = alone["differences"]
+    assert (one["relative"], one["points"], one["low"]) == (-1.0, -1.0, None)
+    assert (one["transfer_seen"], one["transfer_unseen"]) == ([1, 1, 1], [1, 0, None])
+    assert (alone["packs"], alone["tests"]) == (["mine"], [])
+    assert "With less than 3 subjects there is no test" in (folder / "rq5.md").read_text()
+    several = found(capsys, *flags, "--subject", "frozen", "--subject", "random")
+    (test,) = several["tests"]
+    assert (test["subjects"], test["p"]) == (3, None)  # all three differ by as much
+
+
+def test_rq6_says_every_scene_in_ten_other_ways(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    using(Literal, monkeypatch)
+    made = found(capsys, "rq6", "--task", "pick-up")
+    plain, *others = made["prompts"]
+    assert (plain["prompt"], plain["stages"][-1]["count"], plain["p"]) == ("plain", 6, None)
+    assert [(each["lost"], each["gained"]) for each in others] == [(6, 0)] * 10
+    assert {each["stages"][0]["count"] for each in others} == {6}
+    assert (others[0]["p"], others[0]["adjusted"]) == (0.03125, 0.3125)
+    assert (made["together"][0]["plain"]["share"], made["together"][0]["prompts"]["of"]) == (1.0, 60)
+    assert "lift the {a} off the table" in (folder / "rq6.md").read_text()
+
+
+def test_prompts_tell_two_steps_at_once_and_one_by_one(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    using(Literal, monkeypatch)
+    made = found(capsys, "prompts")
+    assert list(dict.fromkeys(each["task"] for each in made["prompts"])) == ["move-near", "put-on", "put-in"]
+    shares = {
+        each["prompt"]: each["stages"][-1]["share"] for each in made["prompts"] if each["task"] == "put-in"
+    }
+    assert shares == {"plain": 1.0, "two-step": 0.0, "step-by-step": 1.0}
+    with Corpus.open(folder / "study.db") as corpus:
+        last = list(corpus.trials(len(corpus.runs())))[-1].scene
+    assert last.instruction.startswith("pick up ")
+    assert [each.split()[0] for each in last.then] == ["put"]
+
+
+def test_who_passed_nothing_has_nothing_to_lose(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Always(failed()))
+    (kept,) = found(capsys, "rq3", "--task", "pick-up")["kept"]
+    assert (kept["default"], kept["mutated"]["of"]) == (0, 0)
+    assert (folder / "rq3.png").exists()
+
+
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
         (["rq1", "--task", "pick-nose"], "unknown task 'pick-nose'"),
-        (["rq1", "--scenes", "0"], "--budget"),
+        (["rq1", "--scenes", "0"], "--scenes"),
         (["rq1", "--operators", "none.yaml"], "no file"),
+        (["rq7"], "unknown study 'rq7'"),
+        (["rq3", "--alpha", "cubic"], "--alpha: 'cubic'"),
+        (["rq5"], "rq5: --unseen is missing"),
+        (["rq4", "--unseen", "ycb"], "rq4: --unseen is for rq5 only"),
+        (["rq2", "--from", "a.db"], "rq2: --from is for rq1 only"),
+        (["prompts", "--task", "pick-up"], "pick-up has one step only"),
     ],
 )
 def test_bad_input_is_a_sentence(flags: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:

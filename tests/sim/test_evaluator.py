@@ -77,6 +77,21 @@ def evaluate(subject: Subject, *scenes: Scene, **options: object) -> list[Outcom
     return outcomes
 
 
+def test_the_instruction_changes_once_a_stage_is_reached():
+    said: list[tuple[str, bool]] = []
+
+    def listens(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
+        said.append((observation.instruction, is_lifted(observation)))
+        return [ActionChunk(actions)]
+
+    stepwise = replace(NOMINAL, instruction="grasp it", then=("lift it", "hold it up"))
+    (outcome,) = evaluate(Meddled(listens), stepwise)
+    assert outcome.verdict is Verdict.PASSED
+    assert list(dict.fromkeys(words for words, _ in said)) == ["grasp it", "lift it", "hold it up"]
+    assert all(lifted for words, lifted in said if words == "hold it up")
+    assert not any(lifted for words, lifted in said if words == "grasp it")
+
+
 @pytest.fixture(scope="module")
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
     """NOMINAL with a broken subject, then ANOTHER with a sound one, in the same evaluator."""

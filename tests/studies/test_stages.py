@@ -104,10 +104,17 @@ def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path)
     with Corpus.open(path, "write") as corpus:
         for status in ("finished", "interrupted"):
             corpus.finish(corpus.begin(manifest()), status, 1.0)
-        runs = corpus.runs()
-    found = stored(path, runs, manifest())
-    assert found
-    assert (found.id, found.status) == (1, "finished")
-    assert stored(path, runs, manifest(seed=9)) is None
-    with pytest.raises(UsageError, match="run 1 was made by another version than is here: its commit"):
-        stored(path, runs, manifest(commit="abc"))
+        found = stored(corpus, manifest())
+        assert found
+        assert (found.id, found.status) == (1, "finished")
+        assert stored(corpus, manifest(seed=9)) is None
+        with pytest.raises(UsageError, match="run 1 was made by another version than is here: its commit"):
+            stored(corpus, manifest(commit="abc"))
+
+
+def test_a_run_of_given_scenes_is_of_these_or_of_the_first_of_them(tmp_path: Path) -> None:
+    given = [scene(x=0.001 * number) for number in range(3)]
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run_of(corpus, *((each, passed()) for each in given[:2]))
+        assert stored(corpus, manifest(), given)
+        assert stored(corpus, manifest(), given[1:]) is None

@@ -61,6 +61,16 @@ def test_a_wording_that_names_the_objects_in_another_order_swaps_them():
     assert [model.name for model in _named("let the plate carry the apple", models)] == ["plate", "apple"]
 
 
+def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
+    two = nominal("put-on")
+    stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
+    never = dataclasses.replace(stepwise, then=())
+    evaluator = ManiSkillEvaluator("put-on", Pinhole(), CATALOGUE, min_distance=0.15)
+    plain, told, untold = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
+    evaluator.close()
+    assert (plain, told, untold) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
+
+
 def test_it_is_told_no_positions():
     spec = Pinhole().spec
     assert not spec.privileged

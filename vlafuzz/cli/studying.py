@@ -26,7 +26,7 @@ from vlafuzz.studies.sheet import Sheet
 from vlafuzz.studies.similar import Similarity, adjusted, similarity
 from vlafuzz.studies.stages import Standing, in_paper, standing
 from vlafuzz.studies.stages_sheet import Staged
-from vlafuzz.studies.unseen import difference, tests
+from vlafuzz.studies.unseen import difference, paired_tests
 from vlafuzz.studies.unseen_sheet import Unseen
 from vlafuzz.studies.variants import JUDGED, Tried, Variant, distinct, pooled, tried
 from vlafuzz.studies.wordings_sheet import Said
@@ -158,7 +158,7 @@ def _unseen(lab: Lab, wish: Wish) -> Unseen:
         if part in seen and other in unseen
     ]
     subjects = list(dict.fromkeys(each.subject for each in found))
-    return Unseen(wish.study, subjects, [pack.name for pack in wish.unseen], found, tests(found))
+    return Unseen(wish.study, subjects, [pack.name for pack in wish.unseen], found, paired_tests(found))
 
 
 def _said(lab: Lab, wish: Wish) -> Said:
@@ -171,13 +171,13 @@ def _said(lab: Lab, wish: Wish) -> Said:
         operators = operators_of(part, lab.operators).only([Wording.name])
         return operators, wordings.variants(scenes, ways, catalogue)
 
-    found: list[wordings.Reworded] = []
+    whole, found = [], []
     for run, trials, reworded in _varied(lab, wish, make):
-        ways = wordings.prompts(study, run.manifest.task)
-        plain = [trial.outcome for trial in trials]
-        found += wordings.compared(run.manifest.task, run.manifest.subject, plain, reworded, ways)
-    subjects = list(dict.fromkeys(each.subject for each in found))
-    return Said(wish.study, subjects, wordings.adjusted(found))
+        task, subject, plain = run.manifest.task, run.manifest.subject, [trial.outcome for trial in trials]
+        whole.append(wordings.together(task, subject, plain, reworded))
+        found += wordings.compared(task, subject, plain, reworded, wordings.prompts(study, task))
+    subjects = list(dict.fromkeys(each.subject for each in whole))
+    return Said(wish.study, subjects, whole, wordings.adjusted(found))
 
 
 def _varied(

@@ -24,7 +24,7 @@ EACH = 3  # mutants of a scene, as in the paper
 CONTROL, MUTANT, ALL = "control", "mutant", "all"
 MUTATED = {"rq3": (Light.name,), "rq4": (CameraPosition.name, CameraOrientation.name)}
 _REDRAWS = 100
-_EDGES = {  # of the bins of a curve; what is beyond the last one belongs to the last bin
+EDGES = {  # of the bins of a curve; what is beyond the last one belongs to the last bin
     "darker": (1, 2, 4, 8, 20),
     "brighter": (1, 2, 4, 8, 20),
     "camera moved, cm": (0, 1, 2, 3, 4, 5),
@@ -108,7 +108,7 @@ def points(study: str, subject: str, found: Sequence[Tried]) -> list[Point]:
     """The curves of a study: the share of mutants passed, by how far off nominal they are."""
     made = []
     for curve in CURVES[study]:
-        edges = _EDGES[curve]
+        edges = EDGES[curve]
         bins: list[list[Tried]] = [[] for _ in edges[1:]]
         for each in _of(found, MUTANT):
             if (off := _off(curve, each.variant.scene)) is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.studies import plots, published
-from vlafuzz.studies.mutants import CURVES, Alpha, Kept, Point
+from vlafuzz.studies.mutants import CURVES, EDGES, Alpha, Kept, Point
 from vlafuzz.studies.sheet import BESIDE, Row, Sheet, Table, points, share, title
 
 _NOTES = (
@@ -73,15 +73,17 @@ class Mutated:
 
     def _plot(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
-        names = ["passed when mutated, ◆ control", *CURVES[self.study]]
+        names = ["tasks", *CURVES[self.study]]
         figure, (first, *every) = plots.panels(title(self.study, self.subjects), names, width=4)
         colours = plots.coloured(self.subjects)
+        first.set_ylabel("share of mutants passed")
         self._plot_kept(first, colours)
         for axes, curve in zip(every, CURVES[self.study], strict=True):
-            for subject in self.subjects:
+            for number, subject in enumerate(self.subjects):
+                aside = 0.012 * (number - (len(self.subjects) - 1) / 2)  # so that intervals lie side by side
                 its = [each for each in self.points if (each.subject, each.curve) == (subject, curve)]
                 series = plots.Series(subject, [each.passed for each in its], colours[subject])
-                plots.line(axes, [_middle(each) for each in its], series)
+                plots.line(axes, [_middle(each, aside) for each in its], series)
             _scale(axes, curve)
         plots.save(figure, path)
 
@@ -94,12 +96,10 @@ class Mutated:
             for subject, row in zip(self.subjects, found, strict=True)
         ]
         for stands, row in zip(plots.bars(axes, tasks, series), found, strict=True):
-            marks = [
-                (x, each.control.share)
-                for x, each in zip(stands, row, strict=True)
-                if each and each.control.of
-            ]
-            axes.scatter(*zip(*marks, strict=True), **plots.MARK) if marks else None
+            its_controls = [(x, each.control) for x, each in zip(stands, row, strict=True) if each]
+            marks = [(x, control.share) for x, control in its_controls if control.of]
+            for x, y in marks:
+                axes.scatter(x, y, **plots.MARK, label="control")
 
 
 def _row(each: Kept) -> Row:
@@ -135,8 +135,11 @@ def _passed(point: Point | None) -> str:
     return f"{point.passed.count} of {point.passed.of}" if point else "–"
 
 
-def _middle(point: Point) -> float:
-    return math.sqrt(point.low * point.high) if _logarithmic(point.curve) else (point.low + point.high) / 2
+def _middle(point: Point, aside: float) -> float:
+    """Of its bin, moved aside by a share of the axis."""
+    if _logarithmic(point.curve):
+        return math.sqrt(point.low * point.high) * 20**aside
+    return (point.low + point.high) / 2 + aside * EDGES[point.curve][-1]
 
 
 def _logarithmic(curve: str) -> bool:
@@ -146,7 +149,7 @@ def _logarithmic(curve: str) -> bool:
 def _scale(axes: Any, curve: str) -> None:
     if _logarithmic(curve):
         axes.set_xscale("log", base=2)
-        ticks = (1, 2, 4, 8, 20)
+        ticks = EDGES[curve]
         axes.set_xticks(
             ticks, [f"1/{each}" if curve == "darker" and each > 1 else str(each) for each in ticks]
         )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from vlafuzz.studies.shares import Share
 
 # Okabe, Ito 2008: told apart with any colour vision.
-COLOURS = ("#56B4E9", "#0072B2", "#000000", "#009E73", "#E69F00")
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#000000")
 MARK = {"marker": "D", "color": "#D55E00", "s": 18, "zorder": 3, "clip_on": False}
 
 
@@ -41,8 +41,6 @@ def panels(
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
-    for axes in every[: len(names) : columns]:
-        axes.set_ylabel("share of scenes")
     figure.suptitle(title, fontsize=11)
     return figure, every[: len(names)]
 
@@ -65,6 +63,8 @@ def bars(axes: Any, places: Sequence[str], every: Sequence[Series]) -> list[list
 def line(axes: Any, xs: Sequence[float], series: Series) -> None:
     """Points with their intervals, joined."""
     shares = [each for each in series.shares if each]
+    if not shares:
+        return  # matplotlib lays out no axes that have empty lines only
     axes.errorbar(
         xs, [each.share for each in shares], _ends(shares),
         color=series.colour, label=series.label, marker="o", markersize=4, linewidth=1.2, elinewidth=0.8,

@@ -49,6 +49,7 @@ class Staged:
             name = each.task if each.confounders is None else f"{each.task}, {each.subject}"
             groups.setdefault(name, []).append(each)
         figure, every = plots.panels(title(self.study, self.subjects), list(groups))
+        every[0].set_ylabel("share of scenes")
         for axes, its in zip(every, groups.values(), strict=True):
             labels = [_label(each) for each in its]
             colours = plots.coloured(labels)
@@ -73,7 +74,7 @@ def _row(each: Standing) -> Row:
         "subject": each.subject,
         **counted,
         **{stage.stage: str(stage) for stage in each.stages},
-        "progress": None if each.progress is None else round(each.progress, 2),
+        "progress": None if each.progress is None else f"{each.progress:.2f}",
         "judged": each.judged,
         "invalid": each.invalid,
         "errors": each.errors,

@@ -42,7 +42,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Test:
+class PairedTest:
     """A paired t-test over subjects, of success with unseen against seen objects.
 
     Attributes:
@@ -83,7 +83,7 @@ def transfers(standing: Standing) -> tuple[float | None, ...]:
     return tuple(now / was if was else None for was, now in pairwise(counts))
 
 
-def tests(found: Sequence[Difference]) -> list[Test]:
+def paired_tests(found: Sequence[Difference]) -> list[PairedTest]:
     """A test for each task that enough subjects did, and one over all tasks."""
     pairs: dict[str, dict[str, tuple[float, float]]] = {}
     for each in found:
@@ -99,16 +99,18 @@ def tests(found: Sequence[Difference]) -> list[Test]:
     return [_test(task, list(its.values())) for task, its in tables if len(its) >= ENOUGH]
 
 
-def _test(task: str, pairs: Sequence[tuple[float, float]]) -> Test:
+def _test(task: str, pairs: Sequence[tuple[float, float]]) -> PairedTest:
     from scipy.stats import ttest_rel
 
     before, after = zip(*pairs, strict=True)
     differences = np.subtract(after, before)
     spread = stdev(differences)
     if spread < 1e-12:
-        return Test(task, len(pairs), None, None, None)
+        return PairedTest(task, len(pairs), None, None, None)
     result = ttest_rel(after, before)
-    return Test(task, len(pairs), float(result.statistic), float(result.pvalue), fmean(differences) / spread)
+    return PairedTest(
+        task, len(pairs), float(result.statistic), float(result.pvalue), fmean(differences) / spread
+    )
 
 
 def _bootstrap(seen: Standing, unseen: Standing) -> Interval | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vlafuzz.studies import plots
 from vlafuzz.studies.sheet import Row, Sheet, Table, chance, points, share, title
-from vlafuzz.studies.unseen import ENOUGH, Difference, Test
+from vlafuzz.studies.unseen import ENOUGH, Difference, PairedTest
 
 _NOTE = (
     "Success in scenes with seen and with unseen objects, of the scenes that were judged, with "
@@ -39,7 +39,7 @@ class Unseen:
     subjects: list[str]
     packs: list[str]
     differences: list[Difference]
-    tests: list[Test]
+    tests: list[PairedTest]
 
     def sheet(self) -> Sheet:
         """Success, transfer rates and, over enough subjects, the test."""
@@ -55,6 +55,7 @@ class Unseen:
         """Stages with seen objects, pale, beside the same with unseen ones; a panel a task."""
         tasks = list(dict.fromkeys(each.task for each in self.differences))
         figure, every = plots.panels(title(self.study, self.subjects), tasks)
+        every[0].set_ylabel("share of scenes")
         colours = plots.coloured(self.subjects)
         for axes, task in zip(every, tasks, strict=True):
             its = [each for each in self.differences if each.task == task]
@@ -104,7 +105,7 @@ def _transfer_tables(found: Sequence[Difference]) -> list[Table]:
     ]
 
 
-def _test_row(test: Test) -> Row:
+def _test_row(test: PairedTest) -> Row:
     return {
         "task": test.task,
         "subjects": test.subjects,

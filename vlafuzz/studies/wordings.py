@@ -59,6 +59,16 @@ class Reworded:
     adjusted: float | None = None
 
 
+@dataclass(frozen=True)
+class Together:
+    """Success of a subject in a task with all prompts of a study taken together, beside the plain wording."""
+
+    task: str
+    subject: str
+    plain: Share
+    prompts: Share
+
+
 class _File(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     paraphrases: dict[str, str]
@@ -119,6 +129,13 @@ def compared(
             every[each.variant.arm][each.variant.origin] = each.outcome
         errors[each.variant.arm] += each.outcome.verdict is Verdict.ERROR
     return [_reworded(task, subject, way, plain, every[way.name], errors[way.name]) for way in (own, *ways)]
+
+
+def together(task: str, subject: str, plain: Sequence[Outcome], found: Sequence[Tried]) -> Together:
+    """See ``compared``."""
+    cases = [(each.variant.origin, each.passed) for each in found if each.judged]
+    passed = [outcome.verdict is Verdict.PASSED for outcome in plain]
+    return Together(task, subject, Share.counted(passed), Share.grouped(cases))
 
 
 def adjusted(found: Sequence[Reworded]) -> list[Reworded]:

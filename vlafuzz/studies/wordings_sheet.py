@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vlafuzz.studies import plots
 from vlafuzz.studies.sheet import Row, Sheet, Table, chance, points, title
-from vlafuzz.studies.wordings import Reworded
+from vlafuzz.studies.wordings import Reworded, Together
 
 _NOTE = (
     "Every prompt is said in the scenes in which the plain wording was judged; shares are of the "
@@ -32,11 +32,12 @@ class Said:
 
     study: str
     subjects: list[str]
+    together: list[Together]
     prompts: list[Reworded]
 
     def sheet(self) -> Sheet:
-        """A table a task."""
-        tables = [
+        """All prompts together, then a table a task."""
+        tables = [Table("Success, all prompts together", [_row_together(each) for each in self.together])] + [
             Table(task, [_row(each) for each in self.prompts if each.task == task]) for task in self._tasks()
         ]
         return Sheet(title(self.study, self.subjects), tables, [_NOTE], _DIFFERS[self.study], self._plot)
@@ -59,10 +60,23 @@ class Said:
                 for subject in dict.fromkeys(subject for _, subject in its)
             ]
             plots.bars(axes, [name.removeprefix("paraphrase ") for name in names], series)
+            axes.set_xlabel("paraphrase" if many else "")
+        every[0].set_ylabel("success")
         plots.save(figure, path)
 
     def _tasks(self) -> list[str]:
         return list(dict.fromkeys(each.task for each in self.prompts))
+
+
+def _row_together(each: Together) -> Row:
+    both = each.plain.of and each.prompts.of
+    return {
+        "task": each.task,
+        "subject": each.subject,
+        "plain": str(each.plain),
+        "prompts": str(each.prompts),
+        "net": points(each.prompts.share - each.plain.share) if both else None,
+    }
 
 
 def _row(each: Reworded) -> Row:
