@@ -95,9 +95,14 @@ class Scene:
     frame: str = ""
     then: tuple[str, ...] = ()
 
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """All of them, in their order."""
+        return (self.instruction, *self.then)
+
     def said(self, reached: int) -> str:
         """The instruction once so many stages are reached."""
-        return (self.instruction, *self.then)[min(reached, len(self.then))]
+        return self.instructions[min(reached, len(self.then))]
 
     @property
     def placements(self) -> tuple[Placement, ...]:

@@ -53,6 +53,7 @@ def test_scenes_read_back_as_they_were(tmp_path: Path, task: str) -> None:
         ({"light": Light(2.0)}, "light"),
         ({"camera": Camera(yaw=1.0)}, "camera"),
         ({"instruction": "Fetch it"}, "wording"),
+        ({"then": ("hold it up",)}, "wording"),
     ],
 )
 def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path, change, reason: str) -> None:

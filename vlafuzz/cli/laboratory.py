@@ -37,19 +37,21 @@ class Lab:
 
     Attributes:
         asked: the same for all runs; its ``budget`` is the number of random scenes of each.
+        commit: of the code that is loaded: what is committed in the meantime makes no other version of it.
     """
 
     asked: RunConfig
     operators: OperatorSet
     corpus: Corpus
     folder: Path
+    commit: str | None
 
     def sampled(self, parts: Iterable[Part], packs: Sequence[Pack] | None = None) -> dict[Part, Run]:
         """Runs of random scenes, of all parts that have a scene; with these packs in place of those asked."""
         jobs = {}
         for part in parts:
             own = self._own(part, strategy="random", packs=self.asked.packs if packs is None else packs)
-            jobs[part] = _Job(config.plan(own, operators_of(part, self.operators)))
+            jobs[part] = _Job(self._plan(own, operators_of(part, self.operators)))
         return self._done(jobs)
 
     def given(self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]) -> dict[Part, Run]:
@@ -62,12 +64,16 @@ class Lab:
             path = self._file(part)
             write_scenes(path, scenes)
             own = self._own(part, scenes=path, budget=None, seed=self.asked.seed + 1)
-            jobs[part] = _Job(config.plan(own, operators), scenes)
+            jobs[part] = _Job(self._plan(own, operators), scenes)
         return self._done(jobs)
 
     def _own(self, part: Part, **changes: object) -> RunConfig:
         own = replace(self.asked, task=part.task, subject=part.subject, store=self.corpus.path)
         return replace(own, **changes)  # type: ignore[arg-type]
+
+    def _plan(self, own: RunConfig, operators: OperatorSet) -> Plan:
+        made = config.plan(own, operators)
+        return replace(made, manifest=replace(made.manifest, commit=self.commit))
 
     def _file(self, part: Part) -> Path:
         folder = self.folder / "scenes"

@@ -164,7 +164,7 @@ def _roll_out(
     report = {
         "scene": scene.digest,
         "task": scene.task,
-        "instruction": scene.instruction,
+        "instruction": " / ".join(scene.instructions),
         "subject": subject,
         "verdict": outcome.verdict.name.lower(),
         "lost stage": outcome.lost_stage,

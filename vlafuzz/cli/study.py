@@ -65,15 +65,15 @@ def command(
     \b
     rq1      how far a subject comes in random scenes (the paper: 1000 a task)
     rq2      the same with 0, 1, 2, 3 and 4 confounders (100 a task and number)
-    rq3      what is left of the scenes that it passed in other light, beside an unmutated control
+    rq3      scenes that it passed, in other light; beside an unmutated control
     rq4      the same with the camera moved and turned
     rq5      seen objects against those of --unseen PACK
     rq6      ten paraphrases of every instruction, beside the plain one
     prompts  both steps in one instruction; and one step at a time
 
-    The same command goes on where it ended early. Studies with one --out share its store: what one has
-    run is not run again for another. With --from, rq1 is about the random runs of stores, and those of files
-    of scenes.
+    The same command goes on where it ended early. Studies with the same --out share
+    what they have run. With --from, rq1 is about the random runs of stores, and about
+    those of files of scenes.
     """  # noqa: D301 - click's mark for lines that stay as they are
     if study not in STUDIES:
         raise UsageError(f"unknown study {study!r}", hint=suggestion(study, STUDIES))

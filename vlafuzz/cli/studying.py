@@ -11,6 +11,7 @@ from typing import Any, cast
 from vlafuzz.cli.laboratory import Lab
 from vlafuzz.config import RunConfig
 from vlafuzz.corpus.packs import stored_catalogue
+from vlafuzz.corpus.provenance import commit
 from vlafuzz.corpus.records import Run, Trial
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import UsageError
@@ -69,7 +70,7 @@ def study(wish: Wish, asked: RunConfig, folder: Path) -> Found:
     operators = load_operators(asked.operators)
     _make(folder)
     with Corpus.open(folder / STORE, "write") as corpus:
-        return STUDIES[wish.study](Lab(asked, operators, corpus, folder), wish)
+        return STUDIES[wish.study](Lab(asked, operators, corpus, folder, commit()), wish)
 
 
 def study_of(stores: Sequence[Path]) -> Staged:
@@ -164,18 +165,18 @@ def _unseen(lab: Lab, wish: Wish) -> Unseen:
 def _said(lab: Lab, wish: Wish) -> Said:
     """RQ6, prompts."""
     study = cast(wordings.Study, wish.study)
+    ways = {part.task: wordings.prompts(study, part.task) for part in wish.parts()}
 
     def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
-        ways, catalogue = wordings.prompts(study, part.task), stored_catalogue(run.manifest)
-        scenes = [trial.scene for trial in trials]
+        scenes, catalogue = [trial.scene for trial in trials], stored_catalogue(run.manifest)
         operators = operators_of(part, lab.operators).only([Wording.name])
-        return operators, wordings.variants(scenes, ways, catalogue)
+        return operators, wordings.variants(scenes, ways[part.task], catalogue)
 
     whole, found = [], []
     for run, trials, reworded in _varied(lab, wish, make):
         task, subject, plain = run.manifest.task, run.manifest.subject, [trial.outcome for trial in trials]
         whole.append(wordings.together(task, subject, plain, reworded))
-        found += wordings.compared(task, subject, plain, reworded, wordings.prompts(study, task))
+        found += wordings.compared(task, subject, plain, reworded, ways[task])
     subjects = list(dict.fromkeys(each.subject for each in whole))
     return Said(wish.study, subjects, whole, wordings.adjusted(found))
 

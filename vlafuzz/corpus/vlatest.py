@@ -87,7 +87,7 @@ def _refuse(scene: Scene, instruction: str) -> None:
     differs = {
         "light": scene.light != Light(),
         "camera": scene.camera != Camera(),
-        "wording": (scene.instruction, scene.then) != (instruction, ()),
+        "wording": scene.instructions != (instruction,),
     }
     for name in (name for name, differs in differs.items() if differs):
         raise _UnsaidError(UNSAID + name)

@@ -51,7 +51,8 @@ def _said(operator: str, scene: Scene, other: Scene) -> str:
     if operator == CameraOrientation.name:
         return _angles(scene.camera, other.camera)
     if operator == Wording.name:
-        return "" if scene.instruction == other.instruction else f"“{scene.instruction}”"
+        same = scene.instructions == other.instructions
+        return "" if same else f"“{' / '.join(scene.instructions)}”"
     return _targets(operator, scene.targets, other.targets)
 
 

@@ -23,7 +23,7 @@ _DIFFERS = {
     "rq3": "it has no control arm, so that what a subject loses by chance counts as the light's; its light "
     "takes effect in pick-up only, as the other environments ignore it, and leaves ambient light as "
     "it is, here α multiplies every light in every task; it draws α by a coin, dark or bright, and "
-    "then linearly, {alpha}.",
+    "then linearly, {alpha}: half of its 4302 draws are dark, and a quarter above 10.",
     "rq4": "it has no control arm; with the camera its background changes, too, a photo, which here stays as "
     "it is; it moves the camera by up to 5 cm along each of three axes (8.7 cm in all) and turns it "
     "about two axes, here it moves by at most 5 cm in any direction and turns by up to 5° about all "

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from vlafuzz.studies.shares import Share
 
 # Okabe, Ito 2008: told apart with any colour vision.
-COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#000000")
-MARK = {"marker": "D", "color": "#D55E00", "s": 18, "zorder": 3, "clip_on": False}
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00")
+MARK = {"marker": "D", "color": "#000000", "edgecolor": "#FFFFFF", "s": 24, "zorder": 3, "clip_on": False}
 
 
 class Series(NamedTuple):

@@ -33,7 +33,7 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     """Each problem in a sentence. Only the first is taken, so later ones may rely on there being none."""
     yield from _unknown(scene)
-    if not all(said.strip() for said in (scene.instruction, *scene.then)):
+    if not all(said.strip() for said in scene.instructions):
         yield "an instruction is empty"
     if scene.light.intensity < 0:
         yield f"light: an intensity of {scene.light.intensity:g} is negative"
