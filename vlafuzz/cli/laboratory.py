@@ -20,6 +20,8 @@ from vlafuzz.space import OperatorSet
 from vlafuzz.studies.parts import Part, operators_of, stored
 from vlafuzz.studies.variants import Variant
 
+VARIANTS = "variants"  # what stands for a strategy in runs of scenes that were made of others: no sample
+
 
 class _Job(NamedTuple):
     """A run that is wanted; ``scenes`` where they are given."""
@@ -50,8 +52,8 @@ class Lab:
         """Runs of random scenes, of all parts that have a scene; with these packs in place of those asked."""
         jobs = {}
         for part in parts:
-            own = self._own(part, strategy="random", packs=self.asked.packs if packs is None else packs)
-            jobs[part] = _Job(self._plan(own, operators_of(part, self.operators)))
+            own = self._own(part, packs=self.asked.packs if packs is None else packs)
+            jobs[part] = _Job(self._plan(own, operators_of(part, self.operators), "random"))
         return self._done(jobs)
 
     def given(self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]) -> dict[Part, Run]:
@@ -64,16 +66,16 @@ class Lab:
             path = self._file(part)
             write_scenes(path, scenes)
             own = self._own(part, scenes=path, budget=None, seed=self.asked.seed + 1)
-            jobs[part] = _Job(self._plan(own, operators), scenes)
+            jobs[part] = _Job(self._plan(own, operators, VARIANTS), scenes)
         return self._done(jobs)
 
     def _own(self, part: Part, **changes: object) -> RunConfig:
         own = replace(self.asked, task=part.task, subject=part.subject, store=self.corpus.path)
         return replace(own, **changes)  # type: ignore[arg-type]
 
-    def _plan(self, own: RunConfig, operators: OperatorSet) -> Plan:
-        made = config.plan(own, operators)
-        return replace(made, manifest=replace(made.manifest, commit=self.commit))
+    def _plan(self, own: RunConfig, operators: OperatorSet, strategy: str) -> Plan:
+        made = config.plan(own if own.scenes else replace(own, strategy=strategy), operators)
+        return replace(made, manifest=replace(made.manifest, strategy=strategy, commit=self.commit))
 
     def _file(self, part: Part) -> Path:
         folder = self.folder / "scenes"
