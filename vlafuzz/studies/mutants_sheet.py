@@ -147,12 +147,12 @@ def _logarithmic(curve: str) -> bool:
 
 
 def _scale(axes: Any, curve: str) -> None:
+    ticks = EDGES[curve]
+    told = [str(each) for each in ticks]
     if _logarithmic(curve):
         axes.set_xscale("log", base=2)
-        ticks = EDGES[curve]
-        axes.set_xticks(
-            ticks, [f"1/{each}" if curve == "darker" and each > 1 else str(each) for each in ticks]
-        )
-        axes.set_xlim(1, 20)
         axes.minorticks_off()
-    axes.set_xlabel("α" if _logarithmic(curve) else curve)
+        axes.set_xlabel("α")
+        told = [f"1/{each}" if curve == "darker" and each > 1 else str(each) for each in ticks]
+    axes.set_xticks(ticks, told)
+    axes.set_xlim(ticks[0], ticks[-1])

@@ -83,7 +83,7 @@ def save(figure: Any, path: Path) -> None:
             labelled.values(),
             labelled.keys(),
             loc="outside lower center",
-            ncols=min(5, len(labelled)),
+            ncols=min(6, len(labelled)),
             frameon=False,
             fontsize=8,
         )

@@ -17,8 +17,8 @@ _NOTE = (
     "1, the share that reaches stage n."
 )
 _TESTED = (
-    "The t-test is paired, over subjects; d is Cohen's, of paired samples. It takes subjects for a "
-    "sample of some."
+    "The t-test is paired, over subjects, which it takes for a sample of many; d is Cohen's, of paired "
+    "samples."
 )
 _FEW = (
     f"With less than {ENOUGH} subjects there is no test over subjects: the bootstrap over scenes says "
