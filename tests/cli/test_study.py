@@ -112,7 +112,8 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
     study("rq2", "--task", "pick-up", "--operators", str(tight), "--json")
     told = capsys.readouterr()
     assert len(json.loads(told.out)["standings"]) < 5
-    assert "left out: pick-up: no room for" in " ".join(told.err.split())
+    for said in (told.err, (folder / "rq2.md").read_text()):
+        assert "pick-up, 4 confounders: pick-up: no room for" in " ".join(said.split())
 
 
 class Dim(ClosedForm):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,6 +40,7 @@ class Lab:
     Attributes:
         asked: the same for all runs; its ``budget`` is the number of random scenes of each.
         commit: of the code that is loaded: what is committed in the meantime makes no other version of it.
+        left_out: parts that have no scene, and why.
     """
 
     asked: RunConfig
@@ -47,6 +48,7 @@ class Lab:
     corpus: Corpus
     folder: Path
     commit: str | None
+    left_out: list[str] = field(default_factory=list)
 
     def sampled(self, parts: Iterable[Part], packs: Sequence[Pack] | None = None) -> dict[Part, Run]:
         """Runs of random scenes, of all parts that have a scene; with these packs in place of those asked."""
@@ -104,7 +106,8 @@ class Lab:
                 try:
                     _fuzz(jobs[part].plan, run, self.corpus, pace)
                 except UsageError as error:  # boxes of the paper have no room for all of its confounders
-                    pace.say(f"{part}: left out: {error.message}")
+                    self.left_out.append(f"{part}: {error.message}")
+                    pace.say(f"left out: {self.left_out[-1]}")
                     problem = error
         return problem
 

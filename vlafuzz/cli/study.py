@@ -15,8 +15,9 @@ from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
 if TYPE_CHECKING:
-    from vlafuzz.cli.studying import Found, Wish
+    from vlafuzz.cli.studying import Wish
     from vlafuzz.config import RunConfig
+    from vlafuzz.studies.sheet import Found
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 ALPHAS = ("linear", "log")

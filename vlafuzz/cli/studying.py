@@ -23,7 +23,7 @@ from vlafuzz.studies import published, wordings
 from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, kept, mutants, mutating, points
 from vlafuzz.studies.mutants_sheet import Mutated
 from vlafuzz.studies.parts import Part, operators_of, parts_of
-from vlafuzz.studies.sheet import Sheet
+from vlafuzz.studies.sheet import Found, Sheet
 from vlafuzz.studies.similar import Similarity, adjusted, similarity
 from vlafuzz.studies.stages import Standing, in_paper, standing
 from vlafuzz.studies.stages_sheet import Staged
@@ -35,7 +35,6 @@ from vlafuzz.tasks.tabletop import TASKS
 
 STORE = "study.db"
 SAMPLES = ("random", "pool")  # strategies that choose no scenes by what came of others
-Found = Staged | Mutated | Unseen | Said
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def study_of(stores: Sequence[Path]) -> Staged:
             f"{', '.join(map(str, stores))}: no run with scenes of strategy {' or '.join(SAMPLES)}",
             hint="what a guided strategy proposes is no sample of the scenes",
         )
-    return _staged("rq1", counted, [])
+    return _staged("rq1", counted, [], [])
 
 
 def write(found: Found, folder: Path) -> tuple[dict[str, Any], Sheet]:
@@ -102,15 +101,14 @@ def _stages(lab: Lab, wish: Wish) -> Staged:
     """RQ1, RQ2."""
     runs = lab.sampled(wish.parts())
     counted = [standing(lab.corpus, run, part.confounders) for part, run in runs.items()]
-    return _staged(
-        wish.study, counted, _similar(lab.corpus, list(runs.values())) if wish.study == "rq2" else []
-    )
+    similar = _similar(lab.corpus, list(runs.values())) if wish.study == "rq2" else []
+    return _staged(wish.study, counted, similar, lab.left_out)
 
 
-def _staged(name: str, counted: list[Standing], similar: list[Similarity]) -> Staged:
+def _staged(name: str, counted: list[Standing], similar: list[Similarity], left_out: list[str]) -> Staged:
     tasks = dict.fromkeys(each.task for each in counted) if name == "rq1" else ()
     subjects = list(dict.fromkeys(each.subject for each in counted))
-    return Staged(name, subjects, counted, [in_paper(task) for task in tasks], similar)
+    return Staged(name, subjects, left_out, counted, [in_paper(task) for task in tasks], similar)
 
 
 def _similar(corpus: Corpus, runs: Sequence[Run]) -> list[Similarity]:
@@ -141,6 +139,7 @@ def _mutated(lab: Lab, wish: Wish) -> Mutated:
     return Mutated(
         wish.study,
         list(by_subject),
+        lab.left_out,
         wish.alpha if wish.study == "rq3" else None,
         rows,
         curves,
@@ -158,8 +157,13 @@ def _unseen(lab: Lab, wish: Wish) -> Unseen:
         for part, other in parts.items()
         if part in seen and other in unseen
     ]
+    if not found:
+        raise UsageError(
+            "rq5: no task has room for both seen and unseen objects", hint="widen the --operators"
+        )
     subjects = list(dict.fromkeys(each.subject for each in found))
-    return Unseen(wish.study, subjects, [pack.name for pack in wish.unseen], found, paired_tests(found))
+    packs = [pack.name for pack in wish.unseen]
+    return Unseen(wish.study, subjects, lab.left_out, packs, found, paired_tests(found))
 
 
 def _said(lab: Lab, wish: Wish) -> Said:
@@ -178,7 +182,7 @@ def _said(lab: Lab, wish: Wish) -> Said:
         whole.append(wordings.together(task, subject, plain, reworded))
         found += wordings.compared(task, subject, plain, reworded, ways[task])
     subjects = list(dict.fromkeys(each.subject for each in whole))
-    return Said(wish.study, subjects, whole, wordings.adjusted(found))
+    return Said(wish.study, subjects, lab.left_out, whole, wordings.adjusted(found))
 
 
 def _varied(

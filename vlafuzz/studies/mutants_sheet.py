@@ -10,7 +10,7 @@ from typing import Any
 
 from vlafuzz.studies import plots, published
 from vlafuzz.studies.mutants import CURVES, EDGES, Alpha, Kept, Point
-from vlafuzz.studies.sheet import BESIDE, Row, Sheet, Table, points, share, title
+from vlafuzz.studies.sheet import BESIDE, Found, Row, Sheet, Table, points, share
 
 _NOTES = (
     "Def.: scenes that the subject passed. Control: the same scenes once more, unmutated, in the seed "
@@ -36,7 +36,7 @@ _ALPHA = {
 
 
 @dataclass(frozen=True)
-class Mutated:
+class Mutated(Found):
     """What RQ3 or RQ4 found.
 
     Attributes:
@@ -44,8 +44,6 @@ class Mutated:
         published: the rows of the paper's table that are known.
     """
 
-    study: str
-    subjects: list[str]
     alpha: Alpha | None
     kept: list[Kept]
     points: list[Point]
@@ -60,7 +58,7 @@ class Mutated:
             Table("The paper's, as far as known", [_paper_row(row) for row in self.published]),
         ]
         differs = _DIFFERS[self.study].format(alpha=_ALPHA[self.alpha or "linear"])
-        return Sheet(title(self.study, self.subjects), tables, _NOTES, differs, self._plot)
+        return Sheet(self.title, tables, [*_NOTES, *self.gaps], differs, self._plot)
 
     def _curve(self, curve: str) -> list[Row]:
         its = {(each.subject, each.low, each.high): each for each in self.points if each.curve == curve}
@@ -74,9 +72,8 @@ class Mutated:
     def _plot(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
         names = ["tasks", *CURVES[self.study]]
-        figure, (first, *every) = plots.panels(title(self.study, self.subjects), names, width=4)
+        figure, (first, *every) = plots.panels(self.title, names, "share of mutants passed", width=4)
         colours = plots.coloured(self.subjects)
-        first.set_ylabel("share of mutants passed")
         self._plot_kept(first, colours)
         for axes, curve in zip(every, CURVES[self.study], strict=True):
             for number, subject in enumerate(self.subjects):

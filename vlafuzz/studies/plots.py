@@ -23,9 +23,9 @@ class Series(NamedTuple):
 
 
 def panels(
-    title: str, names: Sequence[str], *, columns: int = 4, width: float = 3.2
+    title: str, names: Sequence[str], says: str, *, columns: int = 4, width: float = 3.2
 ) -> tuple[Any, list[Any]]:
-    """A figure, and in it named panels of shares, side by side."""
+    """A figure, and in it named panels of shares, side by side; ``says`` of what."""
     from matplotlib.figure import Figure
 
     columns = min(columns, len(names))
@@ -41,6 +41,8 @@ def panels(
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
+    for axes in every[: len(names) : columns]:
+        axes.set_ylabel(says)
     figure.suptitle(title, fontsize=11)
     return figure, every[: len(names)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,9 +51,32 @@ class Sheet:
         return f"What differs from the paper: {self.differs}"
 
 
-def title(study: str, subjects: Sequence[str]) -> str:
-    """Of a sheet and its plot."""
-    return f"{study.upper() if study.startswith('rq') else study.capitalize()}: {', '.join(subjects)}"
+@dataclass(frozen=True)
+class Found:
+    """What a study found; each has more.
+
+    Attributes:
+        left_out: runs that had no scene, and why.
+    """
+
+    study: str
+    subjects: list[str]
+    left_out: list[str]
+
+    @property
+    def title(self) -> str:
+        """Of the sheet and its plot."""
+        name = self.study.upper() if self.study.startswith("rq") else self.study.capitalize()
+        return f"{name}: {', '.join(self.subjects)}"
+
+    @property
+    def gaps(self) -> list[str]:
+        """A note of what was left out, if anything."""
+        return [f"Left out: {'; '.join(self.left_out)}."] if self.left_out else []
+
+    @abstractmethod
+    def sheet(self) -> Sheet:
+        """It on paper."""
 
 
 def points(value: float | None) -> str:

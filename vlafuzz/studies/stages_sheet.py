@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import BESIDE, Row, Sheet, Table, chance, share, title
+from vlafuzz.studies.sheet import BESIDE, Found, Row, Sheet, Table, chance, share
 from vlafuzz.studies.similar import Similarity
 from vlafuzz.studies.stages import Published, Standing
 
@@ -20,11 +20,9 @@ _DIFFERS = {
 
 
 @dataclass(frozen=True)
-class Staged:
+class Staged(Found):
     """What RQ1 or RQ2 found; only RQ1 has figures of the paper beside it, only RQ2 asks what is similar."""
 
-    study: str
-    subjects: list[str]
     standings: list[Standing]
     published: list[Published]
     similar: list[Similarity]
@@ -33,14 +31,14 @@ class Staged:
         """A table a task."""
         tasks = dict.fromkeys(each.task for each in self.standings)
         tables = [Table(task, [_row(each) for each in self.standings if each.task == task]) for task in tasks]
-        notes = [_NOTE]
+        notes = [_NOTE, *self.gaps]
         if self.published:
             tables.append(Table("The paper's success", [_paper_row(each) for each in self.published]))
             notes.append(BESIDE)
         if self.similar:
             tables.append(Table("Confounders like the target", [_similar_row(each) for each in self.similar]))
             notes.append(_SIMILAR)
-        return Sheet(title(self.study, self.subjects), tables, notes, _DIFFERS[self.study], self._plot)
+        return Sheet(self.title, tables, notes, _DIFFERS[self.study], self._plot)
 
     def _plot(self, path: Path) -> None:
         """Bars a stage; a panel a task, in RQ2 of each subject; the paper's mean success as a mark."""
@@ -48,8 +46,7 @@ class Staged:
         for each in self.standings:
             name = each.task if each.confounders is None else f"{each.task}, {each.subject}"
             groups.setdefault(name, []).append(each)
-        figure, every = plots.panels(title(self.study, self.subjects), list(groups))
-        every[0].set_ylabel("share of scenes")
+        figure, every = plots.panels(self.title, list(groups), "share of scenes")
         for axes, its in zip(every, groups.values(), strict=True):
             labels = [_label(each) for each in its]
             colours = plots.coloured(labels)
@@ -65,7 +62,9 @@ class Staged:
 
 
 def _label(each: Standing) -> str:
-    return each.subject if each.confounders is None else f"{each.confounders} confounders"
+    if each.confounders is None:
+        return each.subject
+    return f"{each.confounders} confounder{'' if each.confounders == 1 else 's'}"
 
 
 def _row(each: Standing) -> Row:

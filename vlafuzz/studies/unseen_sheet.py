@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Row, Sheet, Table, chance, points, share, title
+from vlafuzz.studies.sheet import Found, Row, Sheet, Table, chance, points, share
 from vlafuzz.studies.unseen import ENOUGH, Difference, PairedTest
 
 _NOTE = (
@@ -32,11 +32,9 @@ _DIFFERS = (
 
 
 @dataclass(frozen=True)
-class Unseen:
+class Unseen(Found):
     """What RQ5 found; ``packs`` are those of the unseen objects."""
 
-    study: str
-    subjects: list[str]
     packs: list[str]
     differences: list[Difference]
     tests: list[PairedTest]
@@ -48,14 +46,13 @@ class Unseen:
             *_transfer_tables(self.differences),
             *([Table("Over subjects", [_test_row(each) for each in self.tests])] if self.tests else []),
         ]
-        notes = [_NOTE, _TESTED if self.tests else _FEW]
-        return Sheet(title(self.study, self.subjects), tables, notes, _DIFFERS, self._plot)
+        notes = [_NOTE, _TESTED if self.tests else _FEW, *self.gaps]
+        return Sheet(self.title, tables, notes, _DIFFERS, self._plot)
 
     def _plot(self, path: Path) -> None:
         """Stages with seen objects, pale, beside the same with unseen ones; a panel a task."""
         tasks = list(dict.fromkeys(each.task for each in self.differences))
-        figure, every = plots.panels(title(self.study, self.subjects), tasks)
-        every[0].set_ylabel("share of scenes")
+        figure, every = plots.panels(self.title, tasks, "share of scenes")
         colours = plots.coloured(self.subjects)
         for axes, task in zip(every, tasks, strict=True):
             its = [each for each in self.differences if each.task == task]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Row, Sheet, Table, chance, points, title
+from vlafuzz.studies.sheet import Found, Row, Sheet, Table, chance, points
 from vlafuzz.studies.wordings import Reworded, Together
 
 _NOTE = (
@@ -27,11 +27,9 @@ _DIFFERS = {
 
 
 @dataclass(frozen=True)
-class Said:
+class Said(Found):
     """What RQ6 or the prompts found."""
 
-    study: str
-    subjects: list[str]
     together: list[Together]
     prompts: list[Reworded]
 
@@ -40,14 +38,15 @@ class Said:
         tables = [Table("Success, all prompts together", [_row_together(each) for each in self.together])] + [
             Table(task, [_row(each) for each in self.prompts if each.task == task]) for task in self._tasks()
         ]
-        return Sheet(title(self.study, self.subjects), tables, [_NOTE], _DIFFERS[self.study], self._plot)
+        return Sheet(self.title, tables, [_NOTE, *self.gaps], _DIFFERS[self.study], self._plot)
 
     def _plot(self, path: Path) -> None:
         """Success with each prompt, a panel a task."""
         many = self.study == "rq6"
         figure, every = plots.panels(
-            title(self.study, self.subjects),
+            self.title,
             self._tasks(),
+            "success",
             columns=2 if many else 4,
             width=6 if many else 3.2,
         )
@@ -61,7 +60,6 @@ class Said:
             ]
             plots.bars(axes, [name.removeprefix("paraphrase ") for name in names], series)
             axes.set_xlabel("paraphrase" if many else "")
-        every[0].set_ylabel("success")
         plots.save(figure, path)
 
     def _tasks(self) -> list[str]:
