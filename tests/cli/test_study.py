@@ -192,7 +192,7 @@ def test_studies_with_one_folder_share_its_runs_and_go_on(
         patched.setattr(ClosedForm, "outcome", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         assert main(["study", "rq3", "--task", "pick-up", *SMALL]) == 130
     assert [status for _, status in runs(folder)] == ["finished", "interrupted"]
-    for name in ("rq3", "rq4", "rq3", "rq4"):
+    for name in ("rq3", "rq4", "rq3"):
         study(name, "--task", "pick-up")
     assert [status for _, status in runs(folder)] == ["finished"] * 3
 
