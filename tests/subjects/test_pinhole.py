@@ -8,7 +8,7 @@ import pytest
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Camera, Light, Placement
+from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.subjects.pinhole import Pinhole, _named
 
@@ -69,6 +69,22 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     plain, told, untold = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
     evaluator.close()
     assert (plain, told, untold) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
+
+
+def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
+    around = (
+        Placement("sprite_can", "standing", 0.023, -0.066),
+        Placement("blue_plastic_bottle", "standing", 0.01, 0.021),
+        Placement("apple", "resting", -0.071, 0.008, -51.0),
+    )
+    targets = (
+        Placement("eggplant", "lying", -0.058, -0.048, -19.0),
+        Placement("basket", "flat", -0.05, 0.18, 158.0),
+    )
+    evaluator = ManiSkillEvaluator("put-in", Pinhole(), CATALOGUE, min_distance=0.0)
+    (mixed_up,) = evaluator.evaluate([Scene("put-in", targets, "fill the basket with the eggplant", around)])
+    evaluator.close()
+    assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")
 
 
 def test_it_is_told_no_positions():

@@ -161,7 +161,8 @@ def goal_on(a: Thing, b: Thing) -> Goal:
 def goal_in(a: Thing, b: Thing) -> Goal:
     """In the middle of b, a's long side along b's."""
     container = b.model.container
-    assert container is not None, f"{b.model.name} is no container"
+    if container is None:  # who mixes the two up still has to put a somewhere
+        return goal_on(a, b)
     long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (
         0.0 if container.width >= container.depth else np.pi / 2
     )
