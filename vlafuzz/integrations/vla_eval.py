@@ -206,7 +206,7 @@ class Corpus(StepBenchmark):
 
     def _asked(self, number: int) -> Observation:
         """For the player, who only wants to know which action of the chunk it is."""
-        return Observation(self._episode.start.episode, number, self._episode.start.instruction)
+        return Observation(self._episode.start.episode, number, self._episode.instruction)
 
 
 def _chunk(action: Mapping[str, Any]) -> NDArray[np.float64]:
