@@ -30,6 +30,7 @@ ROWS = (
     "studies",
     "integrations config desk",
     "launch",
+    "checkup",
     "cli",
     "__main__",
 )

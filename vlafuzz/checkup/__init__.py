@@ -1,0 +1,1 @@
+"""Whether a subject is what it should be before its failures are believed."""

@@ -1,0 +1,92 @@
+"""Whether something between subject and robot is the wrong way round: then one correction helps, clearly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from vlafuzz.checkup.check import Check
+from vlafuzz.checkup.corrections import Correction
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.regress.martingale import money
+from vlafuzz.scene import Scene
+
+SCREENED = 2  # scenes in which every correction is tried
+CLEARLY = 0.1  # of progress, in a scene
+ALPHA = 0.05  # probability of naming a correction that does not help
+MOST = 25  # fresh scenes for the one that seems to help most
+
+Roll = Callable[[Scene, Correction | None], Outcome]
+
+
+@dataclass
+class Trial:
+    """One correction in fresh scenes: progress with it beside progress without it.
+
+    It may be ended at any moment, see ``regress.martingale``.
+    """
+
+    pairs: int = 0
+    better: int = 0
+    worse: int = 0
+    without: float = 0.0
+    corrected: float = 0.0
+
+    def see(self, without: Outcome, corrected: Outcome) -> None:
+        """One more scene; one in which something broke does not count."""
+        if min(without.verdict, corrected.verdict) < Verdict.PASSED:
+            return
+        gain = corrected.progress - without.progress
+        self.pairs += 1
+        self.better += gain > CLEARLY
+        self.worse += gain < -CLEARLY
+        self.without += without.progress
+        self.corrected += corrected.progress
+
+    def helps(self, more: int = 0) -> bool:
+        """Whether it does, or would if it did in so many more."""
+        return money(self.better + more, self.worse) >= 1 / ALPHA
+
+
+def check_wiring(
+    outcomes: Sequence[tuple[Scene, Outcome]],
+    fresh: Iterable[Scene],
+    candidates: Sequence[Correction],
+    roll: Roll,
+) -> Check:
+    """Try all corrections where the subject failed, and the best of them in fresh scenes.
+
+    Args:
+        outcomes: of nominal scenes, without a correction.
+        fresh: nominal scenes that were not looked at yet.
+        roll: what comes of a scene with a correction.
+    """
+    lost = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
+    if not lost:
+        return Check("miswired", "it succeeds as it is: nothing to correct", "ok")
+
+    def gain(correction: Correction) -> float:
+        return fmean(roll(scene, correction).progress - before.progress for scene, before in lost)
+
+    gains = [gain(correction) for correction in candidates]
+    best = candidates[gains.index(max(gains))]
+    if max(gains) > CLEARLY:
+        known = {target.object for scene, _ in lost for target in scene.targets}
+        alike = (scene for scene in fresh if known & {target.object for target in scene.targets})
+        trial = _try(best, alike, roll)
+        if trial.helps():
+            told = f"progress from {trial.without / trial.pairs:.2f} to {trial.corrected / trial.pairs:.2f}"
+            found = f"{best.fault}: put right, its {told} in {trial.pairs} fresh scenes"
+            return Check("miswired", found, "refuse", best.advice)
+    return Check("miswired", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
+
+
+def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
+    """Until it is known to help, or cannot be any more."""
+    trial = Trial()
+    for number, scene in enumerate(scenes):
+        if trial.helps() or not trial.helps(MOST - number):
+            break
+        trial.see(roll(scene, None), roll(scene, correction))
+    return trial
