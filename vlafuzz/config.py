@@ -115,11 +115,12 @@ class Plan:
     resume: int | None = None
 
 
-def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
+def plan(config: RunConfig, operators: OperatorSet | None = None, subject: Subject | None = None) -> Plan:
     """Check what the user asks for and make everything but simulator and store.
 
     Args:
         operators: in place of those that the user names.
+        subject: the one that the user names, made already.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -137,7 +138,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None) -> Plan:
     space = SearchSpace(operators or _operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
-    subject = subject_at(place, subject_name)
+    subject = subject or subject_at(place, subject_name)
     return Plan(
         manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
         task=task,

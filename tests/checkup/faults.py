@@ -140,11 +140,11 @@ class Offset(Changed):
 
 def slow(healthy: str) -> Subject:
     def seen(given: Observation) -> Observation:
-        time.sleep(0.03)
+        time.sleep(0.12)
         return given
 
     made = Changed(healthy, seen)
-    return Changed(made, action=replace(made.spec.action, hz=50))
+    return Changed(made, action=replace(made.spec.action, hz=10))
 
 
 class Refusing(Changed):

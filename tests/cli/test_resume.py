@@ -13,7 +13,7 @@ from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import write_scenes
 from vlafuzz.search.registry import STRATEGIES
 
-IDLE = ("--subject", "python:tests.doubles:make_idle")
+IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
 
 
 @pytest.fixture(autouse=True)

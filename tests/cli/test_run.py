@@ -15,7 +15,7 @@ from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import load_scenes, write_scenes
 
-IDLE = ("--subject", "python:tests.doubles:make_idle")
+IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
 NAMES = ["failed", "passed", "invalid", "error"]
 
 

@@ -286,7 +286,7 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
 def set_back(path: Path, version: int, *statements: str) -> None:
     """Make a store what an earlier version would have written."""
     raw = sqlite3.connect(path)
-    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in ("packs", "robot"))
+    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in ("packs", "robot", "checkup"))
     for statement in (*statements, *later, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.subjects.base import SubjectSpec
 
 Array = NDArray[np.float64]
-HARDLY = 0.05  # of how much answers differ from moment to moment: less is as good as no change
+HARDLY = 0.02  # of how much answers differ from moment to moment: less is as good as no change
 ALPHA = 0.05
 
 
@@ -39,14 +39,17 @@ class Answers:
         self._spec, self._once = spec, once
         self.noise = self._distances(again)
         pairs = [apart(spec, one, other) for one, other in combinations(once, 2)]
-        self.spread = float(np.mean(pairs))
+        self._spread = float(np.mean(pairs))
 
     def change(self, probed: Sequence[Array]) -> Change:
         """What became of them. Noise is as likely to move the one answer more as the other."""
         moved = self._distances(probed)
-        more = max(float(np.mean(moved) - np.mean(self.noise)), 0.0)
-        size = more / self.spread if self.spread else float(more > 0)
+        size = self.share(max(float(np.mean(moved - self.noise)), 0.0))
         return Change(size, size >= HARDLY and (not self.noise.any() or _greater(moved - self.noise)))
+
+    def share(self, distance: float) -> float:
+        """Of how much answers differ from moment to moment."""
+        return distance / self._spread if self._spread else float(distance > 0)
 
     def crossed(self, probed: Sequence[Array]) -> bool:
         """Whether these would fit much better in another order."""
@@ -62,11 +65,10 @@ class Answers:
 
 
 def apart(spec: SubjectSpec, one: Array, other: Array) -> float:
-    """Root mean square difference of what is executed: 1 for a centimetre, 0.1 rad or half the gripper."""
-    action = spec.action
+    """Root mean square difference of two chunks: 1 for a centimetre, 0.1 rad or half the gripper."""
+    action, steps = spec.action, min(len(one), len(other))
     gripper = 2.0 if action.gripper.endswith("01") else 1.0
     units = np.array([action.position_scale / 0.01] * 3 + [action.rotation_scale / 0.1] * 3 + [gripper])
-    steps = min(len(one), len(other), spec.execute or len(one))
     return float(np.sqrt(np.mean(((one[:steps] - other[:steps]) * units) ** 2)))
 
 

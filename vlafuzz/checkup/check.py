@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Literal, NamedTuple
 
+Rating = Literal["ok", "warn", "refuse"]
+
 
 class Check(NamedTuple):
     """One row: ``refuse`` means that nothing is to be run before this is put right.
@@ -17,7 +19,7 @@ class Check(NamedTuple):
 
     check: str
     found: str
-    verdict: Literal["ok", "warn", "refuse"]
+    verdict: Rating
     follows: str = ""
 
 

@@ -14,9 +14,9 @@ from vlafuzz.checkup import verdicts
 from vlafuzz.checkup.check import Check, until_refused
 from vlafuzz.checkup.corrections import Corrected, Correction, corrections
 from vlafuzz.checkup.interview import Interview
-from vlafuzz.checkup.miswired import check_wiring
 from vlafuzz.checkup.probes import moved, sights, told
 from vlafuzz.checkup.recorder import Break, Recorder
+from vlafuzz.checkup.wiring import check_wiring
 from vlafuzz.corpus.packs import stored_catalogue
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.records import Manifest
@@ -80,7 +80,7 @@ class Exam:
         spec, recorder = self._spec, self._recorder
         yield verdicts.on_spec(spec)
         yield self._observe()
-        yield from verdicts.on_actions(spec, np.concatenate([each.executed for each in recorder.moments]))
+        yield verdicts.on_actions(spec, np.concatenate([each.executed for each in recorder.moments]))
         interview = Interview(self._subject, recorder.moments)
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})

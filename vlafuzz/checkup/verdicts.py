@@ -19,8 +19,11 @@ from vlafuzz.subjects.remote import divisor
 
 Array = NDArray[np.float64]
 FASTEST = 2.0, 2 * math.pi  # metres and radians a second: what an arm of this kind can do
+OFTEN = 0.1  # share of steps
 STILL = 0.001  # metres, and radians, a step: who never does more does not move
-AT_END = 0.8  # share of steps at the end of its range from which on a number says nothing but its sign
+SAME = 1e-6
+AT_END = 0.8  # share of steps at an end of its range from which on a number says no more than its sign
+ANYWAY = " of how much they differ anyway"
 
 
 def on_spec(spec: SubjectSpec) -> Check:
@@ -63,139 +66,121 @@ def _wrong(spec: SubjectSpec) -> list[str]:
 
 def on_break(broken: Break, *, first: bool) -> Check:
     """What broke: before anything was answered, in an answer, or on the way."""
-    hint = broken.hint or ""
+    told, hint = " ".join(broken.message.split()), broken.hint
     if broken.cause == "bad_action":
-        return Check("actions", broken.message, "refuse", hint or "its actions have to be finite numbers")
+        return Check("actions", told, "refuse", hint or "answer with finite numbers, (steps, 7)")
     if first:
-        return Check("connects", broken.message, "refuse", hint or "see what its own log says")
-    found = f"broke after {broken.answers} answers of a rollout: {broken.message}"
-    return Check(
-        "rollouts", found, "refuse", hint or "see what its own log says; every such scene is an ERROR"
-    )
+        return Check("connects", told, "refuse", hint or "its own log says why")
+    found = f"broke after {broken.answers} answers of a rollout: {told}"
+    return Check("rollouts", found, "refuse", hint or "its own log says why; such a scene is an ERROR")
 
 
-def on_actions(spec: SubjectSpec, executed: Array) -> list[Check]:
-    """On ``(n, 7)`` actions that were executed in several scenes: not constant, not saturated, in range."""
-    return [
-        Check("actions", f"{len(executed)} actions, all of them finite", "ok"),
-        _on_constant(executed),
-        _on_saturated(executed),
-        _on_range(spec, executed),
-    ]
+def on_actions(spec: SubjectSpec, executed: Array) -> Check:
+    """On ``(n, 7)`` actions that were executed in several scenes: not constant, not cut off, in range."""
+    if np.ptp(executed, axis=0).max() < SAME:
+        told = ", ".join(f"{number:.3g}" for number in executed[0])
+        follows = (
+            "constant: it does the same whatever it is shown; look at how pictures and actions are scaled"
+        )
+        return Check("actions", f"{len(executed)} times the same: {told}", "refuse", follows)
+    moves = executed[:, :6]
+    moving = moves[:, np.ptp(moves, axis=0) >= SAME]
+    cut = sum(_is_cut(column) for column in moving.T)
+    if moving.shape[1] and 2 * cut > moving.shape[1]:
+        found = f"{cut} of {moving.shape[1]} numbers are nearly always at an end of their range"
+        follows = "saturated: they are cut off; look at the statistics by which it scales its actions"
+        return Check("actions", found, "refuse", follows)
+    return _on_range(spec, executed)
 
 
-def _on_constant(executed: Array) -> Check:
-    if np.ptp(executed, axis=0).max() > 1e-6:
-        return Check("constant", "actions differ", "ok")
-    told = ", ".join(f"{number:.3g}" for number in executed[0])
-    follows = "whatever it is shown: look at how its pictures are prepared, and how its actions are scaled"
-    return Check("constant", f"always the same action: {told}", "refuse", follows)
-
-
-def _on_saturated(executed: Array) -> Check:
-    sizes = np.abs(executed[:, :6])
-    most = sizes.max(axis=0)
-    moving = (most > 0) & (np.ptp(executed[:, :6], axis=0) > 0)
-    there = [column[column > 0] for column in sizes.T[moving]]
-    ended = sum(np.mean(column >= 0.999 * column.max()) >= AT_END for column in there)
-    found = f"{ended} of {len(there)} numbers that move it are nearly always at the end of their range"
-    if ended * 2 <= max(len(there), 1):
-        return Check("saturated", "actions are nowhere cut off" if not ended else found, "ok")
-    follows = "they are cut off: look at the statistics by which it scales its actions"
-    return Check("saturated", found, "refuse", follows)
+def _is_cut(numbers: Array) -> bool:
+    sizes = np.abs(numbers[numbers != 0])
+    return bool(np.mean(sizes >= 0.999 * sizes.max()) >= AT_END)
 
 
 def _on_range(spec: SubjectSpec, executed: Array) -> Check:
     action = spec.action
-    sizes = np.stack([
-        np.linalg.norm(executed[:, :3], axis=1) * abs(action.position_scale),
-        np.linalg.norm(executed[:, 3:6], axis=1) * abs(action.rotation_scale),
-    ])  # fmt: skip
-    far, wide = sizes.max(axis=1)
-    found = f"at most {far:.2g} m and {wide:.2g} rad a step"
-    fast = (sizes * action.hz > np.array(FASTEST)[:, None]).mean(axis=1)
-    if fast.max() > 0.1:
-        scale = ("position_scale", "rotation_scale")[int(fast.argmax())]
-        told = f"{found}: faster than an arm at {action.hz} Hz"
-        return Check("range", told, "warn", f"is that the unit of its actions? {scale}=… says it")
-    if max(far, wide) < STILL:
-        return Check(
-            "range", f"{found}: it hardly moves", "warn", "is that the unit? position_scale=… says it"
-        )
-    return Check("range", found, "ok")
+    shifts = np.linalg.norm(executed[:, :3], axis=1) * abs(action.position_scale)
+    turns = np.linalg.norm(executed[:, 3:6], axis=1) * abs(action.rotation_scale)
+    found = f"{len(executed)} of them, at most {shifts.max():.2g} m and {turns.max():.2g} rad a step"
+    for sizes, fastest, scale in (
+        (shifts, FASTEST[0], "position_scale"),
+        (turns, FASTEST[1], "rotation_scale"),
+    ):
+        if np.mean(sizes * action.hz > fastest) > OFTEN:
+            follows = f"out of range: no arm is as fast at {action.hz} Hz; {scale}=… says what their unit is"
+            return Check("actions", found, "warn", follows)
+    if max(shifts.max(), turns.max()) < STILL:
+        follows = "out of range: it hardly moves; position_scale=… says what their unit is"
+        return Check("actions", found, "warn", follows)
+    return Check("actions", found, "ok")
 
 
 def on_determinism(spec: SubjectSpec, answers: Answers) -> Check:
     """Whether the same moment gets the same answer, beside what the spec says of it."""
-    apart = float(answers.noise.max())
-    if apart == 0:
+    if not answers.noise.any():
         found = "the same moments get the same answers"
-        return Check(
-            "deterministic", found if spec.deterministic else f"{found}, though it says stochastic", "ok"
-        )
-    found = f"asked again, its answers change by {np.mean(answers.noise) / answers.spread:.1%}"
+        return Check("determinism", found if spec.deterministic else f"{found}, though it may vary", "ok")
+    found = f"asked again, its answers change by {answers.share(float(np.mean(answers.noise))):.1%}{ANYWAY}"
     if not spec.deterministic:
-        return Check("deterministic", f"{found}, and it says stochastic", "ok")
-    follows = "it says deterministic: deterministic=False in its spec, or one seed a rollout"
-    return Check("deterministic", found, "warn", follows)
+        return Check("determinism", found, "ok")
+    follows = (
+        "not deterministic, though it says so: seed it with each rollout's seed, or say deterministic=False"
+    )
+    return Check("determinism", found, "warn", follows)
 
 
 def on_sight(changes: Mapping[str, Change]) -> Check:
-    """Whether it sees, from what each sight does to its answers."""
+    """Whether it sees, by what each sight does to its answers; of another scene's the last."""
     if not changes:
-        return Check("blind", "it asks for nothing to look at", "ok")
-    told = ", ".join(f"{name} {change.size:.0%}" for name, change in changes.items())
-    found = f"change of its answers with {told}"
+        return Check("sight", "it asks for nothing to look at", "ok")
+    told = ", ".join(f"{change.size:.0%} with {name}" for name, change in changes.items())
+    found = f"its answers change by {told}{ANYWAY}"
     if not any(change.clear for change in changes.values()):
-        follows = (
-            "blind: what it is shown changes nothing; look at its cameras and the versions of its libraries"
-        )
-        return Check("blind", found, "refuse", follows)
+        follows = "blind: nothing that it is shown matters; look at its cameras and its libraries' versions"
+        return Check("sight", found, "refuse", follows)
     *_, (name, last) = changes.items()
     if not last.clear:
-        return Check("blind", found, "warn", f"it notices that there is light, but {name} changes nothing")
-    return Check("blind", found, "ok")
+        return Check("sight", found, "warn", f"nearly blind: it notices darkness, but {name} changes nothing")
+    return Check("sight", found, "ok")
 
 
 def on_hearing(change: Change | None) -> Check:
     """Whether the instruction matters; None for a subject that need not hear it."""
-    if change is None:
-        return Check("deaf", "it knows the scene, whatever it is told", "ok")
-    found = f"change of its answers with another instruction {change.size:.0%}"
-    if change.clear:
-        return Check("deaf", found, "ok")
     follows = "deaf: it does the same whatever it is told; look at how the instruction gets to it"
-    return Check("deaf", found, "warn", follows)
+    found = "its answers change by {:.0%} with another instruction"
+    return _on_sense("hearing", change, "it knows the scene, whatever it is told", found, follows)
 
 
 def on_proprioception(change: Change | None) -> Check:
-    """Whether the state that it asks for matters."""
+    """Whether the state that it asks for matters; None when it asks for none."""
+    follows = "it asks for the pose of the hand and does not use it: look at the layout, state=…"
+    found = "its answers change by {:.0%} with another pose of the hand"
+    return _on_sense("proprioception", change, "it asks for none", found, follows)
+
+
+def _on_sense(check: str, change: Change | None, spared: str, found: str, follows: str) -> Check:
     if change is None:
-        return Check("proprioception", "it asks for none", "ok")
-    found = f"change of its answers with another pose of the hand {change.size:.0%}"
-    if change.clear:
-        return Check("proprioception", found, "ok")
-    follows = "it asks for it and does not use it: look at its layout, state=…"
-    return Check("proprioception", found, "warn", follows)
+        return Check(check, spared, "ok")
+    told = found.format(change.size) + ANYWAY
+    return Check(check, told, "ok") if change.clear else Check(check, told, "warn", follows)
 
 
 def on_batch(spec: SubjectSpec, answers: Answers, together: Sequence[Array] | None) -> Check:
-    """Whether several at once get what each gets alone; None where it never gets several."""
+    """Whether several at once get what each gets alone; None where it takes one at a time."""
     if together is None:
         return Check("batch", "it takes one observation at a time", "ok")
     change = answers.change(together)
-    found = f"change of its answers when {len(together)} are asked for at once {change.size:.2%}"
+    found = f"its answers change by {change.size:.2%} when several are asked for at once"
     if answers.crossed(together):
-        return Check(
-            "batch",
-            f"{found}: they are in another order",
-            "refuse",
-            "answer in the order of the observations",
-        )
+        follows = "mixed up: they belong to other observations; answer in the order in which they came"
+        return Check("batch", found, "refuse", follows)
     if change.clear:
-        return Check("batch", found, "refuse", "an answer is to depend on its own observation alone")
+        return Check(
+            "batch", found, "refuse", "mixed up: an answer is to depend on its own observation alone"
+        )
     if change.size and spec.deterministic:
-        follows = "the last digits depend on the company: deterministic=False in its spec, or max_batch=1"
+        follows = "the last digits depend on the company: say deterministic=False, or max_batch=1"
         return Check("batch", found, "warn", follows)
     return Check("batch", found, "ok")
 
@@ -203,7 +188,7 @@ def on_batch(spec: SubjectSpec, answers: Answers, together: Sequence[Array] | No
 def on_speed(spec: SubjectSpec, seconds: Sequence[float], steps: int) -> Check:
     """Whether an answer takes longer than the actions of it, ``steps`` of them, last on a robot."""
     took, lasts = median(seconds[1:] or seconds), steps / spec.action.hz
-    found = f"{took:.2g} s an answer, whose actions last {lasts:.2g} s at {spec.action.hz} Hz"
+    found = f"{took:.2g} s an answer, which lasts for {lasts:.2g} s at {spec.action.hz} Hz"
     if took <= lasts:
         return Check("speed", found, "ok")
     follows = "slow: a robot would wait for it, here it only takes long; execute more of a chunk, or lower hz"

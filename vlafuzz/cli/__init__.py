@@ -32,7 +32,10 @@ COMMANDS = {
     "strategies": ("vlafuzz.cli.strategies:command", "List the strategies that propose scenes."),
     "subjects": ("vlafuzz.cli.subjects:command", "List the subjects that can be tested."),
     "serve": ("vlafuzz.cli.serve:command", "Serve a subject, so that others' clients can drive it."),
-    "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine: what is there, whether it works."),
+    "doctor": (
+        "vlafuzz.cli.doctor:doctor",
+        "Check this machine, or with --subject a subject: does it see, hear, work?",
+    ),
 }
 
 app = typer.Typer(

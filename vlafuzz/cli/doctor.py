@@ -1,4 +1,4 @@
-"""``vlafuzz doctor``: what this machine has, and what follows from it."""
+"""``vlafuzz doctor``: what this machine has, or a subject is, and what follows from it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,17 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 
 from vlafuzz import __version__, renderer, shipped
+from vlafuzz.checkup.check import Check, Rating
+from vlafuzz.cli.examining import examine
+from vlafuzz.cli.flags import OperatorsFlag
 from vlafuzz.cli.output import print_rows
+from vlafuzz.cli.packs import PackFlag, opened
+from vlafuzz.errors import UsageError
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
 PACKAGES = {
@@ -38,20 +43,45 @@ for name in sys.argv[1:]:
 """
 
 
-class Check(NamedTuple):
-    """One row: ``refuse`` means that vlafuzz cannot run before this is put right."""
-
-    check: str
-    found: str
-    verdict: str  # ok, warn, refuse
-    follows: str
-
-
 def doctor(
+    subject: Annotated[
+        str | None,
+        typer.Option(help="Check this subject, or python:pkg.mod:factory.", show_default="this machine"),
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option(help="What the subject is told to do.", show_default="pick-up")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Whose hand it is.", show_default="panda")] = None,
+    operators: OperatorsFlag = None,
+    pack: PackFlag = None,
+    seed: Annotated[
+        int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
+    ] = None,
+    n: Annotated[
+        int | None,
+        typer.Option("--n", help="Nominal scenes that the subject is to solve.", show_default="10"),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Check this machine: what is there, whether it works, and what follows from it."""
-    checks = list(machine())
+    """Check this machine, or a subject: what is there, whether it works, and what follows from it.
+
+    A subject is looked at in the simulator: whether it sees, hears, repeats itself and can do the task;
+    where it fails, whether something is the wrong way round. Exit code 3: put something right first.
+    """
+    asked = {
+        "task": task,
+        "robot": robot,
+        "operators": operators,
+        "packs": opened(pack) or None,
+        "seed": seed,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    if subject is not None:
+        checks = examine(subject, given, 10 if n is None else n)
+    elif given or n is not None:
+        raise UsageError("nothing but --json goes without --subject", hint="name the subject to be checked")
+    else:
+        checks = list(machine())
     print_rows([check._asdict() for check in checks], json=json)
     if any(check.verdict == "refuse" for check in checks):
         raise typer.Exit(3)
@@ -120,7 +150,7 @@ def check_cache(folder: Path) -> Check:
     found = f"{folder}, {built} objects built"
     if os.access(_existing(folder), os.W_OK | os.X_OK):
         return Check("cache", found, "ok", "" if built else "objects are built when they are first used")
-    verdict = "warn" if built else "refuse"
+    verdict: Rating = "warn" if built else "refuse"
     follows = "no further object can be built; hint: set VLAFUZZ_CACHE to a folder that you may write"
     return Check("cache", f"{found}, not writable", verdict, follows)
 

@@ -83,6 +83,9 @@ def command(
     triage: Annotated[
         bool, typer.Option("--triage", help="Triage what the store then holds, as `vlafuzz triage` does.")
     ] = False,
+    unchecked: Annotated[
+        bool, typer.Option("--unchecked", help="Do not look first whether the subject sees, hears and moves.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
@@ -91,10 +94,12 @@ def command(
     """Fuzz a subject: find scenes in which it fails.
 
     Runs are kept in a store, by default runs/<task>-<subject>-<strategy>-<seed>.db. Scenes that a store knows
-    are answered from it and cost no budget.
+    are answered from it and cost no budget. A subject of your own is looked at first, for seconds: one
+    that is blind, say, is not run.
     """
     from vlafuzz import config
     from vlafuzz.cli import triage as triaging
+    from vlafuzz.cli.examining import looked_at
     from vlafuzz.cli.summary import print_summary
     from vlafuzz.search.base import about
 
@@ -124,7 +129,7 @@ def command(
         prepared = config.resume(flags)
     else:
         prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
-    summary = _start(prepared)
+    summary = _start(looked_at(prepared, unchecked=unchecked))
     beside, said = _beside_random(summary), about(prepared.strategy)
     if not json:
         print_summary(summary, beside, said)

@@ -90,7 +90,8 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
     verdicts = summary.verdicts
     judged = verdicts["passed"] + verdicts["failed"]
     low, high = wilson(verdicts["failed"], judged)
-    lines = [
+    lines = [("subject", summary.checkup)] if summary.checkup not in ("", "ok") else []
+    lines += [
         ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
         ("proposals", f"{summary.proposals}, {summary.duplicates} of them known already"),
         ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),

@@ -151,7 +151,19 @@ def _robot(connection: sqlite3.Connection) -> None:
     connection.execute("ALTER TABLE run ADD COLUMN robot TEXT NOT NULL DEFAULT 'panda'")
 
 
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [_first, _triage, _seconds_apart, _packs, _robot]
+def _checkup(connection: sqlite3.Connection) -> None:
+    """Of the subjects of earlier runs nobody asked."""
+    connection.execute("ALTER TABLE run ADD COLUMN checkup TEXT NOT NULL DEFAULT ''")
+
+
+MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
+    _first,
+    _triage,
+    _seconds_apart,
+    _packs,
+    _robot,
+    _checkup,
+]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

@@ -48,6 +48,8 @@ class Manifest:
         simulator: name and version of what the scenes are run in.
         versions: of the packages that matter, by name.
         commit: of vlafuzz's checkout, if it is one.
+        checkup: of the subject before the run: ``ok``, ``unchecked`` or what is wrong with it; empty where
+            nobody asked.
     """
 
     task: str
@@ -70,6 +72,7 @@ class Manifest:
     versions: Mapping[str, str] = field(default_factory=dict)
     commit: str | None = None
     command: str = ""
+    checkup: str = ""
 
     @property
     def conditions(self) -> tuple[object, ...]:

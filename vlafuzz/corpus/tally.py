@@ -30,6 +30,7 @@ class Summary:
         first_failure: digest of the first scene that failed.
         last_error: what the last ERROR was, in a sentence.
         stopped: why it ended before its budget was spent, in a sentence.
+        checkup: what is known of the subject, see ``Manifest``.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
     """
@@ -53,6 +54,7 @@ class Summary:
     first_failure: str | None
     last_error: str | None
     stopped: str | None
+    checkup: str
     seconds: float
     search_seconds: float
     store_seconds: float
@@ -177,6 +179,7 @@ class Tally:
             first_failure=min(failed, key=failed.__getitem__, default=None),
             last_error=self.last_error,
             stopped=self.stopped,
+            checkup=manifest.checkup,
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,
             store_seconds=self.store.seconds,

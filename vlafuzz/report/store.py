@@ -66,6 +66,7 @@ def _facts(runs: Sequence[Run], counts: Counts, crop: Harvest) -> tuple[tuple[st
     searched = sum(run.seconds or 0.0 for run in runs)
     facts = [
         ("Subject", named(run.subject for run in manifests)),
+        ("Its checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
         ("Task", named(run.task for run in manifests)),
         ("Strategy", named(run.strategy for run in manifests)),
         ("Budget", f"{sum(run.budget for run in manifests)} rollouts in {plural(len(runs), 'run')}"),

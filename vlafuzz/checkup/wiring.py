@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from statistics import fmean
 
 from vlafuzz.checkup.check import Check
 from vlafuzz.checkup.corrections import Correction
@@ -64,22 +63,37 @@ def check_wiring(
     """
     lost = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
     if not lost:
-        return Check("miswired", "it succeeds as it is: nothing to correct", "ok")
+        return Check("wiring", "it succeeds as it is: nothing to correct", "ok")
 
-    def gain(correction: Correction) -> float:
-        return fmean(roll(scene, correction).progress - before.progress for scene, before in lost)
-
-    gains = [gain(correction) for correction in candidates]
-    best = candidates[gains.index(max(gains))]
-    if max(gains) > CLEARLY:
+    best, gain = _best(lost, candidates, roll)
+    if gain > CLEARLY:
         known = {target.object for scene, _ in lost for target in scene.targets}
         alike = (scene for scene in fresh if known & {target.object for target in scene.targets})
         trial = _try(best, alike, roll)
         if trial.helps():
             told = f"progress from {trial.without / trial.pairs:.2f} to {trial.corrected / trial.pairs:.2f}"
             found = f"{best.fault}: put right, its {told} in {trial.pairs} fresh scenes"
-            return Check("miswired", found, "refuse", best.advice)
-    return Check("miswired", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
+            return Check("wiring", found, "refuse", f"miswired: {best.advice}")
+    return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
+
+
+def _best(
+    lost: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
+) -> tuple[Correction, float]:
+    """The correction whose least gain is the largest; none is looked for after one with which all pass."""
+    gains: dict[Correction, float] = {}
+    for correction in candidates:
+        gains[correction], passed = 1.0, 0
+        for scene, before in lost:
+            corrected = roll(scene, correction)
+            passed += corrected.verdict is Verdict.PASSED
+            gains[correction] = min(gains[correction], corrected.progress - before.progress)
+            if gains[correction] <= CLEARLY:
+                break
+        if passed == len(lost):
+            break
+    best = max(gains, key=gains.__getitem__)
+    return best, gains[best]
 
 
 def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:

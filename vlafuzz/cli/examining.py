@@ -1,0 +1,100 @@
+"""How commands check a subject: all of it for ``vlafuzz doctor``, in seconds before ``vlafuzz run``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from vlafuzz.checkup.check import Check
+from vlafuzz.cli.output import progress, stderr
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, check_number
+
+if TYPE_CHECKING:
+    from vlafuzz.config import Plan
+    from vlafuzz.subjects.base import Subject
+
+MOST = 1000
+UNCHECKED = "unchecked"
+
+
+def examine(name: str, given: Mapping[str, Any], n: int) -> list[Check]:
+    """All checks of a subject, up to the first that is refused, with a bar.
+
+    Args:
+        given: fields of a ``RunConfig``.
+        n: nominal rollouts.
+    """
+    check_number("--n", n, 1, MOST)
+    made = _make(name)
+    if isinstance(made, Check):
+        return [made]
+    from vlafuzz import config
+    from vlafuzz.checkup.exam import Exam
+
+    with closing(made):
+        manifest = config.plan(config.RunConfig(subject=name, **given), subject=made).manifest
+        said = f"{n} rollouts; where they fail, some dozens more, with corrections"
+        stderr().print(f"{name}: a few seconds of questions, then {said}", soft_wrap=True)
+        with closing(Exam(manifest, made)) as exam, progress() as bar:
+            task = bar.add_task("checks", total=None)
+            checks = []
+            for check in exam.thorough(n):
+                checks.append(check)
+                bar.update(task, advance=1, description=f"after {check.check}")
+            return checks
+
+
+def looked_at(plan: Plan, *, unchecked: bool) -> Plan:
+    """A run whose label says what is wrong with its subject, as far as seconds tell.
+
+    Subjects that come along are not asked: their tests have, and to load the simulator for it takes as long
+    as a hundred rollouts of theirs. A run that is gone on with keeps its label,
+    and is not asked where it was not.
+
+    Raises:
+        PrerequisiteError: it is nothing that could be run.
+    """
+    from vlafuzz.subjects.registry import SUBJECTS
+
+    known = plan.manifest
+    if known.subject in SUBJECTS or known.checkup == UNCHECKED:
+        return plan
+    label = UNCHECKED if unchecked else _label(plan)
+    return plan if plan.resume is not None else replace(plan, manifest=replace(known, checkup=label))
+
+
+def _label(plan: Plan) -> str:
+    from vlafuzz.checkup.exam import Exam
+
+    name = plan.manifest.subject
+    with closing(Exam(plan.manifest, plan.subject)) as exam, progress() as bar:
+        checks = list(bar.track(exam.quick(), description="checkup"))
+    for check in checks:
+        if check.verdict == "refuse":
+            raise PrerequisiteError(
+                f"{name}: {check.found}: {check.follows}",
+                hint=f"put that right (`vlafuzz doctor --subject {name}`), or run it with --unchecked",
+            )
+        if check.verdict == "warn":
+            stderr().print(f"note: {name}: {check.found}: {check.follows}", soft_wrap=True)
+    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok"
+
+
+def _make(name: str) -> Subject | Check:
+    """The subject, or what keeps it from being there.
+
+    Raises:
+        UsageError: no such subject.
+    """
+    from vlafuzz.subjects.registry import make_subject
+
+    try:
+        return make_subject(name)
+    except UsageError:
+        raise
+    except VlafuzzError as error:
+        return Check("connects", error.message, "refuse", error.hint or "")
+    except Exception as error:  # of the user's own code
+        return Check("connects", f"{type(error).__name__}: {error}", "refuse", "what makes it raises this")
