@@ -13,7 +13,7 @@ from vlafuzz.subjects.base import SubjectSpec
 
 Array = NDArray[np.float64]
 HARDLY = 0.02  # of how much answers differ from moment to moment: less is as good as no change
-ALPHA = 0.05
+ALPHA = 0.01  # of a change that is none: there are several probes
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from vlafuzz.checkup.probes import Probe, ask, same
 from vlafuzz.checkup.recorder import Moment
 from vlafuzz.subjects.base import Subject
 
-FEW, MANY = 6, 18  # moments: of a subject that repeats itself, of one that does not
+FEW, MANY = 6, 24  # moments: of a subject that repeats itself, of one that does not
 
 
 class Interview:

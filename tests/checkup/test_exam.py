@@ -1,0 +1,133 @@
+"""Subjects with one planted fault each, and healthy ones: what the doctor says of them in the simulator."""
+
+from collections.abc import Callable
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from tests.checkup.faults import FAULTS, Changed
+from vlafuzz.checkup.check import Check
+from vlafuzz.checkup.exam import Exam
+from vlafuzz.config import RunConfig, plan
+from vlafuzz.subjects.base import Subject
+from vlafuzz.subjects.registry import make_subject
+
+Examine = Callable[..., list[Check]]
+
+
+@pytest.fixture(scope="module")
+def examine() -> Examine:
+    """``examine(subject, n=0, task="pick-up")``: all checks with ``n`` nominal rollouts; 0 for the quick ones."""
+
+    def checks(subject: Subject, n: int = 0, task: str = "pick-up") -> list[Check]:
+        manifest = plan(RunConfig(task=task, subject="pinhole"), subject=subject).manifest
+        with closing(Exam(manifest, subject)) as exam:
+            return list(exam.thorough(n) if n else exam.quick())
+
+    return checks
+
+
+def named(checks: list[Check]) -> dict[str, str]:
+    """Of all that is not well: the verdict, and what follows up to the colon."""
+    return {
+        each.check: f"{each.verdict} {each.follows.partition(':')[0]}"
+        for each in checks
+        if each.verdict != "ok"
+    }
+
+
+# What is said of each fault, and of nothing else.
+QUICK = {
+    "blind": {"sight": "refuse blind"},
+    "deaf": {"hearing": "warn deaf"},
+    "constant": {"actions": "refuse constant"},
+    "NaN": {"actions": "refuse answer with finite numbers, (steps, 7)"},
+    "saturated": {"actions": "refuse saturated"},
+    "nondeterministic": {"determinism": "warn not deterministic, though it says so"},
+    "refusing": {"connects": "refuse its own log says why"},
+    "dropping": {"rollouts": "refuse its own log says why; such a scene is an ERROR"},
+}
+THOROUGH = {
+    "batch order mixed": {"batch": "refuse mixed up"},
+    "slow": {"speed": "warn slow"},
+    "x and y swapped": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "gripper inverted": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "wrong scale": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "chunk offset": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "yaw inverted": {"wiring": "refuse miswired"},
+}
+SEEING = ("BGR", "upside down")  # faults of pictures
+FOUND = {
+    "x and y swapped": "x and y of its moves are swapped",
+    "gripper inverted": "its gripper opens where it should close",
+    "wrong scale": "its moves have the wrong length",
+    "chunk offset": "its chunks begin 1 action too early",
+    "yaw inverted": "its yaw has the wrong sign",
+    "BGR": "it gets red and blue exchanged",
+    "upside down": "it gets its pictures upside down",
+}
+
+
+@pytest.mark.parametrize("fault", QUICK)
+def test_the_fault_of_a_subject_is_named_in_seconds(examine: Examine, fault: str):
+    assert named(examine(FAULTS[fault]("pinhole"))) == QUICK[fault]
+
+
+def test_several_answers_in_the_wrong_order_are_named(examine: Examine):
+    assert named(examine(FAULTS["batch order mixed"]("pinhole"), 1)) == THOROUGH["batch order mixed"]
+
+
+def test_swapped_axes_are_named(examine: Examine):
+    checks = examine(FAULTS["x and y swapped"]("pinhole"), 2)
+    assert named(checks) == THOROUGH["x and y swapped"]
+    assert checks[-1].found.startswith(FOUND["x and y swapped"])
+
+
+@pytest.mark.parametrize("name", ["pinhole", "expert"])
+def test_a_healthy_subject_that_sees_no_picture_gets_no_warning(examine: Examine, name: str):
+    checks = examine(make_subject(name), 3)
+    assert named(checks) == {}
+    assert checks[-1].check == "wiring"
+
+
+def noisy(healthy: Subject) -> Subject:
+    rng = np.random.default_rng(0)
+    noise = np.array([0.01, 0.01, 0.01, 0.05, 0.05, 0.05, 0])
+    return Changed(
+        healthy, answer=lambda actions: actions + rng.normal(size=(1, 7)) * noise, deterministic=False
+    )
+
+
+def test_a_stochastic_subject_that_says_so_is_healthy(examine: Examine):
+    assert named(examine(noisy(make_subject("pinhole")))) == {}
+
+
+def test_noise_does_not_hide_that_a_subject_is_blind(examine: Examine):
+    assert named(examine(noisy(FAULTS["blind"]("pinhole")))) == QUICK["blind"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", THOROUGH)
+def test_the_fault_of_a_subject_is_named_after_rollouts(examine: Examine, fault: str):
+    checks = examine(FAULTS[fault]("pinhole"), 6)
+    assert named(checks) == THOROUGH[fault]
+    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("fault", [*QUICK, *THOROUGH, *SEEING])
+def test_the_fault_of_a_learned_subject_is_named(examine: Examine, fault: str):
+    checks = examine(FAULTS[fault]("mini"), 6)
+    known = QUICK | THOROUGH
+    assert named(checks).items() >= known.get(fault, {"wiring": "refuse miswired"}).items()
+    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("task", ["pick-up", "move-near", "put-on", "put-in"])
+@pytest.mark.parametrize("name", ["mini", "pinhole"])
+def test_a_healthy_subject_gets_no_warning_in_any_task(examine: Examine, name: str, task: str):
+    assert named(examine(make_subject(name), 8, task)) == {}
