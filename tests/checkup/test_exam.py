@@ -18,7 +18,7 @@ Examine = Callable[..., list[Check]]
 
 @pytest.fixture(scope="module")
 def examine() -> Examine:
-    """``examine(subject, n=0, task="pick-up")``: all checks with ``n`` nominal rollouts; 0 for the quick ones."""
+    """``examine(subject, n, task)``: all checks with ``n`` nominal rollouts; the quick ones without."""
 
     def checks(subject: Subject, n: int = 0, task: str = "pick-up") -> list[Check]:
         manifest = plan(RunConfig(task=task, subject="pinhole"), subject=subject).manifest

@@ -1,0 +1,107 @@
+"""``vlafuzz doctor --subject``, and what ``vlafuzz run`` looks at first."""
+
+import json
+import socket
+from pathlib import Path
+
+import pytest
+
+from tests.checkup.faults import FAULTS
+from vlafuzz.cli import main
+from vlafuzz.corpus.store import Corpus
+from vlafuzz.report.store import view_of_store
+from vlafuzz.subjects.base import Subject
+
+HERE = "python:tests.cli.test_examining"
+
+
+def deaf() -> Subject:
+    return FAULTS["deaf"]("pinhole")
+
+
+def constant() -> Subject:
+    return FAULTS["constant"]("pinhole")
+
+
+def broken() -> Subject:
+    raise FileNotFoundError("weights.pt")
+
+
+def rows(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, str]]:
+    return {row["check"]: row for row in json.loads(capsys.readouterr().out)}
+
+
+def test_the_doctor_finds_nothing_wrong_with_a_healthy_subject(capsys: pytest.CaptureFixture[str]):
+    assert main(["doctor", "--subject", "pinhole", "--n", "1", "--json"]) == 0
+    found = rows(capsys)
+    assert {row["verdict"] for row in found.values()} == {"ok"}
+    assert list(found)[-2:] == ["nominal", "wiring"]
+
+
+def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest.CaptureFixture[str]):
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        port = listening.getsockname()[1]
+    assert main(["doctor", "--subject", f"vla-eval:ws://127.0.0.1:{port}", "--json"]) == 3
+    (row,) = rows(capsys).values()
+    assert (row["check"], row["verdict"]) == ("connects", "refuse")
+    assert row["follows"].startswith("start it first")
+
+
+def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: pytest.CaptureFixture[str]):
+    assert main(["doctor", "--subject", f"{HERE}:broken", "--json"]) == 3
+    assert rows(capsys)["connects"]["found"] == "FileNotFoundError: weights.pt"
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--task", "put-on"], "nothing but --json goes without --subject"),
+        (["--subject", "pinhol"], "unknown subject 'pinhol'"),
+        (["--subject", "pinhole", "--n", "0"], "--n: expected at least 1, got 0"),
+        (["--subject", "pinhole", "--task", "put_on"], "unknown task 'put_on'"),
+    ],
+)
+def test_a_wrong_flag_of_the_doctor_is_a_sentence(
+    capsys: pytest.CaptureFixture[str], flags: list[str], says: str
+):
+    assert main(["doctor", *flags]) == 2
+    assert says in capsys.readouterr().err
+
+
+def run(folder: Path, name: str, *flags: str) -> int:
+    store = ("--store", str(folder / "a.db"))
+    return main(["run", "--subject", name, "--strategy", "random", "--budget", "1", *store, "--json", *flags])
+
+
+def test_a_run_of_a_subject_that_cannot_be_tested_does_not_begin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run(tmp_path, f"{HERE}:constant") == 3
+    told, hint = capsys.readouterr().err.splitlines()
+    assert told.startswith(f"error: {HERE}:constant: 24 times the same: 0.01, 0.01, 0.01")
+    assert hint.endswith("or run it with --unchecked")
+    assert not (tmp_path / "a.db").exists()
+
+
+def test_a_run_that_was_not_to_look_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert run(tmp_path, f"{HERE}:constant", "--unchecked") == 0
+    assert json.loads(capsys.readouterr().out)["checkup"] == "unchecked"
+
+
+def test_a_run_is_labelled_with_what_is_wrong_with_its_subject(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run(tmp_path, f"{HERE}:deaf") == 0
+    shown = capsys.readouterr()
+    label = json.loads(shown.out)["checkup"]
+    assert label.startswith("deaf: it does the same whatever it is told")
+    assert label in shown.err
+    with Corpus.open(tmp_path / "a.db") as corpus:
+        assert corpus.runs()[0].manifest.checkup == label
+        assert ("Its checkup", label) in view_of_store(corpus).facts
+
+
+def test_subjects_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert run(tmp_path, "frozen") == 0
+    assert json.loads(capsys.readouterr().out)["checkup"] == ""
