@@ -45,8 +45,8 @@ QUICK = {
     "NaN": {"actions": "refuse answer with finite numbers, (steps, 7)"},
     "saturated": {"actions": "refuse saturated"},
     "nondeterministic": {"determinism": "warn not deterministic, though it says so"},
-    "refusing": {"connects": "refuse its own log says why"},
-    "dropping": {"rollouts": "refuse its own log says why; such a scene is an ERROR"},
+    "refusing": {"connects": "refuse it refused"},
+    "dropping": {"rollouts": "refuse it broke off"},
 }
 THOROUGH = {
     "batch order mixed": {"batch": "refuse mixed up"},

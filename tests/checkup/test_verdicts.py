@@ -52,6 +52,7 @@ def test_a_whole_spec_is_fine():
         (WALK * 30, "warn", "out of range"),
         (WALK * [0.001, 0.001, 0.001, 0.001, 0.001, 0.001, 1], "warn", "out of range"),
         (WALK * [1, 0, 0, 0, 0, 0, 1], "ok", ""),
+        (np.array([[0, 0, -0.03, 0, 0, 0, 1]] * 9 + [[0, 0, 0, 0, 0, 0, -1]]), "ok", ""),
     ],
 )
 def test_actions_are_to_differ_within_the_range_of_an_arm(executed: np.ndarray, verdict: str, says: str):

@@ -23,7 +23,8 @@ OFTEN = 0.1  # share of steps
 STILL = 0.001  # metres, and radians, a step: who never does more does not move
 SAME = 1e-6
 AT_END = 0.8  # share of steps at an end of its range from which on a number says no more than its sign
-ANYWAY = " of how much they differ anyway"
+CUT = 3  # numbers: who only moves straight down may well do it at one speed
+ANYWAY = " (100%: as much as from moment to moment)"
 
 
 def on_spec(spec: SubjectSpec) -> Check:
@@ -70,9 +71,9 @@ def on_break(broken: Break, *, first: bool) -> Check:
     if broken.cause == "bad_action":
         return Check("actions", told, "refuse", hint or "answer with finite numbers, (steps, 7)")
     if first:
-        return Check("connects", told, "refuse", hint or "its own log says why")
+        return Check("connects", told, "refuse", hint or "it refused: its own log says why")
     found = f"broke after {broken.answers} answers of a rollout: {told}"
-    return Check("rollouts", found, "refuse", hint or "its own log says why; such a scene is an ERROR")
+    return Check("rollouts", found, "refuse", hint or "it broke off: its own log says why; such a scene is an ERROR")
 
 
 def on_actions(spec: SubjectSpec, executed: Array) -> Check:
@@ -86,7 +87,7 @@ def on_actions(spec: SubjectSpec, executed: Array) -> Check:
     moves = executed[:, :6]
     moving = moves[:, np.ptp(moves, axis=0) >= SAME]
     cut = sum(_is_cut(column) for column in moving.T)
-    if moving.shape[1] and 2 * cut > moving.shape[1]:
+    if cut >= CUT and 2 * cut > moving.shape[1]:
         found = f"{cut} of {moving.shape[1]} numbers are nearly always at an end of their range"
         follows = "saturated: they are cut off; look at the statistics by which it scales its actions"
         return Check("actions", found, "refuse", follows)
