@@ -44,7 +44,7 @@ QUICK = {
     "constant": {"actions": "refuse constant"},
     "NaN": {"actions": "refuse answer with finite numbers, (steps, 7)"},
     "saturated": {"actions": "refuse saturated"},
-    "nondeterministic": {"determinism": "warn not deterministic, though it says so"},
+    "nondeterministic": {"determinism": "warn not deterministic"},
     "refusing": {"connects": "refuse it refused"},
     "dropping": {"rollouts": "refuse it broke off"},
 }

@@ -33,12 +33,12 @@ def on_spec(spec: SubjectSpec) -> Check:
         return Check("spec", "; ".join(wrong), "refuse", "correct it in the subject's spec")
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         options = " and ".join(f"{name}=…" for name in guessed)
-        found = f"nobody says what {' and '.join(guessed)} mean: it is guessed"
-        return Check("spec", found, "warn", f"say {options} in the subject's name")
+        found = f"nobody says what {' and '.join(guessed)} mean"
+        return Check("spec", found, "warn", f"guessed: say {options} in the subject's name")
     looks = [camera.name for camera in spec.cameras]
     looks += ["outlines"] * spec.silhouettes + ["the simulator's state"] * spec.privileged
     if not looks:
-        follows = "no scene can matter to it: a policy that sees has to ask for cameras"
+        follows = "sees nothing: no scene matters to it; a policy that sees has to ask for cameras"
         return Check("spec", "it asks for nothing to look at", "warn", follows)
     words = [f"sees {', '.join(looks)}", *["proprioception"] * spec.state, f"{spec.action.hz} Hz"]
     return Check("spec", ", ".join(words), "ok")
@@ -73,16 +73,14 @@ def on_break(broken: Break, *, first: bool) -> Check:
     if first:
         return Check("connects", told, "refuse", hint or "it refused: its own log says why")
     found = f"broke after {broken.answers} answers of a rollout: {told}"
-    return Check("rollouts", found, "refuse", hint or "it broke off: its own log says why; such a scene is an ERROR")
+    return Check("rollouts", found, "refuse", hint or "it broke off: its own log says why")
 
 
 def on_actions(spec: SubjectSpec, executed: Array) -> Check:
     """On ``(n, 7)`` actions that were executed in several scenes: not constant, not cut off, in range."""
     if np.ptp(executed, axis=0).max() < SAME:
         told = ", ".join(f"{number:.3g}" for number in executed[0])
-        follows = (
-            "constant: it does the same whatever it is shown; look at how pictures and actions are scaled"
-        )
+        follows = "constant: it does the same whatever it is shown; look at how pictures are prepared"
         return Check("actions", f"{len(executed)} times the same: {told}", "refuse", follows)
     moves = executed[:, :6]
     moving = moves[:, np.ptp(moves, axis=0) >= SAME]
@@ -125,9 +123,7 @@ def on_determinism(spec: SubjectSpec, answers: Answers) -> Check:
     found = f"asked again, its answers change by {answers.share(float(np.mean(answers.noise))):.1%}{ANYWAY}"
     if not spec.deterministic:
         return Check("determinism", found, "ok")
-    follows = (
-        "not deterministic, though it says so: seed it with each rollout's seed, or say deterministic=False"
-    )
+    follows = "not deterministic: seed it with each rollout's seed, or say deterministic=False"
     return Check("determinism", found, "warn", follows)
 
 
