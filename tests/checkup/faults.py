@@ -124,7 +124,7 @@ class Offset(Changed):
     """Its chunks begin with what it did before."""
 
     def __init__(self, healthy: str) -> None:
-        super().__init__(healthy)
+        super().__init__(healthy, max_batch=1)
         self._before = np.array([[0.0] * 6 + [1.0]])
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:

@@ -101,7 +101,7 @@ class Exam:
         try:
             yield from checks
         except SubjectError as error:
-            yield verdicts.on_break(Break.of(error, 0), first=False)
+            yield verdicts.on_break(Break.of(error, "when it was asked again about moments"), first=False)
 
     def _observe(self) -> Check:
         """Record how some rollouts begin, among several things."""

@@ -70,17 +70,17 @@ class Moment:
 
 @dataclass(frozen=True)
 class Break:
-    """The subject broke, after so many answers in the rollout."""
+    """The subject broke, ``where`` says when."""
 
-    answers: int
+    where: str
     cause: Cause
     message: str
     hint: str | None
 
     @staticmethod
-    def of(error: SubjectError, answers: int) -> Break:
+    def of(error: SubjectError, where: str) -> Break:
         """As the subject told it."""
-        return Break(answers, error.cause, error.message, error.hint)
+        return Break(where, error.cause, error.message, error.hint)
 
 
 class Recorder(Lent):
@@ -134,4 +134,4 @@ class Recorder(Lent):
         return chunks
 
     def _note(self, error: SubjectError) -> None:
-        self.breaks.append(Break.of(error, self._answers))
+        self.breaks.append(Break.of(error, f"after {self._answers} answers of a rollout"))

@@ -72,7 +72,7 @@ def on_break(broken: Break, *, first: bool) -> Check:
         return Check("actions", told, "refuse", hint or "answer with finite numbers, (steps, 7)")
     if first:
         return Check("connects", told, "refuse", hint or "it refused: its own log says why")
-    found = f"broke after {broken.answers} answers of a rollout: {told}"
+    found = f"broke {broken.where}: {told}"
     return Check("rollouts", found, "refuse", hint or "it broke off: its own log says why")
 
 
