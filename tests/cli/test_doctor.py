@@ -1,5 +1,7 @@
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -94,3 +96,13 @@ def test_a_full_read_only_cache_is_a_warning(tmp_path: Path, monkeypatch: pytest
 def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor, "LITTLE_DISK", float("inf"))
     assert doctor.check_disk(tmp_path).verdict == "warn"
+
+
+def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
+    code = (
+        "import sys; from vlafuzz import renderer; from vlafuzz.cli import doctor;"
+        "doctor.machine = lambda: iter(()); doctor.doctor();"
+        "print([name for name in ('numpy', 'pydantic', 'scipy', 'torch') if name in sys.modules])"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert child.stdout.splitlines()[-1] == "[]"

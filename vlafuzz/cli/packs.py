@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from vlafuzz import assets
 from vlafuzz.cli.output import progress, stderr
-from vlafuzz.objects import Pack, load_catalogue, open_packs
+
+if TYPE_CHECKING:
+    from vlafuzz.objects import Pack
 
 PackFlag = Annotated[
     list[str] | None,
@@ -28,6 +30,8 @@ def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
         UsageError: a folder is no pack and has none in it.
         CatalogueError: a mesh is damaged.
     """
+    from vlafuzz.objects import open_packs  # not before it is needed: `vlafuzz doctor` has to start anywhere
+
     assets.add_folders(Path(each) for each in given or () if Path(each).is_dir())
     packs = tuple(
         pack for each in given or () if not _is_robots_only(Path(each)) for pack in open_packs(each)
@@ -41,6 +45,8 @@ def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
 
 def _measure(packs: Sequence[Pack]) -> None:
     """Each object, with a bar: that takes up to some seconds for each, once."""
+    from vlafuzz.objects import load_catalogue
+
     catalogue = load_catalogue(packs=packs)
     names = catalogue.preferred(catalogue.names()) if packs else ()
     with progress() as bar:
