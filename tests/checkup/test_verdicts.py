@@ -8,6 +8,7 @@ import pytest
 from tests.doubles import failed, passed
 from vlafuzz.checkup import verdicts
 from vlafuzz.checkup.answers import Answers, Change
+from vlafuzz.checkup.recorder import Break
 from vlafuzz.outcome import Outcome
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, SubjectSpec
 
@@ -108,6 +109,15 @@ def test_who_solves_no_nominal_scene_says_nothing_about_others(solved: int, verd
     assert check.found.startswith(f"succeeds in {solved} of 10 nominal scenes, 95 % interval ")
 
 
-def test_rollouts_that_break_are_counted_with_the_first_reason():
+@pytest.mark.parametrize(("broken", "verdict"), [(0, "ok"), (1, "warn"), (2, "refuse")])
+def test_a_rollout_may_break_once(broken: int, verdict: str):
+    outcomes = [passed()] * 8 + [Outcome.error("subject: connect: gone")] * broken
+    check = verdicts.on_rollouts(outcomes, [Break("after 5 answers", "connect", "gone", None)][:broken])
+    assert check.verdict == verdict
+    assert verdicts.on_nominal(outcomes).found.startswith("succeeds in 8 of 8 ")
+
+
+def test_a_simulator_that_breaks_is_told_apart_from_the_subject():
     check = verdicts.on_rollouts([passed(), Outcome.error("simulator: OSError: no space")], [])
-    assert (check.verdict, check.found) == ("refuse", "1 of 2 rollouts broke: simulator: OSError: no space")
+    assert check.found == "1 of 2 rollouts broke: simulator: OSError: no space"
+    assert check.follows == "`vlafuzz doctor` checks this machine"

@@ -39,7 +39,7 @@ class Answers:
         self._spec, self._once = spec, once
         self.noise = self._distances(again)
         pairs = [apart(spec, one, other) for one, other in combinations(once, 2)]
-        self._spread = float(np.mean(pairs))
+        self._spread = float(np.mean(pairs)) if pairs else 0.0
 
     def change(self, probed: Sequence[Array]) -> Change:
         """What became of them. Noise is as likely to move the one answer more as the other."""

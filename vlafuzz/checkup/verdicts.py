@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.checkup.answers import Answers, Change
-from vlafuzz.checkup.check import Check
+from vlafuzz.checkup.check import Check, Rating
 from vlafuzz.checkup.recorder import Break
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scoring import wilson
@@ -198,21 +198,23 @@ def on_rollouts(outcomes: Sequence[Outcome], breaks: Sequence[Break]) -> Check:
     if not errors:
         return Check("rollouts", f"{len(outcomes)} rollouts to their end", "ok")
     found = f"{len(errors)} of {len(outcomes)} rollouts broke"
+    verdict: Rating = "refuse" if len(errors) > 1 or len(outcomes) == 1 else "warn"
     if not breaks:
-        return Check("rollouts", f"{found}: {errors[0]}", "refuse", "`vlafuzz doctor` checks this machine")
+        return Check("rollouts", f"{found}: {errors[0]}", verdict, "`vlafuzz doctor` checks this machine")
     row = on_break(breaks[0], first=False)
-    return row._replace(found=f"{found}: {row.found}")
+    return row._replace(found=f"{found}: {row.found}", verdict=verdict)
 
 
 def on_nominal(outcomes: Sequence[Outcome]) -> Check:
-    """Whether it can do the task at all."""
-    passed = sum(outcome.verdict is Verdict.PASSED for outcome in outcomes)
-    low, high = wilson(passed, len(outcomes))
-    found = f"succeeds in {passed} of {len(outcomes)} nominal scenes, 95 % interval {low:.0%} to {high:.0%}"
-    if 2 * passed >= len(outcomes):
+    """Whether it can do the task at all, by the rollouts that did not break."""
+    judged = [outcome for outcome in outcomes if outcome.verdict >= Verdict.PASSED]
+    passed = sum(outcome.verdict is Verdict.PASSED for outcome in judged)
+    low, high = wilson(passed, len(judged))
+    found = f"succeeds in {passed} of {len(judged)} nominal scenes, 95 % interval {low:.0%} to {high:.0%}"
+    if 2 * passed >= len(judged):
         return Check("nominal", found, "ok")
     if passed:
         return Check("nominal", found, "warn", "most of its failures will say nothing about the scenes")
-    progress = np.mean([outcome.progress for outcome in outcomes])
+    progress = np.mean([outcome.progress for outcome in judged])
     follows = "it cannot do the task: its failures say nothing about the scenes"
     return Check("nominal", f"{found}; mean progress {progress:.2f}", "refuse", follows)
