@@ -27,7 +27,9 @@ def check(roll: Roll, n: int = 4):
 def test_the_correction_that_helps_is_named_with_what_to_do():
     found = check(lambda _, tried: passed() if tried is OTHER else failed(0.2))
     assert (found.verdict, found.follows) == ("refuse", "miswired: turn other round")
-    assert found.found == "other: put right, its progress from 0.20 to 1.00 in 5 fresh scenes"
+    assert (
+        found.found == "other: put right, its progress from 0.20 to 1.00 in 5 scenes like those that it lost"
+    )
 
 
 def test_the_one_that_helps_most_is_named():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
 
 from vlafuzz.checkup.check import Check
 from vlafuzz.checkup.corrections import Correction
@@ -14,14 +15,14 @@ from vlafuzz.scene import Scene
 SCREENED = 2  # scenes in which every correction is tried
 CLEARLY = 0.1  # of progress, in a scene
 ALPHA = 0.05  # probability of naming a correction that does not help
-MOST = 25  # fresh scenes for the one that seems to help most
+MOST = 25  # scenes for the one that seems to help most
 
 Roll = Callable[[Scene, Correction | None], Outcome]
 
 
 @dataclass
 class Trial:
-    """One correction in fresh scenes: progress with it beside progress without it.
+    """One correction in further scenes: progress with it beside progress without it.
 
     It may be ended at any moment, see ``regress.martingale``.
     """
@@ -54,7 +55,7 @@ def check_wiring(
     candidates: Sequence[Correction],
     roll: Roll,
 ) -> Check:
-    """Try all corrections where the subject failed, and the best of them in fresh scenes.
+    """Try all corrections where the subject failed, and the best of them in scenes like those.
 
     Args:
         outcomes: of nominal scenes, without a correction.
@@ -67,12 +68,10 @@ def check_wiring(
 
     best, gain = _best(lost, candidates, roll)
     if gain > CLEARLY:
-        known = {target.object for scene, _ in lost for target in scene.targets}
-        alike = (scene for scene in fresh if known & {target.object for target in scene.targets})
-        trial = _try(best, alike, roll)
+        trial = _try(best, _alike([scene for scene, _ in lost], fresh), roll)
         if trial.helps():
             told = f"progress from {trial.without / trial.pairs:.2f} to {trial.corrected / trial.pairs:.2f}"
-            found = f"{best.fault}: put right, its {told} in {trial.pairs} fresh scenes"
+            found = f"{best.fault}: put right, its {told} in {trial.pairs} scenes like those that it lost"
             return Check("wiring", found, "refuse", f"miswired: {best.advice}")
     return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
 
@@ -94,6 +93,13 @@ def _best(
             break
     best = max(gains, key=gains.__getitem__)
     return best, gains[best]
+
+
+def _alike(lost: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
+    """The same objects, turned in the same way, in fresh places: a fault may matter with few objects only."""
+    for scene, other in zip(cycle(lost), fresh, strict=False):
+        pairs = zip(scene.targets, other.targets, strict=True)
+        yield replace(scene, targets=tuple(replace(each, x=there.x, y=there.y) for each, there in pairs))
 
 
 def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
