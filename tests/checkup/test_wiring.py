@@ -65,6 +65,16 @@ def test_a_correction_that_helps_where_it_was_found_only_is_not_named():
     assert found.verdict == "ok"
 
 
+def test_a_correction_that_spoils_what_was_solved_is_not_named():
+    hard = {scene(x=number / 1000) for number in (0, 1)}
+
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        solved = (of in hard or of.targets[0].x < 0) == (tried is ONE)
+        return passed() if solved else failed(0.2)
+
+    assert check(roll).verdict == "ok"
+
+
 def test_a_subject_that_fails_at_random_is_rarely_called_miswired():
     """The limit is 5 %: 10 or more of 60 would happen once in 1,350 times."""
     rng = np.random.default_rng(0)

@@ -15,6 +15,7 @@ from vlafuzz.scene import Scene
 SCREENED = 2  # scenes in which every correction is tried
 CLEARLY = 0.1  # of progress, in a scene
 ALPHA = 0.05  # probability of naming a correction that does not help
+KEPT = 3  # scenes that were solved without it
 MOST = 25  # scenes for the one that seems to help most
 
 Roll = Callable[[Scene, Correction | None], Outcome]
@@ -69,7 +70,7 @@ def check_wiring(
     best, gain = _best(lost, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in lost], fresh), roll)
-        if trial.helps():
+        if trial.helps() and _keeps(best, outcomes, roll):
             told = f"progress from {trial.without / trial.pairs:.2f} to {trial.corrected / trial.pairs:.2f}"
             found = f"{best.fault}: put right, its {told} in {trial.pairs} scenes like those that it lost"
             return Check("wiring", found, "refuse", f"miswired: {best.advice}")
@@ -93,6 +94,12 @@ def _best(
             break
     best = max(gains, key=gains.__getitem__)
     return best, gains[best]
+
+
+def _keeps(correction: Correction, outcomes: Sequence[tuple[Scene, Outcome]], roll: Roll) -> bool:
+    """Whether most of what was solved without it is solved with it: what puts right spoils nothing."""
+    won = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
+    return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in won) >= len(won)
 
 
 def _alike(lost: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
