@@ -62,7 +62,7 @@ FOUND = {
     "x and y swapped": "x and y of its moves are swapped",
     "gripper inverted": "its gripper opens where it should close",
     "wrong scale": "its moves have the wrong length",
-    "chunk offset": "its chunks begin 1 action too early",
+    "chunk offset": "its chunks begin 1 step too early",
     "yaw inverted": "its yaw has the wrong sign",
     "BGR": "it gets red and blue exchanged",
     "upside down": "it gets its pictures upside down",
@@ -119,9 +119,9 @@ def test_the_fault_of_a_subject_is_named_after_rollouts(examine: Examine, fault:
 @pytest.mark.render
 @pytest.mark.parametrize("fault", [*QUICK, *THOROUGH, *SEEING])
 def test_the_fault_of_a_learned_subject_is_named(examine: Examine, fault: str):
-    checks = examine(FAULTS[fault]("mini"), 6)
-    known = QUICK | THOROUGH
-    assert named(checks).items() >= known.get(fault, {"wiring": "refuse miswired"}).items()
+    checks = examine(FAULTS[fault]("mini"), 10)
+    expected = {"wiring": "refuse miswired"} if fault in FOUND else (QUICK | THOROUGH)[fault]
+    assert named(checks).items() >= expected.items()  # more, where it cannot do the task for it
     assert checks[-1].found.startswith(FOUND.get(fault, ""))
 
 

@@ -104,7 +104,7 @@ class Ahead:
         ("its yaw has the wrong sign", [0.1, 0, 0, 0, 0, -0.3, 1]),
         ("its gripper opens where it should close", [0.1, 0, 0, 0, 0, 0.3, -1]),
         ("its moves have the wrong length", [2, 0, 0, 0, 0, 0.3, 1]),
-        ("its chunks begin 1 action too early", [0.2, 0, 0, 0, 0, 0, -1]),
+        ("its chunks begin 1 step too early", [0.2, 0, 0, 0, 0, 0, -1]),
         ("it gets red and blue exchanged", [0.1, 0, 1, 0, 0, 0.3, 1]),
         ("it gets its pictures upside down", [0.1, 0, 1, 0, 0, 0.3, 1]),
         ("it gets its pictures mirrored", [0.1, 0, 1, 0, 0, 0.3, 1]),
@@ -135,8 +135,8 @@ def test_corrections_of_what_a_subject_does_not_have_are_not_tried():
     )
     assert not any(each.picture for each in blind)
     assert {each.fault for each in seeing} - {each.fault for each in blind} == {
-        "its chunks begin 1 action too early",
-        "its chunks begin 2 actions too early",
+        "its chunks begin 1 step too early",
+        "its chunks begin 2 steps too early",
         "it gets red and blue exchanged",
         "it gets its pictures upside down",
         "it gets its pictures mirrored",

@@ -88,9 +88,10 @@ def _scaled(factor: float) -> Correction:
 
 def _late(number: int) -> Correction:
     """Without the first actions of each chunk."""
+    steps = f"{number} step{'s' * (number > 1)}"
     return Correction(
-        f"its chunks begin {number} action{'s' * (number > 1)} too early",
-        f"leave out the first {number} of each chunk, or do not answer with what was asked for before",
+        f"its chunks begin {steps} too early",
+        f"answer with what is to be done now: the first {steps} of each chunk are of before",
         lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
     )
 
