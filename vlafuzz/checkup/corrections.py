@@ -52,9 +52,12 @@ class Corrected(Lent):
 
 
 def corrections(spec: SubjectSpec, longest: int) -> list[Correction]:
-    """Those that make sense for a subject whose longest chunk has so many actions."""
-    found = [*_ACTIONS, *(_PICTURES if spec.cameras else ())]
-    return [*found, *(_late(number) for number in range(1, min(longest, 3)))]
+    """Those that make sense for a subject whose longest chunk has so many actions.
+
+    Lengths come last: shorter moves make up for much that is wrong, late actions above all.
+    """
+    late = (_late(number) for number in range(1, min(longest, 3)))
+    return [*_ACTIONS, *late, *(_PICTURES if spec.cameras else ()), *_LENGTHS]
 
 
 def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observation:
@@ -117,8 +120,8 @@ _ACTIONS = (
         advice="turn it the other way: a negative rotation_scale, where the other turns are wrong, too",
     ),
     Correction("its gripper opens where it should close", "give the other convention of gripper=", _grip),
-    *(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20)),
 )
+_LENGTHS = tuple(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20))
 _PICTURES = (
     Correction(
         "it gets red and blue exchanged",
