@@ -117,6 +117,11 @@ def test_a_rollout_may_break_once(broken: int, verdict: str):
     assert verdicts.on_nominal(outcomes).found.startswith("succeeds in 8 of 8 ")
 
 
+def test_rollouts_that_had_to_be_begun_again_are_a_warning():
+    check = verdicts.on_rollouts([passed()] * 8, [Break("after 5 answers", "connect", "gone", None)])
+    assert (check.verdict, check.found) == ("warn", "8 rollouts to their end, 1 begun again")
+
+
 def test_a_simulator_that_breaks_is_told_apart_from_the_subject():
     check = verdicts.on_rollouts([passed(), Outcome.error("simulator: OSError: no space")], [])
     assert check.found == "1 of 2 rollouts broke: simulator: OSError: no space"

@@ -111,8 +111,8 @@ class Exam:
             if scene.confounders:
                 self._otherwise[scene.instruction] = self._misnamed(scene)
             outcome = self._roll(scene)
-            if recorder.breaks:
-                return verdicts.on_break(recorder.breaks[0], first=not recorder.moments)
+            if recorder.broken:
+                return verdicts.on_break(recorder.broken, first=not recorder.moments)
             if outcome.detail.startswith("simulator"):
                 raise SimulatorError(outcome.detail, hint="`vlafuzz doctor` checks this machine")
             seen += outcome.verdict is not Verdict.INVALID

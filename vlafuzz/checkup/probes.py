@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.checkup.recorder import Moment
 from vlafuzz.subjects.base import Finishing, Observation, Outlines, Subject, SubjectSpec
 from vlafuzz.subjects.harness import blamed_on, check_chunks
+from vlafuzz.subjects.wire import persistently
 
 Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
@@ -85,8 +86,12 @@ def ask(subject: Subject, moments: Sequence[Moment]) -> list[Array]:
     """The subject's answers, in a rollout of its own for each moment; all of them in one call.
 
     Raises:
-        SubjectError: it breaks.
+        SubjectError: it breaks, and when that is the connection, more than once.
     """
+    return persistently(lambda: _ask(subject, moments))
+
+
+def _ask(subject: Subject, moments: Sequence[Moment]) -> list[Array]:
     begun = [replace(each.start, episode=f"checkup-{next(_numbers)}") for each in moments]
     shown = [
         replace(each.seen, episode=start.episode, step=0) for each, start in zip(moments, begun, strict=True)

@@ -89,6 +89,7 @@ class Recorder(Lent):
     Attributes:
         most: answers of a rollout, which are kept as ``moments``; after them it is cut off. None for no end,
             with nothing kept.
+        breaks: of all rollouts; ``broken`` is that of the last one, which may have been begun again.
         seconds: that each answer took.
         longest: actions in a chunk.
     """
@@ -98,6 +99,7 @@ class Recorder(Lent):
         self.most: int | None = None
         self.moments: list[Moment] = []
         self.breaks: list[Break] = []
+        self.broken: Break | None = None
         self.seconds: list[float] = []
         self.longest = 1
         self._start: EpisodeStart | None = None
@@ -105,7 +107,7 @@ class Recorder(Lent):
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """See ``Subject``."""
-        (self._start,), self._answers = episodes, 0
+        (self._start,), self._answers, self.broken = episodes, 0, None
         try:
             with blamed_on(self.spec.name):
                 super().reset(episodes)
@@ -134,4 +136,5 @@ class Recorder(Lent):
         return chunks
 
     def _note(self, error: SubjectError) -> None:
-        self.breaks.append(Break.of(error, f"after {self._answers} answers of a rollout"))
+        self.broken = Break.of(error, f"after {self._answers} answers of a rollout")
+        self.breaks.append(self.broken)

@@ -196,7 +196,11 @@ def on_rollouts(outcomes: Sequence[Outcome], breaks: Sequence[Break]) -> Check:
     """Whether it lasts for whole rollouts."""
     errors = [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]
     if not errors:
-        return Check("rollouts", f"{len(outcomes)} rollouts to their end", "ok")
+        found = f"{len(outcomes)} rollouts to their end"
+        if not breaks:
+            return Check("rollouts", found, "ok")
+        follows = f"it breaks off at times, the first time {breaks[0].where}: {breaks[0].message}"
+        return Check("rollouts", f"{found}, {len(breaks)} begun again", "warn", follows)
     found = f"{len(errors)} of {len(outcomes)} rollouts broke"
     verdict: Rating = "refuse" if len(errors) > 1 or len(outcomes) == 1 else "warn"
     if not breaks:
