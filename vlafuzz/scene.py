@@ -26,8 +26,9 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 class Placement:
     """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
-    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw, ``scale`` the object's size,
-    and ``listed`` is its place among all objects where they are not listed with the targets first.
+    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It is of the mesh that a
+    pack's object is made of, and (x, y) is where then that mesh's origin is. ``scale`` is of the object's
+    size, and ``listed`` its place among all objects where they are not listed with the targets first.
     """
 
     __pydantic_config__ = _STRICT

@@ -13,9 +13,13 @@ from tests.packs import box, can, tray, write_pack
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.objects import Catalogue, ObjectModel, load_catalogue, open_packs
 from vlafuzz.objects.packs import find_pack, packs_of, spoken
+from vlafuzz.scene import Placement
+from vlafuzz.sim.maniskill.objects import resting_pose
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.validity import check_static
+from vlafuzz.validity.footprint import solid
 
+STICK = box(0.03, 0.03, 0.08)
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
 
 
@@ -126,11 +130,11 @@ def test_what_the_gripper_cannot_take_is_an_obstacle_which_may_stand_about(tmp_p
 
 
 def test_without_looks_it_shows_its_solid_in_one_colour(tmp_path):
-    model = only(tmp_path, green_cube=box(0.03, 0.03, 0.03))
+    model = only(tmp_path, green_cube=box(0.03, 0.03, 0.03, at=(0.2, 0.0, 0.0)))
     (drawn,) = trimesh.load(model.visual).geometry.values()
     assert np.allclose(drawn.extents, 0.03)
+    assert np.allclose(drawn.bounds.mean(axis=0) + model.fit.position, 0.0)  # drawn in its mesh's frame
     assert np.argmax(model.colour) == 1
-    assert model.fit is None
 
 
 def test_looks_stay_in_the_pack_and_are_fitted_to_the_solid(tmp_path):
@@ -144,6 +148,34 @@ def test_looks_stay_in_the_pack_and_are_fitted_to_the_solid(tmp_path):
     shown = trimesh.load_mesh(looks).vertices @ turn.T * model.fit.scale + model.fit.position
     assert np.allclose(np.ptp(shown, axis=0), np.ptp(model.vertices, axis=0), atol=1e-3)
     assert np.allclose(shown.min(axis=0), model.vertices.min(axis=0), atol=1e-3)
+
+
+def test_a_raw_quaternion_is_that_of_the_mesh(tmp_path):
+    """A can along y, whose mesh's origin is 0.05 m off its middle, a quarter turn about x."""
+    model = only(tmp_path, "info_custom.json", cola_can=can().apply_translation([0.05, 0.0, 0.0]))
+    upright = Placement("mine:cola_can", "", 0.1, 0.2, quaternion=(0.5**0.5, 0.5**0.5, 0.0, 0.0), scale=0.5)
+    points = solid(upright, model)
+    assert np.allclose(np.ptp(points, axis=0), [0.03, 0.03, 0.06], atol=1e-3)
+    assert np.allclose(points[:, :2].min(axis=0) + 0.015, [0.125, 0.2], atol=1e-3)
+    position, quaternion = resting_pose(model.scaled(0.5), upright)
+    assert position == pytest.approx([0.125, 0.2, 0.03], abs=1e-3)
+    assert abs(quaternion[0]) == pytest.approx(1.0)  # as it is built: z is up
+
+
+def test_a_smaller_thing_is_of_the_same_stuff(tmp_path):
+    half = only(tmp_path, block=box(0.04, 0.04, 0.04)).scaled(0.5)
+    assert (half.mass, half.density) == pytest.approx((500 * 0.02**3, 500), abs=1e-5)
+
+
+def test_a_plane_that_marks_a_place_is_no_object_that_scenes_are_made_of(tmp_path):
+    folder = write_pack(tmp_path / "mine", dummy_sink_target_plane=box(0.13, 0.08, 0.002), stick=STICK)
+    found = catalogue(folder)
+    marker = found["mine:dummy_sink_target_plane"]
+    assert (marker.role, marker.spoken) == ("marker", "yellow basket")
+    assert (marker.container.width, marker.container.depth) == (0.13, 0.08)
+    slots = SearchSpace(load_operators(), found, "put-in").composer.layout.slots
+    assert slots["targets.1"] == ("basket",)
+    assert all("mine:dummy_sink_target_plane" not in names for names in slots.values())
 
 
 def test_the_digest_is_of_the_content_and_not_of_the_place(tmp_path):
@@ -240,7 +272,7 @@ def test_scenes_are_made_of_the_packs_objects_as_far_as_they_go(tmp_path):
 @pytest.mark.skipif(not REAL.is_dir(), reason="no assets in ../shared/vlatest/assets")
 def test_every_object_of_vlatest_is_there_with_its_size():
     packs = {pack.name: pack for pack in open_packs(str(REAL))}
-    assert (len(packs["custom"].objects), len(packs["ycb"].objects)) == (26, 61)
+    assert (len(packs["custom"].objects), len(packs["ycb"].objects)) == (27, 62)
     found = load_catalogue(packs=[packs["custom"]])
     assert size(found["custom:opened_pepsi_can"]) == pytest.approx([0.067, 0.067, 0.124], abs=2e-3)
     assert found["custom:opened_pepsi_can"].mass == pytest.approx(0.0204, abs=1e-3)

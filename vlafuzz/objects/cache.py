@@ -90,6 +90,7 @@ def load(folder: Path) -> ObjectModel:
     data["rests"] = tuple(map(_rest, data["rests"]))
     data["container"] = data["container"] and Container(**data["container"])
     data["fit"] = _fit(data.get("fit"))
+    data["box"] = data.get("box") and _array(data["box"])
     return ObjectModel(**data)
 
 

@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.build import rest_pose, write_part
 from vlafuzz.objects.hulls import Array, corners, triangles
-from vlafuzz.objects.model import Fit, ObjectModel, RestPose
+from vlafuzz.objects.model import Container, Fit, ObjectModel, RestPose, Role
 from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.rests import Solid, Stable, quaternion, solid, stable_turns
 from vlafuzz.objects.rooms import room_inside
@@ -52,15 +52,16 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
     body = solid([_lean(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
-    mass, room = body.volume * spec.density, room_inside(body.parts)
+    mass, room = body.volume * spec.density, _room(spec, body)
     stays = supports or room is not None or mass > HEAVIEST
     rests = _rests(name, body, can_be_held=not stays)
     colour = _colour(spec)
-    visual = spec.visual or _write_plain(body, colour, folder / "visual.glb")
+    fit = Fit(spec.scale, quaternion(turn), -centre)
+    visual = spec.visual or _write_plain(body, fit, colour, folder / "visual.glb")
     return ObjectModel(
         name=name,
         spoken=spec.spoken,
-        role="place" if stays else "graspable" if rests[0].grasps else "obstacle",
+        role=_role(spec, rests, stays=stays),
         mass=round(mass, 6),
         friction=FRICTION,
         colour=colour,
@@ -72,8 +73,23 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         supports=supports,
         container=room if rests[0].name == "upright" else None,
         density=spec.density,
-        fit=Fit(spec.scale, quaternion(turn), -centre) if spec.visual else None,
+        fit=fit,
+        box=turn @ spec.sides if spec.sides else None,
     )
+
+
+def _role(spec: PackObject, rests: Sequence[RestPose], *, stays: bool) -> Role:
+    if spec.marks:
+        return "marker"
+    return "place" if stays else "graspable" if rests[0].grasps else "obstacle"
+
+
+def _room(spec: PackObject, body: Solid) -> Container | None:
+    """The room inside; that of a marker is its rectangle."""
+    if not spec.marks:
+        return room_inside(body.parts)
+    width, depth, height = np.ptp(body.hull, axis=0).round(4)
+    return Container(float(width), float(depth), float(height) / 2, float(height) / 2)
 
 
 def _parts(spec: PackObject) -> list[Array]:
@@ -203,10 +219,10 @@ def _mean_of(picture: Image.Image) -> Array:
     return np.asarray((used if len(used) else flat).mean(axis=0), dtype=np.float64)
 
 
-def _write_plain(body: Solid, colour: Array, file: Path) -> Path:
-    """The solid itself as looks, in one colour."""
+def _write_plain(body: Solid, fit: Fit, colour: Array, file: Path) -> Path:
+    """The solid itself as looks, in one colour and in the frame of its mesh."""
     corners_of_faces = [part[triangles(part)].reshape(-1, 3) for part in body.parts]  # edges stay sharp
-    vertices = np.concatenate(corners_of_faces)
+    vertices = (np.concatenate(corners_of_faces) - fit.position) @ fit.turn / fit.scale
     mesh = trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), process=False)
     material = trimesh.visual.material.PBRMaterial(
         baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.7

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import CatalogueError, suggestion
 
 Array = NDArray[np.float64]
-Role = Literal["graspable", "place", "obstacle"]
+Role = Literal["graspable", "place", "obstacle", "marker"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +83,11 @@ class Fit:
     quaternion: Array
     position: Array
 
+    @cached_property
+    def turn(self) -> Array:
+        """Its rotation ``(3, 3)``."""
+        return _matrix(self.quaternion)
+
 
 @dataclass(frozen=True, eq=False)
 class ObjectModel:
@@ -95,11 +101,15 @@ class ObjectModel:
         density: mass over the summed volume of the parts, kilograms a cubic metre.
         parts: ``(n, 3)`` corners of each convex part, metres.
         vertices: ``(m, 3)`` corners of the hull of all, metres.
-        role: an ``obstacle`` neither fits the gripper nor takes anything.
+        role: an ``obstacle`` neither fits the gripper nor takes anything; a ``marker`` is a plane that stands
+            for a place.
         visual: a ``.glb`` with textures; with ``fit`` any mesh.
         collision: one convex ``.obj`` a part.
         rests: the first is nominal.
         supports: other objects can be put on it.
+        fit: of a pack's object; that of its mesh at its nominal size.
+        box: ``(3,)`` the sides that its pack gives it, metres, turned as the mesh is by ``fit``, signs and
+            all; None where none does.
     """
 
     name: str
@@ -117,9 +127,19 @@ class ObjectModel:
     container: Container | None
     density: float
     fit: Fit | None = None
+    box: Array | None = None
+
+    def turned(self, quaternion: Sequence[float]) -> Array:
+        """The rotation ``(3, 3)`` of its frame for a raw quaternion, that of its mesh if it has one."""
+        turn = _matrix(quaternion)
+        return np.asarray(turn if self.fit is None else turn @ self.fit.turn.T)
+
+    def shift(self, quaternion: Sequence[float]) -> Array:
+        """``(3,)`` from the mesh's origin to that of the object, turned so. Metres, at its nominal size."""
+        return np.zeros(3) if self.fit is None else -self.turned(quaternion) @ self.fit.position
 
     def scaled(self, scale: float) -> ObjectModel:
-        """The same thing in another size, of the same mass. Its grasps are left to whoever needs them."""
+        """The same thing in another size, of the same stuff. Its grasps are left to whoever needs them."""
         return self if scale == 1.0 else _scaled(self, scale)
 
     def rest(self, name: str) -> RestPose:
@@ -135,6 +155,18 @@ class ObjectModel:
         raise CatalogueError(
             f"{self.name}: no rest pose {name!r}, known: {', '.join(known)}", suggestion(name, known)
         )
+
+
+def _matrix(quaternion: Sequence[float] | Array) -> Array:
+    """The rotation ``(3, 3)`` of a quaternion w, x, y, z of any length."""
+    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 @lru_cache(maxsize=128)
@@ -156,5 +188,6 @@ def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
         ),
         container=room
         and Container(room.width * scale, room.depth * scale, room.floor * scale, room.rim * scale),
-        density=model.density / scale**3,
+        mass=model.mass * scale**3,
+        box=None if model.box is None else model.box * scale,
     )

@@ -31,7 +31,8 @@ _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATes
 _PLAIN = re.compile(r"[\w. -]+")
 _SAYS = "says where it is"
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
-_MARKER = "dummy_"  # planes that mark a place for SIMPLER's tasks and that no picture shows
+_MARKER = "dummy_"  # planes that mark a place for SIMPLER's tasks
+_MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # those that are of use, and how they are spoken
 
 
 class PackObject(Strict):
@@ -39,7 +40,9 @@ class PackObject(Strict):
 
     Attributes:
         density: of the solid, kilograms a cubic metre.
+        sides: of the box that the info file gives it, along the mesh's axes, metres; None without one.
         tall_y: what is tall and round along y stands along y; everything else has z up.
+        marks: it is a plane that stands for a place.
         visual: None where the pack has none.
         version: of the builder; raise it when the same files would give another object.
     """
@@ -47,11 +50,13 @@ class PackObject(Strict):
     spoken: str
     scale: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
     density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+    sides: tuple[float, float, float] | None
     tall_y: bool
+    marks: bool
     content: str
     collision: Path = Field(exclude=True)
     visual: Path | None = Field(exclude=True)
-    version: int = 4
+    version: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +79,19 @@ class Pack:
         return Pack(name, self.folder, self.digest, self.objects, self.left_out)
 
 
-class _Info(BaseModel):
-    """What an info file says of an object. Its bounding boxes are wrong for some: meshes are measured."""
+class _Box(BaseModel):
+    min: tuple[float, float, float]
+    max: tuple[float, float, float]
 
+    def sides(self, scale: float) -> tuple[float, float, float]:
+        x, y, z = (scale * (high - low) for low, high in zip(self.min, self.max, strict=True))
+        return x, y, z
+
+
+class _Info(BaseModel):
+    """What an info file says of an object. Its boxes are wrong for some: only published criteria use them."""
+
+    bbox: _Box | None = None
     scales: Annotated[list[Length], Field(min_length=1)] = [1.0]
     density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] = 1000.0
 
@@ -165,7 +180,7 @@ def _read(folder: Path) -> Pack:
         solid = _first(folder / "models" / name, _SOLIDS)
         if solid is None:
             left_out.append(name)
-        elif not name.startswith(_MARKER):
+        elif name in _MARKERS or not name.startswith(_MARKER):
             objects[name] = _object(folder, name, info, solid)
     if not objects:
         raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
@@ -206,10 +221,13 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
 
 
 def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
+    scale, box = info.scales[0], info.bbox
     return PackObject(
-        spoken=spoken(name),
-        scale=info.scales[0],
+        spoken=_MARKERS.get(name) or spoken(name),
+        scale=scale,
         density=info.density,
+        sides=box.sides(scale) if box else None,
+        marks=name in _MARKERS,
         tall_y="custom" in _pack_name(folder) or any(folder.glob("info_*custom*.json")),
         content=_content(solid.parent),
         collision=solid,

@@ -136,7 +136,7 @@ def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:
         return catalogue.graspable()
     models = [catalogue[name] for name in catalogue.names()]
     if task.onto == "container":
-        return tuple(model.name for model in models if model.container)
+        return tuple(model.name for model in models if model.container and model.role != "marker")
     return tuple(model.name for model in models if model.supports)
 
 

@@ -30,14 +30,14 @@ def footprint(placement: Placement, model: ObjectModel) -> Footprint:
     """The outline of an object where it stands."""
     polygon, radius = _outline(model, placement.rest, placement.quaternion)
     turned = (polygon * placement.scale) @ _turn(placement).T
-    centre = (placement.x, placement.y)
+    centre = _centre(placement, model)
     return Footprint(centre, turned + centre, radius * placement.scale)
 
 
 def solid(placement: Placement, model: ObjectModel) -> Array:
     """``(m, 3)`` hull vertices of an object where it stands on the table."""
     points = _standing(model, placement.rest, placement.quaternion) * placement.scale
-    return np.column_stack([points[:, :2] @ _turn(placement).T + (placement.x, placement.y), points[:, 2]])
+    return np.column_stack([points[:, :2] @ _turn(placement).T + _centre(placement, model), points[:, 2]])
 
 
 def apart(a: Footprint, b: Footprint) -> bool:
@@ -64,6 +64,14 @@ def _separates(a: Array, b: Array) -> bool:
     return bool(np.any((b @ normals.T).min(axis=0) >= (a * normals).sum(axis=1)))
 
 
+def _centre(placement: Placement, model: ObjectModel) -> tuple[float, float]:
+    """Where an object's origin is."""
+    if placement.quaternion is None:
+        return placement.x, placement.y
+    x, y, _ = model.shift(placement.quaternion) * placement.scale
+    return placement.x + float(x), placement.y + float(y)
+
+
 def _turn(placement: Placement) -> Array:
     if placement.quaternion is not None:
         return np.eye(2)
@@ -73,8 +81,11 @@ def _turn(placement: Placement) -> Array:
 
 @lru_cache(maxsize=512)
 def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None) -> Array:
-    pose = np.array(quaternion) if quaternion else model.rest(rest).quaternion
-    points = model.vertices @ Rotation.from_quat(pose, scalar_first=True).as_matrix().T
+    if quaternion:
+        turn = model.turned(quaternion)
+    else:
+        turn = Rotation.from_quat(model.rest(rest).quaternion, scalar_first=True).as_matrix()
+    points = model.vertices @ turn.T
     points[:, 2] -= points[:, 2].min()
     return np.asarray(points)
 

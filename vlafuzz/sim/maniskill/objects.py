@@ -9,6 +9,7 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 from sapien import physx
+from scipy.spatial.transform import Rotation
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
@@ -28,16 +29,19 @@ def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.f
         position ``(3,)`` in metres, quaternion ``(4,)`` wxyz.
     """
     if placement.quaternion is not None:
-        quaternion = np.array(placement.quaternion) / np.linalg.norm(placement.quaternion)
-        turned = model.vertices @ sapien.Pose(q=quaternion).to_transformation_matrix()[:3, :3].T
-        height = -float(turned[:, 2].min())
-    else:
-        rest = model.rest(placement.rest)
-        half = np.radians(placement.yaw) / 2
-        turn = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)])
-        quaternion = np.array((turn * sapien.Pose(q=rest.quaternion)).q, dtype=np.float64)
-        height = rest.height
-    return np.array([placement.x, placement.y, height]), quaternion
+        turn = model.turned(placement.quaternion)
+        x, y, _ = model.shift(placement.quaternion) * placement.scale
+        height = -float((model.vertices @ turn[2]).min())
+        return np.array([placement.x + x, placement.y + y, height]), as_quaternion(turn)
+    rest = model.rest(placement.rest)
+    half = np.radians(placement.yaw) / 2
+    turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=rest.quaternion)
+    return np.array([placement.x, placement.y, rest.height]), np.array(turned.q, dtype=np.float64)
+
+
+def as_quaternion(turn: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``(4,)`` wxyz of a rotation matrix."""
+    return np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
 
 
 def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
