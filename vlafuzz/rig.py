@@ -58,6 +58,9 @@ class Table:
 Box = tuple[float, tuple[float, float], tuple[float, float]]
 
 
+STOOPS_MOST = 0.55  # radians
+
+
 @dataclass(frozen=True)
 class Hand:
     """A gripper, as who plans grasps with it sees it. Metres, from the tool centre point (TCP).
@@ -70,6 +73,8 @@ class Hand:
         lowest: height of the TCP over the table at which the fingertips clear it.
         highest: place of a grasp over the table from which it can still lift and carry.
         deep: how far a thing may stick up between the fingers.
+        stoops: of an arm that does not let it point straight down everywhere: what a metre of height counts,
+            how many metres from the base it does, and by how many radians it leans outward a metre on.
         lead: how many times the way there is to go the hand is told, as it lags behind.
         fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
             span of heights.
@@ -80,9 +85,17 @@ class Hand:
     lowest: float = 0.0
     highest: float = math.inf
     deep: float = math.inf
+    stoops: tuple[float, float, float] | None = None
     lead: float = 1.0
     fingers: Box = (0.013, (0.038, 0.062), (-0.012, 0.05))
     palm: Box = (0.035, (0.0, 0.105), (0.038, 0.16))
+
+    def stoop(self, distance: float, height: float) -> float:
+        """By how many radians it leans outward there, metres from the base and over the table."""
+        if self.stoops is None:
+            return 0.0
+        counts, straight, on = self.stoops
+        return min(max((distance + counts * height - straight) * on, 0.0), STOOPS_MOST)
 
     def takes(self, width: float, height: float) -> bool:
         """Whether it can hold a thing that is so wide where it is grasped, so high over the table. Metres."""
@@ -104,8 +117,7 @@ class Rig:
 
     Attributes:
         base: of the robot, metres.
-        reach: farthest horizontal distance from the base at which the hand still points straight down,
-            metres.
+        reach: farthest horizontal distance from the base that the hand gets to, metres.
         opening: widest opening of the gripper, metres.
         rest: joint positions at the start of an episode, radians and metres.
         joints: the names of the joints of ``rest``; none where it is in the simulator's order.
@@ -114,6 +126,7 @@ class Rig:
         control_hz: control steps a second, where that is for its controller to say and not for the subject.
         seconds: after which a rollout ends.
         urdf: the robot's file below ``robots/`` in a user's pack; None for what comes with ManiSkill.
+        surface: where things may stand all the same: of scenes that others made.
         photos: below ``overlays/`` in a user's pack, by task: what the third-person camera sees behind robot
             and objects. Only with its nominal view.
         operators: the ranges that fit, where the user names none.
@@ -135,6 +148,7 @@ class Rig:
     control_hz: int | None = None
     seconds: int = 16
     urdf: str | None = None
+    surface: Workspace | None = None
     photos: Mapping[str, str] = field(default_factory=dict)
     operators: str = "tabletop"
     original: Original | None = None

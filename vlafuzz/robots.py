@@ -53,6 +53,7 @@ WIDOWX = Rig(
         "right_finger",
     ),
     workspace=Workspace(x=(-0.22, 0.14), y=(-0.20, 0.20)),
+    surface=Workspace(x=(-0.27, 0.17), y=(-0.23, 0.23)),
     view=View(eye=(-0.347, -0.21, 0.36), target=(-0.01523, -0.02655, 0.0), fov=42.102, aspect=4 / 3),
     lights=_LIGHTS,
     table=Table(centre=(0.0, 0.0), half=(0.5, 0.45, 0.03), floor=-0.87),
@@ -109,12 +110,16 @@ GOOGLE = Rig(
         "joint_head_tilt",
     ),
     workspace=Workspace(x=(-0.24, 0.08), y=(-0.26, 0.26)),
+    surface=Workspace(x=(-0.26, 0.35), y=(-0.37, 0.37)),
     view=View(eye=(-0.45401, -0.00042, 0.42241), target=(-0.03131, -0.00163, 0.0), fov=62.126, aspect=1.25),
     lights=_LIGHTS,
-    table=Table(centre=(0.045, -0.01), half=(0.315, 0.3075, 0.03), floor=-0.87),
+    table=Table(centre=(0.045, 0.0), half=(0.315, 0.38, 0.03), floor=-0.87),
     neutral=math.radians(190),
     hand=Hand(
         lowest=0.010,
+        # Fitted to the inverse kinematics: straight down to 0.64 m at the table, 0.44 m a hand above; at
+        # 0.2 m over the table nowhere, and leaning by 0.35 rad to 0.56 m.
+        stoops=(2.5, 0.69, 1.67),
         lead=1.5,
         fingers=(0.026, (0.060, 0.111), (-0.006, 0.08)),
         palm=(0.046, (0.0, 0.070), (0.038, 0.16)),

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from vlafuzz.rig import Rig
 from vlafuzz.subjects import planning
 from vlafuzz.subjects.planning import Goal, Reach, Thing
+from vlafuzz.subjects.steering import STEP, Steering
 
 Array = NDArray[np.float64]
-STEP = 0.10  # metres in a control step
-TURN = 0.6  # radians in a control step
 OPEN, CLOSE = 1.0, -1.0
 HOVER = 0.06  # metres above the grasp, fingertips over the object's top at least
 LEVEL = 0.004  # metres off in x and y at which the hand goes down
@@ -54,13 +53,14 @@ class Hands:
         fluent: wait for nothing, and go down the more the better the hand is in place: what to do then hardly
             depends on what was done before, and who only sees the present can learn it.
         attempt: the grasp to begin with, from the best one on.
-        lean: of the hand, radians off the vertical: it comes from the robot's side; negative, from beyond.
+        lean: see ``Steering``.
     """
 
     def __init__(
         self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0
     ) -> None:
-        self._task, self._rig, self._fluent, self._lean = task, rig, fluent, lean
+        self._task, self._rig, self._fluent = task, rig, fluent
+        self._steering = Steering(rig, lean)
         self._phase: Callable[[Belief], Array] = self._approach
         self.attempt = attempt
         self._waited = 0
@@ -83,8 +83,7 @@ class Hands:
             return self._lift(belief)
         reach = self._choose(belief)
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
-        if self._lean:
-            over[:2] -= self._outward(over) * np.tan(self._lean) * (over[2] - reach.z)
+        over[:2] += self._steering.behind(over, over[2] - reach.z)
         self._keep_clear(belief, over)
         if self._is_over(belief, over, reach.yaw):
             self._enter(self._descend)
@@ -291,31 +290,10 @@ class Hands:
         return max(clear, self._goal.floor + 0.04) + self._hang
 
     def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
-        way, lead = target - belief.tcp, self._rig.hand.lead
-        length = math.hypot(*way)
-        way = way * (STEP / length if length * lead > STEP else lead)
-        return np.array([*way, *(self._turn(belief, yaw) * lead), gripper])
-
-    def _turn(self, belief: Belief, yaw: float) -> Array:
-        """Rotation vector that points the hand down, but for its lean, its closing axis along ``yaw``."""
-        x, y, z = belief.tcp_rotation[:, 2]
-        turn = min(max(yaw - self._hand_yaw(belief), -TURN), TURN)
-        if not self._lean:  # the cross product of where it points and straight down, and the turn
-            return np.array([-y, x, turn])
-        wanted = np.array([*np.sin(self._lean) * self._outward(belief.tcp), -np.cos(self._lean)])
-        lean = np.cross([x, y, z], wanted)
-        return np.array([lean[0], lean[1], lean[2] + turn])
-
-    def _outward(self, place: Array) -> Array:
-        """``(2,)`` from the robot to a place, of length 1."""
-        way = place[:2] - np.asarray(self._rig.base[:2])
-        return np.asarray(way / np.linalg.norm(way))
+        return self._steering.toward(belief.tcp, belief.tcp_rotation, target, yaw, gripper)
 
     def _hand_yaw(self, belief: Belief) -> float:
-        """Direction of the closing axis, within a turn of the neutral one: the last joint cannot go round."""
-        yaw = math.atan2(belief.tcp_rotation[1, 1], belief.tcp_rotation[0, 1])
-        neutral = self._rig.neutral_yaw(*belief.tcp[:2])
-        return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
+        return self._steering.hand_yaw(belief.tcp, belief.tcp_rotation)
 
 
 def _level(a: Array, b: Array) -> float:

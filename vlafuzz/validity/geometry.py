@@ -47,10 +47,11 @@ Named = tuple[str, Footprint]
 
 
 def off_workspace(name: str, outline: Footprint, setup: Rig) -> str | None:
-    """Why an outline is not wholly inside the workspace."""
+    """Why an outline is not wholly inside the workspace, or what else of the table there is to stand on."""
+    space = setup.surface or setup.workspace
     low, high = outline.polygon.min(axis=0), outline.polygon.max(axis=0)
     for axis, (first, last), start, end in zip(
-        "xy", (setup.workspace.x, setup.workspace.y), low, high, strict=True
+        "xy", (space.x, space.y), low, high, strict=True
     ):
         if start < first - _ROUNDING or end > last + _ROUNDING:
             covered = f"covers {axis} from {start:.3f} to {end:.3f} m"
