@@ -22,7 +22,7 @@ from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.renderer import probe
 from vlafuzz.rig import Rig
 from vlafuzz.robots import PANDA, rig
-from vlafuzz.scene import Scene, load_scenes
+from vlafuzz.scene import Scene, check_placement, load_scenes
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
@@ -52,6 +52,7 @@ _STORED = (
     "repeats",
     "stop_early",
     "criteria",
+    "placement",
 )
 
 
@@ -68,6 +69,7 @@ class RunConfig:
         batch: proposals that are asked for at once.
         repeats: rollouts a scene.
         criteria: what success means: ``strict`` as the task's words, or ``published``.
+        placement: how objects come to lie: ``resting``, or ``published`` to drop them.
         operators: a file of ranges, or the name of a shipped one; None for tabletop.
         vary: operators that vary; none for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
@@ -87,6 +89,7 @@ class RunConfig:
     repeats: int = 1
     stop_early: bool = False
     criteria: str = "strict"
+    placement: str = "resting"
     operators: str | None = None
     vary: tuple[str, ...] = ()
     scenes: Path | None = None
@@ -193,6 +196,7 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("--batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
+    check_placement(config.placement)
     if config.criteria not in CRITERIA:
         raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
 
@@ -275,6 +279,7 @@ def _manifest(
         seed=config.seed,
         repeats=config.repeats,
         criteria=config.criteria,
+        placement=config.placement,
         stop_early=config.stop_early,
         min_distance=operators.min_distance,
         operators=operators_json(operators),

@@ -80,6 +80,7 @@ class SimulatorDesk:
             min_distance=manifest.min_distance,
             seed=manifest.seed,
             criteria=manifest.criteria,
+            placement=manifest.placement,
             stop_early=manifest.stop_early,
             checked=checked,
             recording=recording,

@@ -67,4 +67,5 @@ def make_evaluator(manifest: Manifest, subject: Subject | None = None) -> Evalua
         repeats=manifest.repeats,
         stop_early=manifest.stop_early,
         criteria=manifest.criteria,
+        placement=manifest.placement,
     )

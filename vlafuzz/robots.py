@@ -76,12 +76,12 @@ WIDOWX = Rig(
 )
 
 # Base and joints: G:161-164, BE:265-276; objects are dropped onto a table 0.87 m high, its box is BE:180-201.
-# The camera sits in the head: link_camera at these joints, f = 425 at 640 x 512. A hand that points straight
-# down gets no farther: the wrist ends at 1.79 rad.
+# The camera sits in the head: link_camera at these joints, f = 425 at 640 x 512.
+# The wrist ends at 1.79 rad, so the hand leans outward the farther and the higher it is: see stoops.
 GOOGLE = Rig(
     robot="google",
     base=(-0.60, 0.0, -0.79095),
-    reach=0.64,
+    reach=0.82,
     opening=0.141,
     rest=(
         -0.2639457174606611,

@@ -13,9 +13,10 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from vlafuzz.errors import SceneError
+from vlafuzz.errors import SceneError, UsageError, suggestion
 
 SCHEMA = 1
+PLACEMENTS = ("resting", "published")  # how objects come to where a scene has them; see sim/maniskill/drop.py
 # Digests are older than these: with this value they are not there.
 _LATER = {"listed": None, "frame": "", "then": ()}
 _COUNTS = ("schema", "listed")  # written as whole numbers
@@ -203,6 +204,17 @@ def load_scenes(path: Path | str) -> list[Scene]:
     if not scenes:
         raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
     return scenes
+
+
+def check_placement(name: str) -> str:
+    """The same.
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    if name not in PLACEMENTS:
+        raise UsageError(f"unknown placement {name!r}", hint=suggestion(name, PLACEMENTS))
+    return name
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:

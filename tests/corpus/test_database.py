@@ -286,7 +286,7 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
 def set_back(path: Path, version: int, *statements: str) -> None:
     """Make a store what an earlier version would have written."""
     raw = sqlite3.connect(path)
-    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in ("packs", "robot", "checkup"))
+    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in ("packs", "robot", "checkup", "placement"))
     for statement in (*statements, *later, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()
@@ -301,7 +301,8 @@ def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
     set_back(path, 1, "DROP TABLE triage", *TIMES)
     with Corpus.open(path, "write") as corpus:
         assert (len(corpus.findings()), corpus.triaged()) == (30, [])
-        assert {(run.manifest.packs, run.manifest.robot) for run in corpus.runs()} == {("[]", "panda")}
+        told = {(run.manifest.packs, run.manifest.robot, run.manifest.placement) for run in corpus.runs()}
+        assert told == {("[]", "panda", "resting")}
 
 
 def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path):

@@ -10,6 +10,7 @@ from vlafuzz.errors import CatalogueError, SceneError, SimulatorError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Camera, Light, Placement
 from vlafuzz.sim.maniskill.env import default_scene, gym_id
+from vlafuzz.sim.maniskill.objects import place
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 
@@ -98,9 +99,10 @@ def test_the_echo_tells_a_turned_object_from_a_straight_one(env):
 )
 def test_whatever_was_not_applied_is_an_error_that_names_it(env, asked, says):
     env.reset(options={"scene": SHOWN})
-    env.applied().check(SHOWN, env.models, env.rig)
+    env.applied().check(SHOWN, env.poses, env.rig)
+    poses = [place(*each) for each in zip(env.models, asked.placements, strict=False)]
     with pytest.raises(SimulatorError, match=f"^{says}: asked for "):
-        env.applied().check(asked, env.models, env.rig)
+        env.applied().check(asked, poses, env.rig)
 
 
 def test_an_objects_own_quaternion_and_scale_are_applied(env):

@@ -6,12 +6,12 @@ import pytest
 from tests.sim.scenes import CATALOGUE, CROWD, nominal, put
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.objects import models_of
-from vlafuzz.sim.maniskill.settle import check_dynamic
+from vlafuzz.sim.maniskill.settle import settle
 from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, TASKS, task
 
 
 def rejected(*placements: Placement, task=PICK_UP):
-    return check_dynamic(task, models_of(placements, CATALOGUE), placements)
+    return settle(task, models_of(placements, CATALOGUE), placements).rejection
 
 
 def tilted(degrees: float) -> tuple[float, float, float, float]:

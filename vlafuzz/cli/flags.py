@@ -15,6 +15,14 @@ OperatorsFlag = Annotated[
 VaryFlag = Annotated[
     str | None, typer.Option("--vary", help="Only these operators vary: light,camera-position,…")
 ]
+PlacementFlag = Annotated[
+    str | None,
+    typer.Option(
+        "--placement",
+        help="How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
+        show_default="resting",
+    ),
+]
 ExecutorFlag = Annotated[
     str | None,
     typer.Option(

@@ -5,24 +5,30 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress
 
+from vlafuzz.cli.flags import PlacementFlag
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_json, print_rows, progress
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.corpus.sources import Source, is_vlatest, read_source
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.scene import Scene
+from vlafuzz.scene import PLACEMENTS, Scene, check_placement
 from vlafuzz.space.catalogue import load_operators
+from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import CHECKS, check_static
-from vlafuzz.validity.crowding import Crowding, crowding, share_closer, share_overlapping
+from vlafuzz.validity.crowding import Crowding, crowding, is_known, share, share_closer, share_overlapping
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.settle import Settled
 
 BROKEN = "broken"  # a line that is no scene
 CLOSER = (0.15, 0.05)  # metres between centres
+SHIFTED = 0.05  # metres, seen from above
 
 
 @dataclass(frozen=True)
@@ -36,13 +42,14 @@ class Problem:
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What came of a file; ``crowded`` has the scenes of two objects or more."""
+    """What came of a file; ``crowded`` has the scenes of two objects or more, ``settled`` those that were."""
 
     path: Path
     scenes: int
     left_out: int
     problems: tuple[Problem, ...]
     crowded: tuple[Crowding, ...]
+    settled: tuple[Settled, ...]
 
     def row(self) -> dict[str, Any]:
         """Counts: scenes, valid ones, those that fail each check; shares of those where things are close."""
@@ -51,6 +58,12 @@ class Verdicts:
         counts = {check: failed[check] for check in (*CHECKS, BROKEN)}
         closer = {f"< {metres} m": share_closer(self.crowded, metres) for metres in CLOSER}
         figures = closer | {"overlap": share_overlapping(self.crowded)}
+        if self.settled:
+            figures |= {
+                f"moved > {SHIFTED} m": share([each.shift > SHIFTED for each in self.settled]),
+                "solved already": share([each.solved for each in self.settled]),
+                "as published": share([each.published for each in self.settled]),
+            }
         row = {"file": str(self.path), "scenes": self.scenes, "left out": self.left_out, "valid": valid}
         return row | counts | figures
 
@@ -72,6 +85,7 @@ def command(
         float | None,
         typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
     ] = None,
+    placement: PlacementFlag = None,
     pack: PackFlag = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
@@ -82,26 +96,32 @@ def command(
     scene fails one of them or a line is broken.
 
     Of the scenes with two objects or more: the shares in which two centres are closer than 0.15 m and than
-    0.05 m, and in which footprints overlap.
+    0.05 m, and in which footprints overlap. Of all scenes whose objects are known, fair or not, unless
+    --static: the shares in which something has moved by more than 5 cm once it lies, and in which the task is
+    then solved, or would be by the published criteria.
     """
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     keep = load_operators().min_distance if min_distance is None else min_distance
+    put = check_placement(placement or PLACEMENTS[0])
     catalogue = load_catalogue(packs=opened(pack))
     with progress() as bar:
         judged = []
         for path in files:
             quick = is_vlatest(path) if static is None else static
             source = read_source(path, catalogue, frame.value)
-            judged.append(_judge(source, catalogue, keep, bar, dynamic=not quick))
+            judged.append(_judge(source, catalogue, keep, bar, None if quick else put))
     _print(judged, json=json, verbose=verbose)
     if any(each.problems for each in judged):
         raise typer.Exit(1)
 
 
-def _judge(source: Source, catalogue: Catalogue, keep: float, bar: Progress, *, dynamic: bool) -> Verdicts:
+def _judge(
+    source: Source, catalogue: Catalogue, keep: float, bar: Progress, placement: str | None
+) -> Verdicts:
+    """``placement``: how objects are put where they settle; None to leave that out."""
     path, problems, crowded = source.path, list[Problem](), list[Crowding | None]()
-    fair: list[tuple[int, Scene]] = []
+    known: list[tuple[int, Scene]] = []
     for number, scene in bar.track(source.lines, description=path.name):
         if isinstance(scene, SceneError):
             problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
@@ -109,10 +129,15 @@ def _judge(source: Source, catalogue: Catalogue, keep: float, bar: Progress, *, 
         crowded.append(crowding(scene, catalogue))
         if rejection := check_static(scene, catalogue, keep):
             problems.append(Problem(number, rejection.check, rejection.reason))
-        else:
-            fair.append((number, scene))
-    if dynamic:
-        problems += _judge_dynamically(fair, catalogue, bar)
+        if not scene.frame and scene.task in TASKS and is_known(scene.placements, catalogue):
+            known.append((number, scene))
+    settled = _settle(known, catalogue, placement, bar) if placement else {}
+    unfair = {problem.line for problem in problems}
+    problems += [
+        Problem(number, each.rejection.check, each.rejection.reason)
+        for number, each in settled.items()
+        if each.rejection and number not in unfair
+    ]
     broken = sum(problem.check == BROKEN for problem in problems)
     return Verdicts(
         path,
@@ -120,17 +145,17 @@ def _judge(source: Source, catalogue: Catalogue, keep: float, bar: Progress, *, 
         source.left_out,
         tuple(sorted(problems, key=lambda problem: problem.line)),
         tuple(filter(None, crowded)),
+        tuple(settled.values()),
     )
 
 
-def _judge_dynamically(fair: list[tuple[int, Scene]], catalogue: Catalogue, bar: Progress) -> list[Problem]:
-    from vlafuzz.sim.maniskill.evaluator import check_dynamic_of
+def _settle(
+    scenes: list[tuple[int, Scene]], catalogue: Catalogue, placement: str, bar: Progress
+) -> dict[int, Settled]:
+    from vlafuzz.sim.maniskill.evaluator import settled
 
-    problems = []
-    for number, scene in bar.track(fair, description="settling"):
-        if rejection := check_dynamic_of(scene, catalogue):
-            problems.append(Problem(number, rejection.check, rejection.reason))
-    return problems
+    tracked = bar.track(scenes, description="settling")
+    return {number: settled(scene, catalogue, placement) for number, scene in tracked}
 
 
 def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:

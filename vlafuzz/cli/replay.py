@@ -28,6 +28,7 @@ class _Wanted:
     subject: str
     seed: int = 0
     criteria: str = "strict"
+    placement: str = "resting"
     states_hash: str | None = None
     packs: tuple[Pack, ...] = ()
 
@@ -116,6 +117,7 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
                         manifest.subject,
                         manifest.seed,
                         manifest.criteria,
+                        manifest.placement,
                         first.states_hash,
                         stored_packs(manifest),
                     )
@@ -155,6 +157,7 @@ def _roll_out(
         min_distance=0.0,
         seed=wanted.seed,
         criteria=wanted.criteria,
+        placement=wanted.placement,
         recording=recording,
         checked=False,
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, VaryFlag
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import VlafuzzError
@@ -69,6 +69,7 @@ def command(
     criteria: Annotated[
         str | None, typer.Option(help="What success means: strict, or published.", show_default="strict")
     ] = None,
+    placement: PlacementFlag = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes that evaluate scenes.", show_default="1")
     ] = None,
@@ -114,6 +115,7 @@ def command(
         "repeats": repeats,
         "stop_early": stop_early,
         "criteria": criteria,
+        "placement": placement,
         "operators": operators,
         "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
         "scenes": scenes,

@@ -14,7 +14,17 @@ from vlafuzz.execute.base import Executor
 
 Planned = TypeVar("Planned")
 
-_ASKED = ("task", "subject", "budget", "batch", "repeats", "criteria", "stop_early", "min_distance")
+_ASKED = (
+    "task",
+    "subject",
+    "budget",
+    "batch",
+    "repeats",
+    "criteria",
+    "placement",
+    "stop_early",
+    "min_distance",
+)
 _OF_VERSION = ("spec", "catalogue_digest", "simulator", "commit")
 _ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
 

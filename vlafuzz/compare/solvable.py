@@ -21,7 +21,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.triage.witness import find_witness
 
 # What, beside the scene, decides over whether the expert solves it.
-_DECISIVE = ("criteria", "stop_early", "min_distance", "catalogue_digest", "simulator", "commit")
+_DECISIVE = ("criteria", "placement", "stop_early", "min_distance", "catalogue_digest", "simulator", "commit")
 
 
 class Solver(Protocol):

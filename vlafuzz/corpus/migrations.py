@@ -156,6 +156,11 @@ def _checkup(connection: sqlite3.Connection) -> None:
     connection.execute("ALTER TABLE run ADD COLUMN checkup TEXT NOT NULL DEFAULT ''")
 
 
+def _placement(connection: sqlite3.Connection) -> None:
+    """Nothing was dropped."""
+    connection.execute("ALTER TABLE run ADD COLUMN placement TEXT NOT NULL DEFAULT 'resting'")
+
+
 MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _first,
     _triage,
@@ -163,6 +168,7 @@ MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _packs,
     _robot,
     _checkup,
+    _placement,
 ]
 
 

@@ -28,8 +28,8 @@ EVIDENCE_OF: Mapping[Bucket, str] = {
 
 # What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
 _DECISIVE = (
-    "subject", "spec", "seed", "repeats", "criteria", "stop_early", "min_distance", "catalogue_digest",
-    "simulator", "commit",
+    "subject", "spec", "seed", "repeats", "criteria", "placement", "stop_early", "min_distance",
+    "catalogue_digest", "simulator", "commit",
 )  # fmt: skip
 
 
@@ -61,6 +61,7 @@ class Manifest:
     seed: int
     repeats: int = 1
     criteria: str = "strict"
+    placement: str = "resting"
     stop_early: bool = False
     min_distance: float = 0.0
     operators: str = "{}"

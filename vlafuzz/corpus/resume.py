@@ -119,5 +119,16 @@ def _about(manifest: Manifest) -> tuple[object, ...]:
 
 def _told(manifest: Manifest) -> str:
     """What may tell two runs apart, as the flags that give it."""
-    names = ("task", "subject", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria")
+    names = (
+        "task",
+        "subject",
+        "strategy",
+        "budget",
+        "seed",
+        "batch",
+        "repeats",
+        "stop_early",
+        "criteria",
+        "placement",
+    )
     return ", ".join(f"{name} {getattr(manifest, name)}" for name in names)

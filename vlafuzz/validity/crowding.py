@@ -39,25 +39,32 @@ def crowding(scene: Scene, catalogue: Catalogue) -> Crowding | None:
 
 def share_closer(found: Iterable[Crowding], metres: float) -> float | None:
     """Share of the scenes that have a pair of centres closer than this; None of no scenes."""
-    return _share([each.nearest < metres for each in found])
+    return share([each.nearest < metres for each in found])
 
 
 def share_overlapping(found: Iterable[Crowding]) -> float | None:
     """Share of the scenes with overlapping footprints; None where an object is not known in one of them."""
     overlaps = [each.overlap for each in found]
-    return None if None in overlaps else _share([bool(each) for each in overlaps])
+    return None if None in overlaps else share([bool(each) for each in overlaps])
 
 
-def _share(found: list[bool]) -> float | None:
+def share(found: list[bool]) -> float | None:
+    """Of those that are true; None of none."""
     return round(sum(found) / len(found), 4) if found else None
 
 
+def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
+    """Whether it is known where each of some things is solid."""
+    return all(
+        thing.object in catalogue
+        and thing.scale > 0
+        and (thing.quaternion or thing.rest in [rest.name for rest in catalogue[thing.object].rests])
+        for thing in things
+    )
+
+
 def _overlap(things: list[Placement], catalogue: Catalogue) -> bool | None:
-    for thing in things:
-        if thing.object not in catalogue:
-            return None
-        known = [rest.name for rest in catalogue[thing.object].rests]
-        if thing.quaternion is None and thing.rest not in known:
-            return None
+    if not is_known(things, catalogue):
+        return None
     prints = [footprint(thing, catalogue[thing.object]) for thing in things]
     return any(not apart(a, b) for a, b in combinations(prints, 2))

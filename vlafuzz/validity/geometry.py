@@ -50,9 +50,7 @@ def off_workspace(name: str, outline: Footprint, setup: Rig) -> str | None:
     """Why an outline is not wholly inside the workspace, or what else of the table there is to stand on."""
     space = setup.surface or setup.workspace
     low, high = outline.polygon.min(axis=0), outline.polygon.max(axis=0)
-    for axis, (first, last), start, end in zip(
-        "xy", (space.x, space.y), low, high, strict=True
-    ):
+    for axis, (first, last), start, end in zip("xy", (space.x, space.y), low, high, strict=True):
         if start < first - _ROUNDING or end > last + _ROUNDING:
             covered = f"covers {axis} from {start:.3f} to {end:.3f} m"
             return f"{name}: {covered}, the workspace ends at {first:g} and {last:g} m"

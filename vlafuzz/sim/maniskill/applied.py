@@ -6,6 +6,7 @@ an error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,10 +14,8 @@ import numpy as np
 import sapien
 
 from vlafuzz.errors import SimulatorError
-from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig, camera_pose
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.objects import place
 
 METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
@@ -44,16 +43,19 @@ class Applied:
             "camera": {"position": self.camera.p.tolist(), "quaternion": self.camera.q.tolist()},
         }
 
-    def check(self, scene: Scene, models: tuple[ObjectModel, ...], rig: Rig) -> None:
+    def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
         """Compare with the scene that was asked for, before the first step.
+
+        Args:
+            poses: of the objects, as they were to be put.
 
         Raises:
             SimulatorError: an option was not applied.
         """
         if self.objects != tuple(placement.object for placement in scene.placements):
             _complain("objects", [placement.object for placement in scene.placements], self.objects)
-        for model, placement, pose in zip(models, scene.placements, self.poses, strict=True):
-            _check_pose(placement.object, place(model, placement), pose)
+        for name, asked, pose in zip(self.objects, poses, self.poses, strict=True):
+            _check_pose(name, asked, pose)
         if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _complain("light", scene.light.intensity, self.light)
         view = camera_pose(rig.view, scene.camera)

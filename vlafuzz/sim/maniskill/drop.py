@@ -1,4 +1,4 @@
-"""The published placement: objects are dropped, as VLATest's environments do, and lie where they come to rest.
+"""The published placement: objects are dropped, as in VLATest, and lie where they come to rest.
 
 They fall from half a metre over the table with a robot out of the way, and cannot tip at first. In pick-up
 the target comes first and then the others, one by one and straight down; in the other tasks all at once.
@@ -9,6 +9,7 @@ Source: ``_initialize_actors`` of its ``grasp_single_in_scene_customizable.py`` 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 import sapien
@@ -16,7 +17,7 @@ from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import Rig
-from vlafuzz.scene import Placement
+from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table
 
@@ -28,7 +29,7 @@ FALLS, RESTS, LONGER = 0.5, 0.5, 1.5  # seconds: until it is let go, from then o
 MOVES, TURNS = 1e-3, 1e-2  # metres and radians a second, summed, above which things still move
 UPRIGHT, STRAIGHT = (3, 4), (0, 1, 3, 4)  # axes that are locked: no tipping; nor any way but down
 
-Body = physx.PhysxRigidDynamicComponent
+Body: TypeAlias = physx.PhysxRigidDynamicComponent
 
 
 class Drop:
@@ -51,7 +52,7 @@ class Drop:
         return bodies
 
     def one_by_one(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> list[Body]:
-        """As ``all_at_once``, but the first one comes first, and no other moves aside before all are there."""
+        """As ``all_at_once``, but the first comes first, and no other moves aside before all are there."""
         first = self.all_at_once(models[:1], placements[:1])
         others = []
         for model, placement in zip(models[1:], placements[1:], strict=True):
@@ -84,13 +85,13 @@ class Drop:
             self._scene.physx_system.step()
 
 
-def dropped(
-    task: str, models: Sequence[ObjectModel], placements: Sequence[Placement], rig: Rig
-) -> list[sapien.Pose]:
-    """Where the objects of a scene lie after the fall."""
+def start_poses(scene: Scene, models: Sequence[ObjectModel], rig: Rig, *, dropped: bool) -> list[sapien.Pose]:
+    """Where the objects of a scene are at its start: at rest where it puts them, or where they fell."""
+    if not dropped:
+        return [place(*each) for each in zip(models, scene.placements, strict=True)]
     drop = Drop(rig)
-    bodies = (drop.one_by_one if task == "pick-up" else drop.all_at_once)(models, placements)
-    return [body.entity_pose for body in bodies]
+    fall = drop.one_by_one if scene.task == "pick-up" else drop.all_at_once
+    return [body.entity_pose for body in fall(models, scene.placements)]
 
 
 def _system() -> physx.PhysxCpuSystem:

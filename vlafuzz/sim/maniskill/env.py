@@ -26,8 +26,9 @@ from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rig import camera_pose
 from vlafuzz.robots import PANDA, rig
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Placement, Scene, check_placement
 from vlafuzz.sim.maniskill.applied import Applied
+from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.guests import AGENTS, wrist_of
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
@@ -59,6 +60,7 @@ class TabletopEnv(BaseEnv):
         cameras: pictures that observations hold; without a renderer there are none.
         control_hz: control steps a second, a divisor of 100; a rig with a rate of its own keeps that.
         robot: the name of a rig.
+        placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``drop``.
     """
 
     SUPPORTED_ROBOTS = tuple(agent.uid for agent in AGENTS.values())
@@ -71,8 +73,10 @@ class TabletopEnv(BaseEnv):
         cameras: Sequence[CameraRequest] = (THIRD_PERSON,),
         control_hz: int = 5,
         robot: str = "panda",
+        placement: str = "resting",
         **kwargs: Any,
     ) -> None:
+        self._dropped = check_placement(placement) == "published"
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()
@@ -89,7 +93,8 @@ class TabletopEnv(BaseEnv):
         """Build a scene; the state at its start."""
         self._scene_shown = scene
         self._models = models_of(scene.placements, self.catalogue)
-        start = self.world.begin(self._models, scene.placements)
+        self.poses = start_poses(scene, self._models, self.rig, dropped=self._dropped)
+        start = self.world.begin(self._models, scene.placements, self.poses)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
@@ -224,7 +229,7 @@ class TabletopEnv(BaseEnv):
             raise SceneError(f"options: unknown key {key!r}", hint=suggestion(key, _OPTIONS))
         observation, info = super().reset(seed=seed, options=options)
         applied = self.applied()
-        applied.check(self._scene_shown, self._models, self.rig)
+        applied.check(self._scene_shown, self.poses, self.rig)
         info["applied"] = applied.as_dict()
         return observation, info
 

@@ -42,7 +42,7 @@ class Episode:
         self.env, self._spec, self._scene = env, spec, scene
         self._after, self._published = 0 if stop_early else AFTER_SUCCESS, published
         self._state = env.begin(scene)
-        env.applied().check(scene, env.models, env.rig)
+        env.applied().check(scene, env.poses, env.rig)
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         self.actions: list[NDArray[np.float64]] = []
         self._last = env.rig.seconds * env.control_hz

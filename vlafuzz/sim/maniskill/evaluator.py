@@ -11,12 +11,13 @@ from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.robots import rig
-from vlafuzz.scene import Scene
+from vlafuzz.scene import Scene, check_placement
+from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.episode import Episode
 from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
-from vlafuzz.sim.maniskill.settle import check_dynamic
+from vlafuzz.sim.maniskill.settle import Settled, settle
 from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.subjects.base import Knowing, Observation, Subject
 from vlafuzz.subjects.harness import Harness
@@ -35,6 +36,7 @@ class ManiSkillEvaluator:
         repeats: rollouts a scene.
         stop_early: end a rollout at success instead of ten steps later.
         criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
+        placement: ``resting``, or ``published`` to drop the objects as they do.
         recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
     """
@@ -50,6 +52,7 @@ class ManiSkillEvaluator:
         repeats: int = 1,
         stop_early: bool = False,
         criteria: str = "strict",
+        placement: str = "resting",
         recording: Recording | None = None,
         checked: bool = True,
     ) -> None:
@@ -58,7 +61,7 @@ class ManiSkillEvaluator:
         self._task, self._subject, self._catalogue = task_named(task), subject, catalogue
         self._min_distance, self.seed, self._repeats = min_distance, seed, repeats
         self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
-        self._recording = recording
+        self._placement, self._recording = check_placement(placement), recording
         self._env: TabletopEnv | None = None
         if isinstance(subject, Knowing):
             subject.know(catalogue)
@@ -72,7 +75,7 @@ class ManiSkillEvaluator:
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
         rejection = check_static(scene, self._catalogue, self._min_distance)
-        return rejection or check_dynamic_of(scene, self._catalogue)
+        return rejection or settled(scene, self._catalogue, self._placement).rejection
 
     def begin(self, scene: Scene, seed: int) -> Episode:
         """A rollout in a fair scene, for who goes through it himself."""
@@ -138,7 +141,9 @@ class ManiSkillEvaluator:
                 watching = replace(watching, width=rig(robot).view.width(watching.height))
             spec = self._subject.spec
             cameras = spec.cameras + ((watching,) if watching else ())
-            self._env = make_env(self._task.name, self._catalogue, cameras, spec.action.hz, robot)
+            self._env = make_env(
+                self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._placement
+            )
         return self._env
 
     def _drop_env(self) -> None:
@@ -147,7 +152,8 @@ class ManiSkillEvaluator:
             self._env = None
 
 
-def check_dynamic_of(scene: Scene, catalogue: Catalogue) -> Rejection | None:
-    """Settling and "not already solved", for a scene that passed the static checks."""
-    models = models_of(scene.placements, catalogue)
-    return check_dynamic(task_named(scene.task), models, scene.placements, rig(scene.robot).table)
+def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:
+    """What becomes of a scene before anybody acts; its objects are known."""
+    models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
+    poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
+    return settle(task_named(scene.task), models, scene.placements, setup.table, poses)

@@ -19,6 +19,7 @@ def make_env(
     cameras: tuple[CameraRequest, ...] = (),
     control_hz: int = 5,
     robot: str = "panda",
+    placement: str = "resting",
 ) -> TabletopEnv:
     """A new environment; without cameras it needs no renderer.
 
@@ -32,6 +33,7 @@ def make_env(
             cameras=cameras,
             control_hz=control_hz,
             robot=robot,
+            placement=placement,
             obs_mode="none",
             render_backend=render_backend() if cameras else "none",
         )

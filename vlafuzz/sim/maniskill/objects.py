@@ -71,9 +71,9 @@ def looks(model: ObjectModel, scale: float = 1.0) -> sapien.render.RenderShapeTr
 
 
 def add_object(
-    scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str
+    scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str, pose: sapien.Pose | None = None
 ) -> physx.PhysxRigidDynamicComponent:
-    """Build an object and add it, at its resting pose. Visuals only where the scene can render."""
+    """Build an object and add it, by default at its resting pose. Visuals only where the scene can render."""
     body = physx.PhysxRigidDynamicComponent()
     scale = [placement.scale] * 3
     for file in model.collision:
@@ -90,6 +90,6 @@ def add_object(
         visual = sapien.render.RenderBodyComponent()
         visual.attach(looks(model, placement.scale))
         entity.add_component(visual)
-    entity.pose = place(model, placement)
+    entity.pose = pose or place(model, placement)
     scene.add_entity(entity)
     return body

@@ -1,8 +1,9 @@
-"""Settling: one second of physics without a robot. A fair scene stays as it was put."""
+"""Settling: one second of physics without a robot. A fair scene stays as it was put, if not dropped."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import sapien
@@ -13,10 +14,10 @@ from vlafuzz.rig import Table
 from vlafuzz.robots import PANDA
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import object_contacts
-from vlafuzz.sim.maniskill.objects import add_object
+from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import SIM_HZ
-from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.base import Situation, Task
 from vlafuzz.tasks.state import TABLE, State
 from vlafuzz.validity.report import Rejection
 
@@ -26,35 +27,74 @@ TIPPED = np.cos(np.radians(15.0))
 FALLEN = -0.1  # metres
 
 
-def check_dynamic(
-    task: Task, models: Sequence[ObjectModel], placements: Sequence[Placement], table: Table = PANDA.table
-) -> Rejection | None:
+@dataclass(frozen=True)
+class Settled:
+    """What becomes of a scene before anybody acts.
+
+    Attributes:
+        shift: from where an object was to be to where it is, seen from above; the largest, metres.
+        solved: the task is; ``published``: it is by the published criteria.
+    """
+
+    shift: float
+    solved: bool
+    published: bool
+    rejection: Rejection | None
+
+
+def settle(
+    task: Task,
+    models: Sequence[ObjectModel],
+    placements: Sequence[Placement],
+    table: Table = PANDA.table,
+    dropped: Sequence[sapien.Pose] | None = None,
+) -> Settled:
     """Whether the objects stay where they are put, and the task is not solved before anybody acts.
 
     Nothing may move more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
     before nor after.
+
+    Args:
+        dropped: where the objects lie after a fall. Then they need only stay on the table.
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
     add_table(scene, table)
+    wanted = [place(*each) for each in zip(models, placements, strict=True)]
     bodies = [
-        add_object(scene, model, placement, placement.object)
-        for model, placement in zip(models, placements, strict=True)
+        add_object(scene, model, placement, placement.object, pose)
+        for model, placement, pose in zip(models, placements, dropped or wanted, strict=True)
     ]
     before = _state(scene, bodies)
     for _ in range(round(SECONDS * SIM_HZ)):
         scene.physx_system.step()
     after = _state(scene, bodies)
+    moments = (("at the start", before), ("after settling", after))
+    solved = [moment for moment, state in moments if task.solved(tuple(models), state)]
+    there = np.array([pose.p[:2] for pose in wanted])
+    return Settled(
+        shift=float(np.linalg.norm(after.positions[:, :2] - there, axis=1).max()),
+        solved=bool(solved),
+        published=task.published(Situation(tuple(models), after, after)),
+        rejection=_restless(placements, before, after, dropped=dropped is not None)
+        or _solved(task.name, solved),
+    )
+
+
+def _restless(
+    placements: Sequence[Placement], before: State, after: State, *, dropped: bool
+) -> Rejection | None:
     for index, placement in enumerate(placements):
-        reason = _moved(before, after, index)
+        reason = _fell(after, index) or (None if dropped else _moved(before, after, index))
         if reason:
             return Rejection(
                 "settling", f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f}) {reason}"
             )
-    for moment, state in (("at the start", before), ("after settling", after)):
-        if task.solved(tuple(models), state):
-            return Rejection("solved", f"{task.name} is solved {moment}, before anybody acts")
     return None
+
+
+def _solved(task: str, moments: Sequence[str]) -> Rejection | None:
+    return Rejection("solved", f"{task} is solved {moments[0]}, before anybody acts") if moments else None
 
 
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
@@ -72,13 +112,15 @@ def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponen
     )
 
 
-def _moved(before: State, after: State, index: int) -> str | None:
-    start, end = before.positions[index], after.positions[index]
+def _fell(after: State, index: int) -> str | None:
+    end = after.positions[index]
     if not np.all(np.isfinite(end)):
         return "has no finite position after settling"
-    if end[2] < FALLEN:
-        return f"fell to z = {end[2]:.2f} m"
-    distance = float(np.linalg.norm(end - start))
+    return f"fell to z = {end[2]:.2f} m" if end[2] < FALLEN else None
+
+
+def _moved(before: State, after: State, index: int) -> str | None:
+    distance = float(np.linalg.norm(after.positions[index] - before.positions[index]))
     if distance > MOVED:
         return f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
     vertical = float(before.rotations[index][2] @ after.rotations[index][2])

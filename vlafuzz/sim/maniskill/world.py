@@ -64,14 +64,25 @@ class World:
         self._touched = False
         self._before: tuple[Array, Array] | None = None
 
-    def begin(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> State:
-        """Put the objects onto the table and the robot to rest; the state at the start."""
+    def begin(
+        self,
+        models: Sequence[ObjectModel],
+        placements: Sequence[Placement],
+        poses: Sequence[sapien.Pose] | None = None,
+    ) -> State:
+        """Put the objects onto the table and the robot to rest; the state at the start.
+
+        Args:
+            poses: of the objects, where they are not to be at their resting poses.
+        """
         if not self._fresh:
             self._move_over()
         self._fresh = False
         self._bodies = []
-        for index, (model, placement) in enumerate(zip(models, placements, strict=True)):  # one may raise
-            self._bodies.append(add_object(self.scene, model, placement, f"{index}-{placement.object}"))
+        posed = zip(models, placements, poses or [None] * len(models), strict=True)
+        for index, (model, placement, pose) in enumerate(posed):  # one may raise
+            body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
+            self._bodies.append(body)
         self._rest()
         self._labels = self._label_bodies()
         self._touched = False
