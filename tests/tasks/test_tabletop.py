@@ -1,6 +1,7 @@
 """The four tasks, judged on states made by hand: no simulator."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -195,6 +196,17 @@ class TestMoveNear:
         beside_c = state((0.1, -0.15, 0.015), (0.1, -0.08, 0.015), self.c)
         assert not watch(self.monitor(), beside_c).published_success
 
+    @pytest.mark.parametrize(("apart", "near"), [(0.091, True), (0.093, False)])
+    def test_published_success_measures_between_centres(self, apart, near):
+        """Two half diagonals of 3 cm squares, and 5 cm."""
+        assert watch(self.monitor(), self.at(0.2 - apart)).published_success is near
+
+    def test_published_success_believes_the_sides_that_a_pack_says(self):
+        long = replace(CUBE, box=np.array([0.03, 0.18, 0.03]))
+        start = state((0.0, 0.0, 0.015), self.b, self.c)
+        monitor = Monitor(MOVE_NEAR, (long, CUBE, CUBE), start)
+        assert watch(monitor, self.at(0.05)).published_success
+
 
 class TestPutOn:
     """A cube and a plate 20 cm away."""
@@ -249,6 +261,13 @@ class TestPutOn:
     @pytest.mark.parametrize(("y", "z"), [(0.08, 0.03), (0.2, 0.06)])
     def test_published_success_needs_it_over_b_and_low(self, y, z):
         assert not watch(self.monitor(), self.at(y, z)).published_success
+
+    @pytest.mark.parametrize(("lies", "counts"), [("upright", True), ("on its head", False)])
+    def test_published_success_takes_what_is_on_its_head_for_less_high_than_flat(self, lies, counts):
+        turned = {0: Rotation.from_euler("x", 0.0 if lies == "upright" else 180.0, degrees=True)}
+        start = state((0.0, 0.0, 0.015), self.plate, turned=turned)
+        monitor = Monitor(PUT_ON, (CUBE, PLATE), start)
+        assert watch(monitor, self.at(0.2, self.top, turned=turned)).published_success is counts
 
 
 class TestPutIn:

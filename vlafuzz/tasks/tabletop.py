@@ -119,18 +119,19 @@ def _published_move_near(s: Situation) -> bool:
     drop = s.now.positions[:, 2] - s.start.positions[:, 2]
     kept = np.all(drop[2:] > -0.02) and np.all(drop[:2] > -0.15)
     distance = np.linalg.norm(s.now.positions[:, :2] - s.now.positions[A, :2], axis=1)
-    reach = _half_diagonal(s, A) + _half_diagonal(s, B) + NEAR
+    reach = sum(math.hypot(*_claimed(s, index)[:2]) for index in (A, B)) + NEAR
     closest = np.all(distance[B] < distance[2:] + 0.01)
     return bool(kept and distance[B] < reach and closest)
 
 
-def _half_extents(s: Situation, index: int) -> Array:
-    points = s.corners(index)
-    return np.asarray((points.max(axis=0) - points.min(axis=0)) / 2)
+def _claimed(s: Situation, index: int) -> Array:
+    """Half the sides of an object as the published environments have them: turned as a vector is.$
 
-
-def _half_diagonal(s: Situation, index: int) -> float:
-    return math.hypot(*_half_extents(s, index)[:2])
+    They are those that its pack says, wrong ones too, and those of the start from then on.
+    """
+    model = s.models[index]
+    sides = np.ptp(model.vertices, axis=0) if model.box is None else model.box
+    return np.asarray(s.start.rotations[index] @ sides / 2)
 
 
 # put a on b, put a into b
@@ -177,9 +178,9 @@ def _published_put(s: Situation, slack: float) -> bool:
     offset = s.now.positions[A] - s.now.positions[B]
     if offset[2] <= 0:
         return False
-    half_b = _half_extents(s, B)
+    half_b = _claimed(s, B)
     over = math.hypot(*offset[:2]) <= math.hypot(*half_b[:2]) + 0.003
-    return bool(over and offset[2] <= _half_extents(s, A)[2] + half_b[2] + slack)
+    return bool(over and offset[2] <= _claimed(s, A)[2] + half_b[2] + slack)
 
 
 PICK_UP = Task(
