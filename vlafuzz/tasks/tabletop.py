@@ -125,7 +125,7 @@ def _published_move_near(s: Situation) -> bool:
 
 
 def _claimed(s: Situation, index: int) -> Array:
-    """Half the sides of an object as the published environments have them: turned as a vector is.$
+    """Half the sides of an object as the published environments have them: turned as a vector is.
 
     They are those that its pack says, wrong ones too, and those of the start from then on.
     """
