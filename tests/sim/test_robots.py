@@ -12,7 +12,7 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.rig import camera_pose
 from vlafuzz.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
-from vlafuzz.scene import Camera
+from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.stills import Stills
 from vlafuzz.space import SearchSpace, load_operators
@@ -58,6 +58,14 @@ def test_what_is_too_wide_for_a_hand_is_no_target_of_it():
     assert "coke_can" not in targets["targets.0"]
 
 
+def test_the_google_robot_leans_the_more_the_farther_and_the_higher_its_hand_is():
+    leans = [GOOGLE.hand.stoop(*at) for at in ((0.5, 0.02), (0.7, 0.02), (0.7, 0.12), (0.8, 0.2))]
+    assert leans == sorted(leans)
+    assert leans[0] == 0.0
+    assert leans[-1] == pytest.approx(0.55)
+    assert PANDA.hand.stoop(0.8, 0.2) == 0.0
+
+
 @pytest.mark.parametrize("robot", GUESTS)
 def test_a_missing_file_is_named_with_the_folders_that_were_searched(robot, monkeypatch, tmp_path):
     monkeypatch.setenv(assets.FOLDERS, str(tmp_path))
@@ -92,6 +100,15 @@ class TestGuests:
         evaluator = ManiSkillEvaluator(task, Expert(), CATALOGUE, min_distance=0.1, stop_early=True)
         assert evaluator.evaluate([nominal(robot, task)])[0].verdict is Verdict.PASSED
         evaluator.close()
+
+    def test_the_expert_gets_to_the_far_end_of_its_reach(self, robot):
+        setup = rig(robot)
+        far = Placement("green_cube", "flat", setup.base[0] + setup.reach - 0.02, 0.03)
+        scene = Scene("pick-up", (far,), "pick up green cube", robot=robot)
+        evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.1, stop_early=True)
+        (outcome,) = evaluator.evaluate([scene])
+        evaluator.close()
+        assert outcome.verdict is Verdict.PASSED, outcome.detail
 
     def test_the_same_scene_has_the_same_trajectory(self, robot):
         hashes = set()
