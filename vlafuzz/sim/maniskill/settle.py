@@ -73,9 +73,9 @@ def settle(
     solved = [moment for moment, state in moments if task.solved(tuple(models), state)]
     there = np.array([pose.p[:2] for pose in wanted])
     return Settled(
-        shift=float(np.linalg.norm(after.positions[:, :2] - there, axis=1).max()),
+        shift=float(np.linalg.norm(((before if dropped else after).positions[:, :2] - there), axis=1).max()),
         solved=bool(solved),
-        published=task.published(Situation(tuple(models), after, after)),
+        published=task.published(Situation(tuple(models), before, before)),
         rejection=_restless(placements, before, after, dropped=dropped is not None)
         or _solved(task.name, solved),
     )
