@@ -110,7 +110,8 @@ class SimulatorDesk:
         if self._stills is None:
             from vlafuzz.sim.maniskill.stills import Stills
 
-            self._stills = Stills(self._manifest.task, self.space.catalogue)
+            manifest = self._manifest
+            self._stills = Stills(manifest.task, self.space.catalogue, placement=manifest.placement)
         try:
             return self._stills.png(scene)
         except PrerequisiteError:

@@ -21,7 +21,7 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table
 
-HEIGHT = 0.5  # metres, of the mesh's origin
+HEIGHT = 0.5  # metres, of the mesh's origin over the table
 DAMPING = 0.1
 SLEEPS = 5e-3  # SAPIEN's own threshold: what lies still falls asleep
 ITERATIONS = 25
@@ -69,9 +69,9 @@ class Drop:
         body = add_object(self._scene, model, placement, placement.object)
         body.linear_damping = body.angular_damping = DAMPING
         body.sleep_threshold, body.solver_position_iterations = SLEEPS, ITERATIONS
-        over = place(model, placement)
-        raised = placement.quaternion and model.shift(placement.quaternion)[2] * placement.scale
-        body.entity.pose = sapien.Pose([*over.p[:2], HEIGHT + (raised or 0.0)], over.q)
+        over, turned = place(model, placement), placement.quaternion
+        above = float(model.shift(turned)[2]) * placement.scale if turned else 0.0
+        body.entity.pose = sapien.Pose([*over.p[:2], HEIGHT + above], over.q)
         return body
 
     def _wait_for(self, bodies: Sequence[Body]) -> None:

@@ -17,8 +17,8 @@ from vlafuzz.subjects.base import CameraRequest
 class Stills:
     """Takes pictures of scenes of one task, ``size`` pixels high."""
 
-    def __init__(self, task: str, catalogue: Catalogue, size: int = 256) -> None:
-        self._task, self._catalogue = task, catalogue
+    def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
+        self._task, self._catalogue, self._placement = task, catalogue, placement
         self._camera = CameraRequest("still", size, size)
         self._env: TabletopEnv | None = None
 
@@ -32,7 +32,9 @@ class Stills:
             self.close()
         if self._env is None:
             camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
-            self._env = make_env(self._task, self._catalogue, (camera,), robot=scene.robot)
+            self._env = make_env(
+                self._task, self._catalogue, (camera,), robot=scene.robot, placement=self._placement
+            )
         self._env.begin(scene)
         return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
 
