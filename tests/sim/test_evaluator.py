@@ -273,7 +273,7 @@ def test_an_option_that_was_not_applied_is_an_error(expert_on, monkeypatch):
     evaluator = expert_on("pick-up")
     evaluator.evaluate([NOMINAL])
     begin, aside = World.begin, [put("pepsi_can", 0.0, 0.1)]
-    monkeypatch.setattr(World, "begin", lambda world, models, _: begin(world, models, aside))
+    monkeypatch.setattr(World, "begin", lambda world, models, *_: begin(world, models, aside))
     (outcome,) = evaluator.evaluate([NOMINAL])
     assert outcome.verdict is Verdict.ERROR
     assert "pose of pepsi_can: asked for" in outcome.detail
