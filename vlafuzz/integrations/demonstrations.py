@@ -95,16 +95,21 @@ class Demonstrations:
         runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
         catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
         player.spec = self._spec
-        evaluators: dict[str, ManiSkillEvaluator] = {}
+        evaluators: dict[tuple[str, str], ManiSkillEvaluator] = {}
         with ExitStack() as stack:
             for scene, witness, run in self.proofs:
-                if run.task not in evaluators:
-                    apart = run.min_distance
+                kind = run.task, run.placement
+                if kind not in evaluators:
                     made = ManiSkillEvaluator(
-                        run.task, player, catalogue, min_distance=apart, stop_early=True
+                        run.task,
+                        player,
+                        catalogue,
+                        min_distance=run.min_distance,
+                        placement=run.placement,
+                        stop_early=True,
                     )
-                    evaluators[run.task] = stack.enter_context(closing(made))
-                yield self._played(evaluators[run.task].begin(scene, 0), scene, witness)
+                    evaluators[kind] = stack.enter_context(closing(made))
+                yield self._played(evaluators[kind].begin(scene, 0), scene, witness)
 
     def _played(self, episode: Episode, scene: Scene, witness: Witness) -> Demonstration | None:
         seen = []

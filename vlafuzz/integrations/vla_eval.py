@@ -201,6 +201,7 @@ class Corpus(StepBenchmark):
                 min_distance=run.min_distance,
                 stop_early=run.stop_early,
                 criteria=run.criteria,
+                placement=run.placement,
             )
         return self._evaluators[run.conditions]
 
