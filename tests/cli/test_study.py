@@ -88,7 +88,7 @@ def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.Captur
 
 
 def test_a_guided_run_is_no_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", *SMALL[:2]]
+    flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", "--unchecked", *SMALL[:2]]
     assert main(["run", *flags]) == 0
     capsys.readouterr()
     assert main(["study", "rq1", "--from", "a.db", "--out", "out"]) == 2

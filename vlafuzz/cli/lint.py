@@ -17,6 +17,7 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.corpus.sources import Source, is_vlatest, read_source
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.robots import RIGS
 from vlafuzz.scene import PLACEMENTS, Scene, check_placement
 from vlafuzz.space.catalogue import load_operators
 from vlafuzz.tasks.tabletop import TASKS
@@ -129,7 +130,7 @@ def _judge(
         crowded.append(crowding(scene, catalogue))
         if rejection := check_static(scene, catalogue, keep):
             problems.append(Problem(number, rejection.check, rejection.reason))
-        if not scene.frame and scene.task in TASKS and is_known(scene.placements, catalogue):
+        if _can_settle(scene, catalogue):
             known.append((number, scene))
     settled = _settle(known, catalogue, placement, bar) if placement else {}
     unfair = {problem.line for problem in problems}
@@ -147,6 +148,11 @@ def _judge(
         tuple(filter(None, crowded)),
         tuple(settled.values()),
     )
+
+
+def _can_settle(scene: Scene, catalogue: Catalogue) -> bool:
+    there = not scene.frame and scene.task in TASKS and scene.robot in RIGS
+    return there and is_known(scene.placements, catalogue)
 
 
 def _settle(

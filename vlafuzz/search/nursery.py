@@ -24,11 +24,15 @@ class Nursery:
 
     def fresh(self, rng: np.random.Generator) -> Genome:
         """A random scene, a new one if there still are any; from now on it is known."""
+        return self.registered(self.drawn(rng))
+
+    def drawn(self, rng: np.random.Generator) -> Genome:
+        """The same, but it stays unknown."""
         for _ in range(REDRAWS):
             genome = self._space.nearest(self._space.sample(rng))
             if self._mark(genome) not in self._seen:
                 break
-        return self.registered(genome)
+        return genome
 
     def fair(self, genome: Genome, rng: np.random.Generator) -> Genome:
         """The genome of the fair scene nearest to this one's; a random one where there is no room for it."""

@@ -89,8 +89,10 @@ class Surrogate:
 
     def _fresh(self, number: int) -> Candidate:
         rng = np.random.default_rng([self._seed, number])
-        drawn = [self._nursery.fresh(rng) for _ in range(SUPPLY if number < WARM else 1)]
-        return max(map(self._breeder.candidate, drawn), key=lambda candidate: candidate.severity)
+        drawn = [self._nursery.drawn(rng) for _ in range(SUPPLY if number < WARM else 1)]
+        candidate = max(map(self._breeder.candidate, drawn), key=lambda candidate: candidate.severity)
+        self._nursery.registered(candidate.genome)
+        return candidate
 
     def _share_of_fresh(self) -> float:
         if self._failed:
