@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggestion
 
 PREFIX = "python:"
 _FORM = "expected python:package.module:factory"
@@ -24,20 +25,51 @@ def load_factory(reference: str) -> Callable[..., Any]:
 
     Raises:
         UsageError: not of that form, no such module, or no such callable in it.
+        PrerequisiteError: the module is there, and importing it raises.
     """
     module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
     if not module_name or not attribute:
         raise UsageError(f"{reference!r} names no factory", hint=_FORM)
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-            raise  # the module is there, and something that it imports is not
-        raise UsageError(f"{reference!r}: no module {error.name!r}", hint=_FORM) from None
+    with users_code(reference, f"import {module_name}"):
+        try:
+            module = importlib.import_module(module_name)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
+                raise  # the module is there, and something that it imports is not
+            raise UsageError(f"{reference!r}: no module {error.name!r}", hint=_FORM) from None
     factory = getattr(module, attribute, None)
     if not callable(factory):
         public = [name for name, value in vars(module).items() if callable(value) and name[0] != "_"]
         raise UsageError(f"{reference!r}: no callable {attribute!r}", hint=suggestion(attribute, public))
     return factory  # type: ignore[no-any-return]
+
+
+def make_of(reference: str) -> Any:
+    """What the factory that a reference names makes.
+
+    Raises:
+        UsageError: see ``load_factory``.
+        PrerequisiteError: the user's code raises.
+    """
+    factory = load_factory(reference)
+    module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
+    with users_code(reference, f"import {module_name}; {module_name}.{attribute}()"):
+        return factory()
+
+
+@contextmanager
+def users_code(reference: str, same: str) -> Iterator[None]:
+    """What the user's own code raises, in a sentence. ``same``: Python that shows it with its traceback.
+
+    Raises:
+        PrerequisiteError: it raised.
+    """
+    try:
+        yield
+    except VlafuzzError:
+        raise
+    except Exception as error:
+        hint = f'python -c "{same}" shows where'
+        raise PrerequisiteError(f"{reference}: {type(error).__name__}: {error}", hint) from error

@@ -50,7 +50,30 @@ def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest
 
 def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--subject", f"{HERE}:broken", "--json"]) == 3
-    assert rows(capsys)["connects"]["found"] == "FileNotFoundError: weights.pt"
+    found = rows(capsys)["connects"]
+    assert found["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
+    assert found["follows"].endswith('tests.cli.test_examining.broken()" shows where')
+
+
+def test_a_run_of_code_that_raises_is_refused_in_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert run(tmp_path, f"{HERE}:broken") == 3
+    assert f"error: {HERE}:broken: FileNotFoundError: weights.pt\n" in capsys.readouterr().err
+
+
+def test_code_whose_import_raises_is_refused_in_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "lacks_a_package.py").write_text("import unheard_of\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run(tmp_path, "python:lacks_a_package:make") == 3
+    assert "ModuleNotFoundError: No module named 'unheard_of'\nhint: python -c" in capsys.readouterr().err
+
+
+def test_a_protocol_without_an_address_is_refused_with_its_form(capsys: pytest.CaptureFixture[str]):
+    assert main(["doctor", "--subject", "openpi"]) == 2
+    assert "hint: expected openpi:ws://host:port?option=value" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -79,8 +102,9 @@ def test_a_run_of_a_subject_that_cannot_be_tested_does_not_begin(
 ):
     assert run(tmp_path, f"{HERE}:constant") == 3
     told, hint = capsys.readouterr().err.splitlines()
-    assert told.startswith(f"error: {HERE}:constant: 24 times the same: 0.01, 0.01, 0.01")
-    assert hint.endswith("or run it with --unchecked")
+    assert told.startswith(f"error: {HERE}:constant is not run: 24 times the same: 0.01, 0.01, 0.01")
+    assert hint.startswith("hint: constant: it does the same whatever it is shown")
+    assert hint.endswith("--unchecked runs it all the same")
     assert not (tmp_path / "a.db").exists()
 
 

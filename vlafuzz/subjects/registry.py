@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import cast
 
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.plugins import is_reference, load_factory
+from vlafuzz.plugins import is_reference, load_factory, make_of
 from vlafuzz.subjects.act import Act
 from vlafuzz.subjects.base import Subject, SubjectSpec
 from vlafuzz.subjects.controls import Frozen, Random
@@ -63,6 +63,8 @@ def check_subject_name(name: str) -> None:
         load_factory(name)
     elif kind := _server(name):
         parse(name, kind)
+    elif kind := SERVERS.get(name):
+        raise UsageError(f"{name!r} says not where it is", hint=f"expected {kind.form}?option=value&…")
     elif name not in SUBJECTS:
         near = suggestion(name.partition(":")[0], [*SUBJECTS, *SERVERS])
         raise UsageError(f"unknown subject {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
@@ -84,14 +86,14 @@ def make_subject(name: str) -> Subject:
 
     Raises:
         UsageError: no such subject, or a factory that makes something else.
-        PrerequisiteError: no server answers.
+        PrerequisiteError: no server answers, or the user's own code raises.
     """
     check_subject_name(name)
     if kind := _server(name):
         return kind(parse(name, kind))
     if not is_reference(name):
         return SUBJECTS[name]()
-    made = load_factory(name)()
+    made = make_of(name)
     if not isinstance(getattr(made, "spec", None), SubjectSpec):
         raise UsageError(
             f"{name!r} made a {type(made).__name__}, which has no spec",
