@@ -285,4 +285,5 @@ class TestCommand:
             finally:
                 server.kill()
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
-        assert (server.returncode, told) == (0, "serving random; Ctrl-C ends it\n")
+        assert (server.returncode, told.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
+        assert told.endswith(f"`vlafuzz run --subject '{name}'`\n")  # quoted, because of ? and &

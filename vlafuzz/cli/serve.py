@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import threading
 from contextlib import closing, suppress
@@ -33,5 +34,6 @@ def command(
     ):
         sys.stdout.write(f"{name}\n")
         sys.stdout.flush()
-        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n")
+        run = shlex.join(["vlafuzz", "run", "--subject", name])
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\nhint: fuzz it with `{run}`\n")
         threading.Event().wait()
