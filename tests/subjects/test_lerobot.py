@@ -66,6 +66,10 @@ class TestNames:
             make_subject(f"lerobot:{tmp_path}")
         assert caught.value.hint == "name the folder that lerobot saved"
 
+    def test_a_folder_that_is_not_there(self, tmp_path):
+        with pytest.raises(UsageError, match="no such folder"):
+            make_subject(f"lerobot:{tmp_path / 'missing'}")
+
     def test_without_lerobot_it_says_what_to_install(self, tmp_path, monkeypatch):
         (tmp_path / "config.json").write_text("{}")
         monkeypatch.setitem(sys.modules, "lerobot", None)

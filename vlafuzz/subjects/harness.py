@@ -99,7 +99,9 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> lis
     """
     if len(chunks) != expected:
         raise SubjectError(
-            f"{name}: {expected} observations, {len(chunks)} chunks of actions", cause="bad_action"
+            f"{name}: {expected} observations, {len(chunks)} chunks of actions",
+            hint="answer every observation with one chunk",
+            cause="bad_action",
         )
     return [_check(chunk, name) for chunk in chunks]
 

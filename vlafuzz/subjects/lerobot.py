@@ -85,7 +85,8 @@ class LeRobot:
         folder = Path(address.url).expanduser()
         if not (folder / "config.json").is_file():
             hint = "name the folder that lerobot saved"
-            raise UsageError(f"{address.name}: no config.json there", hint)
+            missing = "no config.json there" if folder.is_dir() else "no such folder"
+            raise UsageError(f"{address.name}: {missing}", hint)
         with needed(address.name, INSTALL), _told(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
         card = _card(address.name, self._policy.config)
