@@ -2,11 +2,13 @@
 
 import json
 import socket
+from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tests.checkup.faults import FAULTS
+from tests.checkup.faults import FAULTS, Changed
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.report.store import view_of_store
@@ -21,6 +23,18 @@ def deaf() -> Subject:
 
 def constant() -> Subject:
     return FAULTS["constant"]("pinhole")
+
+
+def interrupted() -> Subject:
+    """Ctrl-C comes at its 31st answer, when it is asked again."""
+    answers = count()
+
+    def answer(actions: np.ndarray) -> np.ndarray:
+        if next(answers) == 30:
+            raise KeyboardInterrupt
+        return actions
+
+    return Changed("pinhole", answer=answer)
 
 
 def broken() -> Subject:
@@ -74,6 +88,11 @@ def test_code_whose_import_raises_is_refused_in_a_sentence(
 def test_a_protocol_without_an_address_is_refused_with_its_form(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--subject", "openpi"]) == 2
     assert "hint: expected openpi:ws://host:port?option=value" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_what_was_found_by_then(capsys: pytest.CaptureFixture[str]):
+    assert main(["doctor", "--subject", f"{HERE}:interrupted", "--json"]) == 130
+    assert list(rows(capsys)) == ["spec", "connects", "actions"]
 
 
 @pytest.mark.parametrize(

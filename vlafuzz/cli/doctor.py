@@ -76,15 +76,27 @@ def doctor(
         "seed": seed,
     }
     given = {name: value for name, value in asked.items() if value is not None}
-    if subject is not None:
-        checks = examine(subject, given, 10 if n is None else n)
-    elif given or n is not None:
+    if subject is None and (given or n is not None):
         raise UsageError("nothing but --json goes without --subject", hint="name the subject to be checked")
-    else:
-        checks = list(machine())
-    print_rows([check._asdict() for check in checks], json=json)
+    made = machine() if subject is None else examine(subject, given, 10 if n is None else n)
+    checks, ended = _until_interrupted(made)
+    if checks:
+        print_rows([check._asdict() for check in checks], json=json)
+    if not ended:
+        raise typer.Abort
     if any(check.verdict == "refuse" for check in checks):
         raise typer.Exit(3)
+
+
+def _until_interrupted(made: Iterator[Check]) -> tuple[list[Check], bool]:
+    """The checks, and whether they came to their end: a slow subject may be asked for many minutes."""
+    checks: list[Check] = []
+    try:
+        for check in made:
+            checks += [check]
+    except KeyboardInterrupt:
+        return checks, False
+    return checks, True
 
 
 def machine() -> Iterator[Check]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ MOST = 1000
 UNCHECKED = "unchecked"
 
 
-def examine(name: str, given: Mapping[str, Any], n: int) -> list[Check]:
+def examine(name: str, given: Mapping[str, Any], n: int) -> Iterator[Check]:
     """All checks of a subject, up to the first that is refused, with a bar.
 
     Args:
@@ -30,7 +30,8 @@ def examine(name: str, given: Mapping[str, Any], n: int) -> list[Check]:
     check_number("--n", n, 1, MOST)
     made = _make(name)
     if isinstance(made, Check):
-        return [made]
+        yield made
+        return
     from vlafuzz import config
     from vlafuzz.checkup.exam import Exam
 
@@ -40,11 +41,9 @@ def examine(name: str, given: Mapping[str, Any], n: int) -> list[Check]:
         stderr().print(f"{name}: a few seconds of questions, then {said}", soft_wrap=True)
         with closing(Exam(manifest, made)) as exam, progress() as bar:
             task = bar.add_task("checks", total=None)
-            checks = []
             for check in exam.thorough(n):
-                checks.append(check)
                 bar.update(task, advance=1, description=f"after {check.check}")
-            return checks
+                yield check
 
 
 def looked_at(plan: Plan, *, unchecked: bool) -> Plan:
