@@ -64,7 +64,7 @@ def check_subject_name(name: str) -> None:
     elif kind := _server(name):
         parse(name, kind)
     elif kind := SERVERS.get(name):
-        raise UsageError(f"{name!r} says not where it is", hint=f"expected {kind.form}?option=value&…")
+        raise UsageError(f"unknown subject {name!r}: no address", hint=f"expected {kind.form}?option=value&…")
     elif name not in SUBJECTS:
         near = suggestion(name.partition(":")[0], [*SUBJECTS, *SERVERS])
         raise UsageError(f"unknown subject {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
