@@ -9,7 +9,7 @@ from vlafuzz.robots import rig
 from vlafuzz.scoring import Score, site
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.random import Random
-from vlafuzz.search.surrogate import KEPT, MOST, WARM, Surrogate
+from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
@@ -70,7 +70,7 @@ def test_the_oftener_a_guess_fails_the_fewer_scenes_are_fresh():
     sure, unsure = Surrogate(space(), 0, 200), Surrogate(space(), 0, 200)
     played(sure, lambda _: FAILED)
     played(unsure, coin)
-    assert sure._share_of_fresh() == 0 < unsure._share_of_fresh() <= MOST
+    assert sure._share_of_fresh() == 0 < unsure._share_of_fresh() <= GUIDED
 
 
 def coin(proposal: Proposal) -> Score:
@@ -85,7 +85,7 @@ def test_where_the_forest_misleads_all_scenes_are_fresh(
     strategy = Surrogate(space(), 0, 200, fallback=fallback)
     played(strategy, coin)
     monkeypatch.setattr(strategy._forest, "misleads", lambda: True)
-    assert (strategy._share_of_fresh() <= MOST) == guided
+    assert (strategy._share_of_fresh() <= GUIDED) == guided
 
 
 def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():

@@ -17,7 +17,7 @@ SUPPLY = 6  # candidates made for each proposal
 KEPT = 256  # of those that were not chosen, the best: they may be at another time
 WARM = 16  # fresh scenes to begin with, each the one of SUPPLY that is farthest from nominal
 BLIND = 0.5  # share of fresh scenes before the first failure, where lateness can be foreseen; else all
-GUIDED, MOST = 0.2, 0.1  # and after it, a part of the guesses that miss: there may be failures elsewhere
+GUIDED = 0.2  # and after it, times the share of guesses that miss: there may be failures elsewhere
 REPEATED = 0.2  # worth of one more failure at a site that has one: the lost stage may be another
 
 Rng = np.random.Generator
@@ -97,7 +97,7 @@ class Surrogate:
     def _share_of_fresh(self) -> float:
         if self._failed:
             misleads = self._uses_fallback and self._forest.misleads()
-            return 1.0 if misleads else min(MOST, GUIDED * self._forest.misses())
+            return 1.0 if misleads else GUIDED * self._forest.misses()
         foresees = self._forest.fitted and (not self._uses_fallback or self._forest.foresees_lateness())
         return BLIND if foresees else 1.0
 
