@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
+from vlafuzz import assets
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
 
@@ -17,13 +18,16 @@ def packs_json(packs: Iterable[Pack]) -> str:
 
 
 def stored_packs(*manifests: Manifest) -> tuple[Pack, ...]:
-    """Those of manifests: what ``packs_json`` wrote, found again.
+    """Those of manifests: what ``packs_json`` wrote, found again; robots that lie beside them are, too.
 
     Raises:
         UsageError: one of them is gone.
     """
     marks = {mark["name"]: mark for manifest in manifests for mark in json.loads(manifest.packs)}
-    return tuple(find_pack(**mark) for mark in marks.values())
+    found = tuple(find_pack(**mark) for mark in marks.values())
+    folders = dict.fromkeys(folder for pack in found for folder in (pack.folder, pack.folder.parent))
+    assets.add_folders(folder for folder in folders if (folder / "robots").is_dir())
+    return found
 
 
 def stored_catalogue(*manifests: Manifest) -> Catalogue:
