@@ -106,6 +106,25 @@ def test_vlatests_files_are_read_without_the_simulator(
     assert (row["< 0.15 m"], row["< 0.05 m"], row["overlap"]) == (1.0, 1.0, 1.0)
 
 
+def test_how_objects_are_put_down_is_never_left_out_in_silence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(vlatest(tmp_path, 0.06))
+    main(["lint", "--json", "--placement", "published", path])
+    (row,) = json.loads(capsys.readouterr().out)
+    assert "moved > 0.05 m" in row
+    assert main(["lint", "--static", "--placement", "published", path]) == 2
+    assert capsys.readouterr().err.startswith("error: --placement: with --static nothing is put down")
+
+
+def test_objects_of_packs_that_were_not_given_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    packed = Scene("pick-up", (Placement("custom:apple", "resting", 0.0, 0.0),), "pick up apple")
+    assert main(["lint", "--static", str(scenes(tmp_path, packed, UNKNOWN))]) == 1
+    assert "note: 1 scenes have objects of packs that were not given" in capsys.readouterr().err
+
+
 def test_in_their_own_frame_their_distances_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["lint", "--json", "--frame", "original", str(vlatest(tmp_path, 0.06))])
     (row,) = json.loads(capsys.readouterr().out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from rich.progress import Progress
 
 from vlafuzz.cli.flags import PlacementFlag
 from vlafuzz.cli.import_ import Frame
-from vlafuzz.cli.output import print_json, print_rows, progress
+from vlafuzz.cli.output import print_json, print_rows, progress, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.corpus.sources import Source, is_vlatest, read_source
 from vlafuzz.errors import SceneError, UsageError
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 BROKEN = "broken"  # a line that is no scene
 CLOSER = (0.15, 0.05)  # metres between centres
 SHIFTED = 0.05  # metres, seen from above
+PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def command(
         typer.Option(
             "--static/--settle",
             help="Only what needs no simulator, semantics and geometry; or all.",
-            show_default="all, for VLATest's files --static",
+            show_default="all; for VLATest's files --static, unless --placement is given",
         ),
     ] = None,
     frame: Annotated[
@@ -105,14 +107,18 @@ def command(
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     keep = load_operators().min_distance if min_distance is None else min_distance
     put = check_placement(placement or PLACEMENTS[0])
+    if static and placement:
+        raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
     catalogue = load_catalogue(packs=opened(pack))
     with progress() as bar:
         judged = []
         for path in files:
-            quick = is_vlatest(path) if static is None else static
+            quick = is_vlatest(path) and not placement if static is None else static
             source = read_source(path, catalogue, frame.value)
             judged.append(_judge(source, catalogue, keep, bar, None if quick else put))
     _print(judged, json=json, verbose=verbose)
+    if missing := sum(bool(PACKED.match(problem.reason)) for each in judged for problem in each.problems):
+        stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if any(each.problems for each in judged):
         raise typer.Exit(1)
 
