@@ -4,8 +4,11 @@ import json
 
 import pytest
 
+from tests.doubles import manifest, passed
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
+from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.store import Corpus
 from vlafuzz.scene import write_scenes
 
 
@@ -47,6 +50,23 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
     assert main(["replay", str(scenes), "--subject", "pinhole", "--seen", str(seen)]) == 0
     colours = {tuple(pixel) for row in imageio.imread(seen) for pixel in row.tolist()}
     assert len(colours) == 3  # table, object, hand
+
+
+def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkeypatch):
+    write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
+    monkeypatch.setattr("vlafuzz.sim.maniskill.evaluator.ManiSkillEvaluator.evaluate", None)
+    arguments = [str(tmp_path / "s.jsonl"), "--subject", "expert", "--seen", str(tmp_path / "seen.png")]
+    assert main(["replay", *arguments]) == 2
+    assert capsys.readouterr().err.startswith("error: subject 'expert' asks for no pictures")
+
+
+def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
+    store = str(tmp_path / "s.db")
+    with Corpus.open(tmp_path / "s.db", "write") as corpus:
+        run = corpus.begin(manifest())
+        corpus.add(run, Trial(0, nominal("pick-up"), passed(), 1.0))
+    assert main(["replay", store]) == 2
+    assert f"give the digest of one that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
 
 
 @pytest.mark.render

@@ -14,6 +14,7 @@ from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
+    from vlafuzz.corpus.store import Corpus
     from vlafuzz.objects import Pack
     from vlafuzz.outcome import Rollout
     from vlafuzz.scene import Scene
@@ -60,7 +61,7 @@ def command(
     from vlafuzz.sim.maniskill.video import Recording, write_picture
 
     recording = Recording(480 if filmed else 0)
-    report, rollout, hz = _roll_out(wanted, subject or wanted.subject, recording)
+    report, rollout, hz = _roll_out(wanted, subject or wanted.subject, recording, looks=seen is not None)
     if video:
         recording.write_video(video, hz)
     if picture:
@@ -103,7 +104,7 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
         if digest is None:
             findings = corpus.findings()
             if not findings:
-                raise UsageError(f"{source}: no scene failed", hint="give the digest of one that passed")
+                raise UsageError(f"{source}: no scene failed", hint=_one_that_passed(corpus))
             scene = findings[0].scene
         else:
             scene = corpus.scene(digest)
@@ -122,6 +123,13 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
                         stored_packs(manifest),
                     )
     return _never_run(scene)
+
+
+def _one_that_passed(corpus: Corpus) -> str:
+    """Which scene to ask for."""
+    trials = (trial for run in corpus.runs() for trial in corpus.trials(run.id) if trial.outcome.rollouts)
+    one = next((trial.scene.digest[:12] for trial in trials), None)
+    return f"give the digest of one that passed: {one}" if one else "no scene of it was run"
 
 
 def _never_run(scene: Scene) -> _Wanted:
@@ -143,13 +151,17 @@ def _check_renderer() -> None:
 
 
 def _roll_out(
-    wanted: _Wanted, subject: str, recording: Recording
+    wanted: _Wanted, subject: str, recording: Recording, *, looks: bool
 ) -> tuple[dict[str, Any], Rollout | None, int]:
+    """``looks``: what the subject sees is asked for, so that it has to see something."""
     from vlafuzz.objects import load_catalogue
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
     from vlafuzz.subjects.registry import make_subject
 
     made, scene = make_subject(subject), wanted.scene
+    if looks and not made.spec.cameras and not made.spec.silhouettes:
+        made.close()
+        raise UsageError(f"subject {subject!r} asks for no pictures", hint="leave --seen out")
     evaluator = ManiSkillEvaluator(
         scene.task,
         made,
