@@ -15,6 +15,7 @@ from vlafuzz.corpus.packs import has_packs, packs_json, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
+from vlafuzz.corpus.sources import is_vlatest
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.registry import Place, subject_at
@@ -206,6 +207,9 @@ def _scenes(config: RunConfig) -> list[Scene]:
     if config.scenes and config.pool:
         raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
     path = config.scenes or config.pool
+    if path and path.is_file() and is_vlatest(path):
+        hint = "for VLATest's files: `vlafuzz import vlatest FILE --frame robot --out F.jsonl` writes some"
+        raise UsageError(f"{path}: not JSON lines", hint=hint)
     return load_scenes(path) if path else []
 
 
@@ -215,7 +219,7 @@ def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
         if scene.task != wanted:
             raise SceneError(
                 f"{config.scenes or config.pool}: scene {number} is of task {scene.task!r}, not {wanted!r}",
-                hint="a run has one task: split the file, or give --task",
+                hint="a run has one task: split the file, or leave out --task",
             )
     return find_task(wanted)
 
@@ -227,7 +231,7 @@ def _rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
         if scene.robot != setup.robot:
             raise SceneError(
                 f"{config.scenes or config.pool}: scene {number} is for {scene.robot!r}, not {setup.robot!r}",
-                hint="a run has one robot: split the file, or give --robot",
+                hint="a run has one robot: split the file, or leave out --robot",
             )
     if setup.urdf:
         assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")

@@ -106,6 +106,20 @@ def test_a_file_of_scenes_is_run_once_each(folder: Path, capsys: pytest.CaptureF
     assert (summary["rollouts"], summary["budget"], summary["strategy"]) == (9, 9, "pool")
 
 
+def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "t-grasp.json").write_text('{"0": {"model_id": "apple"}, "seed": 1, "num": 1}')
+    assert main(["run", *IDLE, "--scenes", "t-grasp.json"]) == 2
+    said = capsys.readouterr().err
+    assert "t-grasp.json: not JSON lines" in said
+    assert "vlafuzz import vlatest" in said
+
+
+def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_scenes(folder / "pool.jsonl", [scene(x=0.1)])
+    assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db"]) == 2
+    assert "hint: no scene is fair: `vlafuzz lint -v` says why" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("light", "code"), [(0.25, 1), (4.0, 0)])
 def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, code: int):
     write_scenes(folder / "pool.jsonl", [scene(light)])

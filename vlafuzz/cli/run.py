@@ -144,7 +144,13 @@ def command(
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
-        raise VlafuzzError("no scene could be judged", hint="`vlafuzz doctor` checks this machine")
+        unfair = summary.verdicts["invalid"] and not summary.verdicts["error"]
+        hint = (
+            "no scene is fair: `vlafuzz lint -v` says why"
+            if unfair
+            else "`vlafuzz doctor` checks this machine"
+        )
+        raise VlafuzzError("no scene could be judged", hint=hint)
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
 
