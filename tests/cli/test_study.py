@@ -262,7 +262,7 @@ def test_who_passed_nothing_has_nothing_to_lose(
         (["rq1", "--scenes", "0"], "--scenes"),
         (["rq1", "--operators", "none.yaml"], "no file"),
         (["rq7"], "unknown study 'rq7'"),
-        (["rq3", "--alpha", "cubic"], "--alpha: 'cubic'"),
+        (["rq3", "--alpha", "cubic"], "unknown --alpha 'cubic'"),
         (["rq5"], "rq5: --unseen is missing"),
         (["rq4", "--unseen", "ycb"], "rq4: --unseen is for rq5 only"),
         (["rq2", "--from", "a.db"], "rq2: --from is for rq1 only"),

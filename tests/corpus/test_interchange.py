@@ -175,8 +175,9 @@ def test_a_malformed_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: 
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot be read"):
+    with pytest.raises(SceneError, match="cannot be read") as caught:
         read_vlatest(tmp_path / "nowhere.json", CATALOGUE)
+    assert caught.value.hint == "give a file that is there"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no VLATest scenes in ../shared/vlatest/scenes")

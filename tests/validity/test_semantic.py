@@ -68,6 +68,9 @@ UNFAIR = {
     "blue plastic bottle, lying, does not fit into basket, 0.17 x 0.136 m inside": scene(
         "put-in", at("blue_plastic_bottle", "lying"), at("basket")
     ),
+    "spoon does not fit into basket, 0.17 x 0.136 m inside": scene(
+        "put-in", replace(at("spoon", scale=4.0), rest="", quaternion=(1.0, 0.0, 0.0, 0.0)), at("basket")
+    ),
 }
 
 

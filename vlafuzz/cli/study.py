@@ -79,7 +79,7 @@ def command(
     if study not in STUDIES:
         raise UsageError(f"unknown study {study!r}", hint=suggestion(study, STUDIES))
     if alpha not in ALPHAS:
-        raise UsageError(f"--alpha: {alpha!r}", hint=suggestion(alpha, ALPHAS))
+        raise UsageError(f"unknown --alpha {alpha!r}", hint=suggestion(alpha, ALPHAS))
     if (study == "rq5") != bool(unseen):
         raise UsageError(
             f"{study}: --unseen {'is missing' if study == 'rq5' else 'is for rq5 only'}",

@@ -58,7 +58,9 @@ def _original(scene: Scene, *, ycb: bool) -> Entry:
         if not placement.object.startswith((CUSTOM, YCB)):
             raise _UnsaidError(f"VLATest has no {placement.object}")
         if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
-            raise _UnsaidError("VLATest's objects of YCB are in files named ycb_…, and no others are")
+            raise _UnsaidError(
+                "VLATest has objects of YCB in files named ycb_… only, and only them: see --out"
+            )
         if placement.quaternion is None:
             raise _UnsaidError(UNSAID + "rest poses")
         if placement.scale != original_scale(scene.task, placement.object):

@@ -100,7 +100,8 @@ def _scenes(path: Path) -> dict[str, object]:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(f"{path}: cannot be read: {reason}", hint) from None
+        there = hint if path.is_file() else "give a file that is there"
+        raise SceneError(f"{path}: cannot be read: {reason}", there) from None
     except json.JSONDecodeError as error:
         raise SceneError(f"{path}: not JSON: {error}", hint) from None
     if not isinstance(found, dict):

@@ -151,5 +151,6 @@ def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: Ob
     room = np.array([container.width, container.depth]) * b.scale - 2 * MARGIN
     if not np.any(np.all(extents(footprint(a, model_a).polygon) <= room, axis=1)):
         size = f"{container.width:g} x {container.depth:g} m inside"
-        return f"{model_a.spoken}, {a.rest}, does not fit into {model_b.spoken}, {size}"
+        lies = f", {a.rest}," if a.rest else ""  # of a raw orientation there is no name
+        return f"{model_a.spoken}{lies} does not fit into {model_b.spoken}, {size}"
     return None
