@@ -18,6 +18,7 @@ from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.renderer import probe
 from vlafuzz.report.view import SPEED, Film
+from vlafuzz.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.subjects.base import Subject
@@ -137,7 +138,8 @@ class SimulatorDesk:
         frames = reel.cut()
         if not outcome.rollouts:
             return None
-        video = to_mp4(frames, of.spec.action.hz * SPEED)
+        hz = rig(scene.robot).control_hz or of.spec.action.hz
+        video = to_mp4(frames, hz * SPEED)
         return Film(video, to_jpeg(frames[0]), outcome.verdict is Verdict.FAILED)
 
     def close(self) -> None:

@@ -155,6 +155,7 @@ def _roll_out(
 ) -> tuple[dict[str, Any], Rollout | None, int]:
     """``looks``: what the subject sees is asked for, so that it has to see something."""
     from vlafuzz.objects import load_catalogue
+    from vlafuzz.robots import rig
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
     from vlafuzz.subjects.registry import make_subject
 
@@ -190,7 +191,7 @@ def _roll_out(
         "same trajectory as stored": _same(wanted, subject, rollout),
         "detail": outcome.detail,
     }
-    return report, rollout, made.spec.action.hz
+    return report, rollout, rig(scene.robot).control_hz or made.spec.action.hz
 
 
 def _same(wanted: _Wanted, subject: str, rollout: Rollout | None) -> bool | None:
