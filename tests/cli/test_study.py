@@ -87,6 +87,14 @@ def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.Captur
     assert not Path("again/study.db").exists()
 
 
+def test_a_robot_that_nobody_knows_is_refused_before_anything_is_written(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", "rq1", "--robot", "widow", *SMALL]) == 2
+    assert "unknown robot 'widow'" in capsys.readouterr().err
+    assert not folder.exists()
+
+
 def test_a_guided_run_is_no_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", "--unchecked", *SMALL[:2]]
     assert main(["run", *flags]) == 0

@@ -6,6 +6,14 @@ from typing import Annotated
 
 import typer
 
+RobotFlag = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        help="Whose hand it is: panda; widowx or google, with files from a --pack.",
+        show_default="panda",
+    ),
+]
 OperatorsFlag = Annotated[
     str | None,
     typer.Option(

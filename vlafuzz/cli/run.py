@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, VaryFlag
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, RobotFlag, VaryFlag
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import VlafuzzError
@@ -25,12 +25,7 @@ def command(
     task: Annotated[
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Whose hand it is: panda; widowx or google, with files from a --pack.", show_default="panda"
-        ),
-    ] = None,
+    robot: RobotFlag = None,
     subject: Annotated[
         str | None,
         typer.Option(

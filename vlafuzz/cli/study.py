@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import RobotFlag
 from vlafuzz.cli.output import print_json, print_rows, stderr, stdout
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError, check_number, suggestion
@@ -42,9 +43,14 @@ def command(
     scenes: Annotated[
         int, typer.Option("--scenes", "--n", help="Scenes a task, and a number of confounders in rq2.")
     ] = 100,
+    robot: RobotFlag = None,
     operators: Annotated[
-        str, typer.Option(help="YAML file of ranges, or a shipped one's name.")
-    ] = "paper-rq1",
+        str | None,
+        typer.Option(
+            help="YAML file of ranges, or a shipped one's name.",
+            show_default="paper-rq1, or those of another robot",
+        ),
+    ] = None,
     pack: PackFlag = None,
     alpha: Annotated[
         str, typer.Option(help="How rq3 draws the light: linear, as the paper, or log, evenly in log2.")
@@ -94,6 +100,7 @@ def command(
 
     from vlafuzz.cli.studying import Wish, study_of
     from vlafuzz.config import RunConfig
+    from vlafuzz.robots import PANDA, rig
 
     if stores:
         _print(study_of(stores), out, json)
@@ -108,7 +115,8 @@ def command(
     asked = RunConfig(
         budget=scenes,
         seed=seed,
-        operators=operators,
+        robot=robot,
+        operators=operators or ("paper-rq1" if robot in (None, PANDA.robot) else rig(robot).operators),
         packs=opened(pack),
         workers=workers,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),

@@ -16,7 +16,7 @@ from vlafuzz.space.operators import ConfounderCount
 
 COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
 _SAME = (
-    "task", "subject", "strategy", "budget", "seed", "batch", "repeats", "criteria", "placement",
+    "task", "robot", "subject", "strategy", "budget", "seed", "batch", "repeats", "criteria", "placement",
     "stop_early",
     "operators_digest",
 )  # fmt: skip
