@@ -13,7 +13,7 @@ from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
 from vlafuzz.corpus.packs import has_packs, packs_json, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
-from vlafuzz.corpus.records import Manifest
+from vlafuzz.corpus.records import FLAGS, Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
 from vlafuzz.corpus.sources import is_vlatest
 from vlafuzz.corpus.store import Corpus
@@ -40,21 +40,7 @@ STRATEGY = "surrogate"  # what finds most distinct cells: scripts/bench_strategi
 MOST = 2**63 - 1  # what stores hold
 CRITERIA = ("strict", "published")
 _CAMERA = {CameraPosition.name, CameraOrientation.name}
-# What a manifest has of a RunConfig under the same name, and what every command says anew.
-_ANEW = ("scenes", "pool", "workers", "executor", "address")
-_STORED = (
-    "task",
-    "robot",
-    "subject",
-    "strategy",
-    "budget",
-    "seed",
-    "batch",
-    "repeats",
-    "stop_early",
-    "criteria",
-    "placement",
-)
+_ANEW = ("scenes", "pool", "workers", "executor", "address")  # what every command says anew
 
 
 @dataclass(frozen=True)
@@ -173,7 +159,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Corpus.open(store) as corpus:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
-    stored = {name: getattr(run.manifest, name) for name in _STORED}
+    stored = {name: getattr(run.manifest, name) for name in FLAGS}
     anew = {name: getattr(asked, name) for name in _ANEW}
     known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=store)
     made = plan(known, stored_operators(store, run.manifest))
@@ -299,7 +285,7 @@ def _manifest(
 
 def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     """The first flag that asks for something else, in words."""
-    for name in _STORED:
+    for name in FLAGS:
         stored = getattr(manifest, name)
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"

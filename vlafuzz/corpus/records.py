@@ -26,6 +26,11 @@ EVIDENCE_OF: Mapping[Bucket, str] = {
     "flaky": "observed",
 }
 
+# What flags give, by the name that they have there, too.
+FLAGS = (
+    "task", "robot", "subject", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria",
+    "placement",
+)  # fmt: skip
 # What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
 _DECISIVE = (
     "subject", "spec", "seed", "repeats", "criteria", "placement", "stop_early", "min_distance",

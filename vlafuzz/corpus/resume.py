@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vlafuzz.corpus.records import UNFINISHED, Manifest, Run, Trial
+from vlafuzz.corpus.records import FLAGS, UNFINISHED, Manifest, Run, Trial
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import CorpusError
 from vlafuzz.scene import Scene
@@ -119,16 +119,4 @@ def _about(manifest: Manifest) -> tuple[object, ...]:
 
 def _told(manifest: Manifest) -> str:
     """What may tell two runs apart, as the flags that give it."""
-    names = (
-        "task",
-        "subject",
-        "strategy",
-        "budget",
-        "seed",
-        "batch",
-        "repeats",
-        "stop_early",
-        "criteria",
-        "placement",
-    )
-    return ", ".join(f"{name} {getattr(manifest, name)}" for name in names)
+    return ", ".join(f"{name} {getattr(manifest, name)}" for name in FLAGS)

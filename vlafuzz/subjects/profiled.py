@@ -14,7 +14,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.subjects.base import ActionSpec, CameraRequest, Observation, SubjectSpec
 from vlafuzz.subjects.conventions import SCALED, Convention
 from vlafuzz.subjects.layouts import LAYOUTS, OWN
-from vlafuzz.subjects.remote import SIDE, Common, Size, divisor
+from vlafuzz.subjects.remote import SIDE, Common, Size, State, divisor
 
 
 def _scale(number: float) -> float:
@@ -38,15 +38,7 @@ class Profiled(Common):
         image_key: what the picture is called on the wire; so are the other keys.
     """
 
-    state: Literal[
-        "0",
-        "1",
-        "eef_pos3_axisangle3_gripper1",
-        "eef_pos3_axisangle3_gripper2",
-        "eef_pos3_quat4_gripper1",
-        "eef_pos3_rpy3_pad1_gripper1",
-        "joint_positions",
-    ] = "0"
+    state: Literal[State, "joint_positions"] = "0"
     action: Literal["eef_delta", "eef_pose", "joint_delta", "joint_position", "joint_velocity"] = "eef_delta"
     frame: Literal["base", "tool"] = "base"
     rotation: Literal[
