@@ -96,7 +96,8 @@ class Hands:
         reach = self._choose(belief)
         down = np.array([reach.x, reach.y, reach.z])
         self._waited += 1
-        if abs(belief.tcp[2] - reach.z) < 0.006 or self._waited > PATIENCE:
+        upright = self._steering.upright(belief.tcp, belief.tcp_rotation)
+        if (upright and abs(belief.tcp[2] - reach.z) < 0.006) or self._waited > PATIENCE:
             self._enter(self._close)
             return self._close(belief)
         return self._toward(belief, down, reach.yaw, OPEN)

@@ -12,6 +12,7 @@ from vlafuzz.rig import Rig
 Array = NDArray[np.float64]
 STEP = 0.10  # metres in a control step
 TURN = 0.6  # radians in a control step
+TILT = 0.1  # radians off
 
 
 class Steering:
@@ -41,13 +42,21 @@ class Steering:
         neutral = self._rig.neutral_yaw(*tcp[:2])
         return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
 
+    def upright(self, tcp: Array, rotation: Array) -> bool:
+        """Whether the hand points where it should: one whose lean depends on the place lags behind it."""
+        return self._rig.hand.stoops is None or math.hypot(*self._tilt(tcp, rotation)[:2]) < TILT
+
     def _turn(self, tcp: Array, rotation: Array, yaw: float) -> Array:
         """Rotation vector that points the hand down, but for its lean, its closing axis along ``yaw``."""
+        x, y, z = self._tilt(tcp, rotation)
+        return np.array([x, y, z + min(max(yaw - self.hand_yaw(tcp, rotation), -TURN), TURN)])
+
+    def _tilt(self, tcp: Array, rotation: Array) -> Array:
+        """``(3,)`` from where the hand points to where it should."""
         distance = math.dist(tcp[:2], self._rig.base[:2])
         lean = self._lean + self._rig.hand.stoop(distance, float(tcp[2]))
         wanted = np.array([*(math.sin(lean) * self._outward(tcp)), -math.cos(lean)])
-        x, y, z = np.cross(rotation[:, 2], wanted)
-        return np.array([x, y, z + min(max(yaw - self.hand_yaw(tcp, rotation), -TURN), TURN)])
+        return np.cross(rotation[:, 2], wanted)
 
     def _outward(self, place: Array) -> Array:
         """``(2,)`` from the robot to a place, of length 1."""
