@@ -169,11 +169,52 @@ def test_it_stops_when_a_strategy_proposes_one_scene_for_ever(corpus: Corpus):
     assert summary.stopped == "no rollout in 55 proposals in a row: asked before (55)"
 
 
-def test_it_stops_when_the_subject_is_down(corpus: Corpus):
-    summary = run(corpus, budget=1000, executor=LocalExecutor(Raising(ConnectionError("refused"))))
-    assert summary.stopped is not None
-    assert "subject or simulator error" in summary.stopped
-    assert "ConnectionError: refused" in summary.stopped
+def test_it_stops_when_the_subject_is_gone(corpus: Corpus):
+    pool = [scene(2.0**light) for light in range(-8, 8)]
+    evaluator = Raising(ConnectionError("refused"), after=5)
+    parts = {"space": Pool(pool, SPACE), "strategy": InOrder(len(pool)), "batch": len(pool)}
+    summary = run(corpus, executor=LocalExecutor(evaluator), **parts)
+    assert summary.gone
+    assert summary.stopped == "8 errors in a row, the last of them: ConnectionError: refused"
+    assert (summary.rollouts, summary.verdicts["error"]) == (5, 0)
+
+
+def test_unfair_scenes_do_not_say_that_the_subject_is_still_there(corpus: Corpus):
+    class Gone(ClosedForm):
+        def evaluate(self, scenes):
+            (outcome,) = super().evaluate(scenes)
+            return [outcome if outcome.verdict is Verdict.INVALID else Outcome.error("refused")]
+
+    summary = run(corpus, budget=1000, executor=LocalExecutor(Gone()))
+    assert summary.gone
+    assert summary.verdicts["invalid"] > 0
+
+
+@pytest.mark.parametrize("batch", [1, 3, 5, 8, 30])
+def test_a_subject_that_comes_back_is_judged_by_all_scenes_that_it_owes(tmp_path: Path, batch: int):
+    """But those of batches that the strategy was told of: they stay errors."""
+    pool = [scene(2.0**light, y=0.05 * y) for light in range(-4, 2) for y in range(-2, 3)]
+    parts = {"space": Pool(pool, SPACE), "budget": 1000, "batch": batch, "patience": None}
+    with Corpus.open(tmp_path / "b.db", "write") as corpus:
+        raising = LocalExecutor(Raising(ConnectionError("refused"), after=5))
+        lost = run(corpus, executor=raising, strategy=InOrder(len(pool)), **parts)
+        assert corpus.runs()[0].status == "interrupted"
+        back = run(corpus, strategy=InOrder(len(pool)), resume=lost.run, **parts)
+    told = 0 if batch > 12 else (5 + 8 - 1) // batch * batch - 5  # errors in batches before the last
+    assert (back.gone, back.proposals, back.verdicts["error"]) == (False, len(pool), told)
+    assert (back.run, back.rollouts) == (lost.run, len(pool) - told)
+
+
+def test_a_scene_that_breaks_the_simulator_now_and_then_does_not_stop_it(corpus: Corpus):
+    class Fragile(ClosedForm):
+        def evaluate(self, scenes):
+            (outcome,) = super().evaluate(scenes)
+            return [outcome if len(self.evaluated) % 8 == 0 else Outcome.error("broke")]
+
+    pool = [scene(2.0**light) for light in range(-20, 20)]
+    parts = {"space": Pool(pool, SPACE), "strategy": InOrder(len(pool))}
+    summary = run(corpus, executor=LocalExecutor(Fragile()), **parts)
+    assert (summary.gone, summary.rollouts) == (False, 5)
 
 
 def test_an_error_costs_the_rollouts_that_it_ran(corpus: Corpus):

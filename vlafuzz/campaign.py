@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Protocol
 
@@ -21,6 +21,7 @@ from vlafuzz.scoring import Measure, Objective, cell, score
 from vlafuzz.search.base import Genome, Proposal, Strategy
 
 PATIENCE = 50  # proposals in a row without a rollout
+GONE = 8  # errors in a row, after which nothing more is expected of the subject
 
 
 class Space(Measure, Protocol):
@@ -50,7 +51,8 @@ def fuzz(
 
     Proposals are asked for in batches of ``manifest.batch`` and told in the order asked: one seed gives the
     same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
-    The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored.
+    The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored;
+    a subject that is gone interrupts, too, and the scenes that it left unjudged are tried when it is resumed.
 
     Args:
         meaningful: makes vectors of scenes, by which near-duplicates among the failures are grouped.
@@ -71,7 +73,7 @@ def fuzz(
     status: Status = "failed"
     try:
         campaign.loop(patience)
-        status = "stopped" if tally.stopped else "finished"
+        status = "interrupted" if campaign.gone else "stopped" if tally.stopped else "finished"
     except KeyboardInterrupt:
         status = "interrupted"
         raise
@@ -94,6 +96,12 @@ class _Campaign:
     chunk: int
     own: int | None  # the run whose answers alone are taken
     watch: Callable[[Tally], None]
+    errors: list[Trial] = field(default_factory=list)  # of the batch, since its last verdict: not yet stored
+    in_a_row: int = 0  # errors, of this batch and those before
+
+    @property
+    def gone(self) -> bool:
+        return self.in_a_row >= GONE
 
     def loop(self, patience: int | None) -> None:
         while not self.tally.stopped and (room := self._room()) > 0:
@@ -102,12 +110,16 @@ class _Campaign:
                 break
             scenes = [self.space.decode(proposal.genome) for proposal in proposals]
             outcomes = self._evaluate(proposals, scenes)
+            if self.gone:
+                self.tally.lose(self.errors[-1].outcome, self.in_a_row)
+                break
             self.tally.judge(scenes, outcomes, patience)
             pairs = zip(scenes, outcomes, strict=True)
             scores = [self.objective(*pair, self.space) for pair in pairs]
             with self.tally.search:
                 self.strategy.tell(proposals, scores)
-        self.past.check_empty()
+        if not self.gone:
+            self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:
         with self.tally.search:
@@ -124,7 +136,10 @@ class _Campaign:
         return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
 
     def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
-        """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
+        """The outcome of each proposal; all of them are stored, first what is new, then what was known.
+
+        Cut short where the subject is gone.
+        """
         past = self._recall(proposals, scenes)
         outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
         fresh: dict[str, int] = {}
@@ -139,10 +154,13 @@ class _Campaign:
                 outcomes[scene.digest] = known
         for index, outcome in self._run(scenes, list(fresh.values())):
             outcomes[scenes[index].digest] = outcome
-            self._keep(proposals[index], scenes[index], outcome, duplicate=False)
+            self._take(self._trial(proposals[index], scenes[index], outcome, duplicate=False))
+            if self.gone:
+                return []
+        self._keep_errors()
         for index, scene in enumerate(scenes):
             if index not in past and fresh.get(scene.digest) != index:
-                self._keep(proposals[index], scene, outcomes[scene.digest], duplicate=True)
+                self._keep(self._trial(proposals[index], scene, outcomes[scene.digest], duplicate=True))
         return [outcomes[scene.digest] for scene in scenes]
 
     def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
@@ -161,16 +179,34 @@ class _Campaign:
         for tag, outcomes in self.executor.run(batches):
             yield from zip(chunks[tag], outcomes, strict=True)
 
-    def _keep(self, proposal: Proposal, scene: Scene, outcome: Outcome, *, duplicate: bool) -> None:
-        place = None
-        if outcome.verdict is Verdict.FAILED:
-            place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
-        severity = self.space.severity(scene)
-        trial = Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
+    def _take(self, trial: Trial) -> None:
+        """Keep a trial, an ERROR once a verdict follows it."""
+        if trial.outcome.verdict is Verdict.ERROR and not trial.outcome.rollouts:
+            self.errors.append(trial)
+            self.in_a_row += 1
+            return
+        if trial.outcome.verdict is not Verdict.INVALID:  # which a subject that is gone may be told, too
+            self.in_a_row = 0
+            self._keep_errors()
+        self._keep(trial)
+
+    def _keep_errors(self) -> None:
+        for trial in self.errors:
+            self._keep(trial)
+        self.errors.clear()
+
+    def _keep(self, trial: Trial) -> None:
         with self.tally.store:
             self.corpus.add(self.tally.run, trial)
         self.tally.count(trial)
         self.watch(self.tally)
+
+    def _trial(self, proposal: Proposal, scene: Scene, outcome: Outcome, *, duplicate: bool) -> Trial:
+        place = None
+        if outcome.verdict is Verdict.FAILED:
+            place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
+        severity = self.space.severity(scene)
+        return Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
 
 
 def _chunks(indices: Sequence[int], size: int) -> Iterator[list[int]]:

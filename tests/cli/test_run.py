@@ -134,8 +134,21 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
     assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 2
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
-    assert "stopped: no rollout in" in shown.err
+    assert "stopped: 8 errors in a row" in shown.err
     assert "error: no scene could be judged" in shown.err
+
+
+def test_a_run_whose_subject_goes_away_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused"), after=20))
+    assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 2
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["gone"]
+    assert "error: the run is not complete: subject or simulator is gone" in shown.err
+    assert "`vlafuzz run --resume --store a.db`" in shown.err
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    assert main(["run", "--resume", "--store", "a.db"]) == 0
 
 
 def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -146,6 +146,11 @@ def command(
             else "`vlafuzz doctor` checks this machine"
         )
         raise VlafuzzError("no scene could be judged", hint=hint)
+    if summary.gone:
+        raise VlafuzzError(
+            "the run is not complete: subject or simulator is gone",
+            hint=f"when it is back, `{_again(summary.store)}` goes on, with the scenes that had no verdict",
+        )
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
 
@@ -160,12 +165,16 @@ def _start(prepared: Plan) -> Summary:
             return start(prepared, watch)
         except KeyboardInterrupt:
             watch.stop()
-            again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(prepared.store)])
             stderr().print(
-                f"interrupted: all trials so far are stored in {prepared.store}\nhint: go on with `{again}`",
+                f"interrupted: all trials so far are stored in {prepared.store}\n"
+                f"hint: go on with `{_again(prepared.store)}`",
                 soft_wrap=True,
             )
             raise typer.Exit(130) from None
+
+
+def _again(store: str | Path) -> str:
+    return shlex.join(["vlafuzz", "run", "--resume", "--store", str(store)])
 
 
 def _beside_random(summary: Summary) -> Beside | None:

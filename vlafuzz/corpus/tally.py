@@ -30,6 +30,7 @@ class Summary:
         first_failure: digest of the first scene that failed.
         last_error: what the last ERROR was, in a sentence.
         stopped: why it ended before its budget was spent, in a sentence.
+        gone: it ended as the subject was gone: when resumed it goes on.
         checkup: what is known of the subject, see ``Manifest``.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
@@ -54,6 +55,7 @@ class Summary:
     first_failure: str | None
     last_error: str | None
     stopped: str | None
+    gone: bool
     checkup: str
     seconds: float
     search_seconds: float
@@ -103,6 +105,7 @@ class Tally:
         self.rollouts = self.proposals = self.duplicates = 0
         self.last_error: str | None = None
         self.stopped: str | None = None
+        self.gone = False
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
@@ -147,6 +150,11 @@ class Tally:
         if patience is not None and len(self._barren) >= patience:
             self.stopped = self._why()
 
+    def lose(self, last: Outcome, errors: int) -> None:
+        """Stop: the subject, or the simulator, is gone. ``last`` is what came last, of so many errors."""
+        self.gone, self.last_error = True, last.detail
+        self.stopped = f"{errors} errors in a row, the last of them: {last.detail}"
+
     @property
     def spent(self) -> Spent:
         """By now."""
@@ -179,6 +187,7 @@ class Tally:
             first_failure=min(failed, key=failed.__getitem__, default=None),
             last_error=self.last_error,
             stopped=self.stopped,
+            gone=self.gone,
             checkup=manifest.checkup,
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,
