@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -32,7 +33,7 @@ def load_factory(reference: str) -> Callable[..., Any]:
         raise UsageError(f"{reference!r} names no factory", hint=_FORM)
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    with users_code(reference, f"import {module_name}"):
+    with users_code(reference):
         try:
             module = importlib.import_module(module_name)
         except ModuleNotFoundError as error:
@@ -54,14 +55,13 @@ def make_of(reference: str) -> Any:
         PrerequisiteError: the user's code raises.
     """
     factory = load_factory(reference)
-    module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
-    with users_code(reference, f"import {module_name}; {module_name}.{attribute}()"):
+    with users_code(reference):
         return factory()
 
 
 @contextmanager
-def users_code(reference: str, same: str) -> Iterator[None]:
-    """What the user's own code raises, in a sentence. ``same``: Python that shows it with its traceback.
+def users_code(reference: str) -> Iterator[None]:
+    """What the user's own code raises, in a sentence that says where.
 
     Raises:
         PrerequisiteError: it raised.
@@ -71,5 +71,6 @@ def users_code(reference: str, same: str) -> Iterator[None]:
     except VlafuzzError:
         raise
     except Exception as error:
-        hint = f'python -c "{same}" shows where'
+        *_, last = traceback.extract_tb(error.__traceback__)
+        hint = f"raised at {last.filename}:{last.lineno}: {last.line}"
         raise PrerequisiteError(f"{reference}: {type(error).__name__}: {error}", hint) from error

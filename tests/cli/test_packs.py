@@ -76,6 +76,8 @@ def test_replay_finds_the_pack_again_and_says_so_when_it_is_gone(folder, capsys,
     for command in (["replay"], ["triage"], ["report", "--out", "never.html"]):
         assert main([*command, str(store)]) == 2
         assert "it needs the pack 'mine'" in capsys.readouterr().err
+    assert main(["replay", str(store), "--json", "--pack", str(moved)]) == 0
+    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
     monkeypatch.setenv("VLAFUZZ_PACKS", str(moved))
     assert main(["replay", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True

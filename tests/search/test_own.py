@@ -11,7 +11,7 @@ from tests.search import climb
 from tests.search.worlds import space, toy
 from vlafuzz.campaign import fuzz
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.search.base import Proposal, about
 from vlafuzz.search.own import Own
@@ -68,6 +68,30 @@ def test_a_proposal_that_is_none_is_refused_in_a_sentence(strategy: Given, says:
 def test_what_cannot_be_asked_is_no_strategy():
     with pytest.raises(UsageError, match="'python:mine:make' made a int, which has no ask"):
         Own("python:mine:make", 3, 3)  # type: ignore[arg-type]
+
+
+def breaks(space: object, seed: int, budget: int | None) -> object:
+    raise KeyError("policy")
+
+
+class Breaking(Given):
+    def ask(self, n: int) -> list[Proposal]:
+        return [Proposal(0, self.genome[n:][0])]
+
+    def tell(self, proposals: object, scores: object) -> None:
+        raise ZeroDivisionError("no scores")
+
+
+def test_what_it_raises_is_a_sentence_that_says_where():
+    with pytest.raises(PrerequisiteError, match="breaks: KeyError: 'policy'") as caught:
+        strategy_factory("python:tests.search.test_own:breaks")(space(), 0, 60)
+    assert str(caught.value.hint).endswith(': raise KeyError("policy")')
+    own = Own("python:mine:make", Breaking([0.5, 0.5, 0.5]), 3)
+    with pytest.raises(PrerequisiteError, match="python:mine:make: IndexError") as caught:
+        own.ask(3)
+    assert f"raised at {__file__}:" in str(caught.value.hint)
+    with pytest.raises(PrerequisiteError, match="python:mine:make: ZeroDivisionError: no scores"):
+        own.tell([], [])
 
 
 def test_it_may_say_something_of_itself():

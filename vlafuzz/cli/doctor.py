@@ -72,7 +72,7 @@ def doctor(
         "task": task,
         "robot": robot,
         "operators": operators,
-        "packs": (opened(pack) or None) if pack else None,  # which loads much
+        "packs": opened(pack) or None,
         "seed": seed,
     }
     given = {name: value for name, value in asked.items() if value is not None}

@@ -30,12 +30,12 @@ def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
         UsageError: a folder is no pack and has none in it.
         CatalogueError: a mesh is damaged.
     """
+    if not given:
+        return ()
     from vlafuzz.objects import open_packs  # not before it is needed: `vlafuzz doctor` has to start anywhere
 
-    assets.add_folders(Path(each) for each in given or () if Path(each).is_dir())
-    packs = tuple(
-        pack for each in given or () if not _is_robots_only(Path(each)) for pack in open_packs(each)
-    )
+    assets.add_folders(Path(each) for each in given if Path(each).is_dir())
+    packs = tuple(pack for each in given if not _is_robots_only(Path(each)) for pack in open_packs(each))
     for pack in packs:
         for said in _lacks(pack):
             stderr().print(f"note: {pack.name}: {said}", soft_wrap=True)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.output import print_json, print_rows, stderr
+from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def command(
         bool, typer.Option("--first-failure", help="The store's first finding.")
     ] = False,
     subject: Annotated[str | None, typer.Option(help="Another subject than the store's.")] = None,
+    pack: PackFlag = None,
     video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
     seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the subject saw at first.")] = None,
@@ -54,6 +56,7 @@ def command(
     """Run one scene or finding again, and show it."""
     if digest and first_failure:
         raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
+    opened(pack)  # from here on they are known
     wanted = _find(source, digest)
     filmed = video is not None or picture is not None
     if filmed:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vlafuzz.errors import UsageError
+from vlafuzz.plugins import users_code
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Strategy, about
 
@@ -33,8 +34,10 @@ class Own:
 
         Raises:
             UsageError: an id is not the next one, or a genome not one of the space.
+            PrerequisiteError: it raises.
         """
-        proposals = list(self._strategy.ask(n))
+        with users_code(self._name):
+            proposals = list(self._strategy.ask(n))
         for number, proposal in enumerate(proposals, self._asked):
             if proposal.id != number:
                 raise self._wrong(f"proposal {number} has the id {proposal.id}")
@@ -45,8 +48,13 @@ class Own:
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """As it is."""
-        self._strategy.tell(proposals, scores)
+        """As it is.
+
+        Raises:
+            PrerequisiteError: it raises.
+        """
+        with users_code(self._name):
+            self._strategy.tell(proposals, scores)
 
     def _wrong(self, what: str) -> UsageError:
         return UsageError(f"strategy {self._name!r}: {what}", hint=_HINT)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import cast
 
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.plugins import is_reference, load_factory
+from vlafuzz.plugins import is_reference, load_factory, users_code
 from vlafuzz.search.base import Source, Strategy
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.mcts import Mcts
@@ -92,6 +93,11 @@ STRATEGIES: dict[str, Factory] = {
 POOL = "pool"
 
 
+def _own(name: str, make: Factory, space: Source, seed: int, budget: int | None) -> Strategy:
+    with users_code(name):
+        return Own(name, make(space, seed, budget), space.dim)
+
+
 def strategy_factory(name: str) -> Factory:
     """What makes the strategy of that name.
 
@@ -99,8 +105,7 @@ def strategy_factory(name: str) -> Factory:
         UsageError: no such strategy.
     """
     if is_reference(name):
-        make = cast(Factory, load_factory(name))
-        return lambda space, seed, budget: Own(name, make(space, seed, budget), space.dim)
+        return partial(_own, name, cast(Factory, load_factory(name)))
     if name == POOL:
         raise UsageError(f"strategy {POOL!r} needs a file of scenes", hint="give it with --scenes")
     if name not in STRATEGIES:
