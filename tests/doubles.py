@@ -110,6 +110,21 @@ class Raising(ClosedForm):
         return super().evaluate(scenes)
 
 
+class Gone(ClosedForm):
+    """Answers no more after so many scenes; with ``every``, only each so manieth."""
+
+    def __init__(self, after: int = 0, every: int = 0) -> None:
+        super().__init__()
+        self._after, self._every = after, every
+
+    def outcome(self, scene: Scene) -> Outcome:
+        outcome, asked = super().outcome(scene), len(self.evaluated)
+        answers = asked <= self._after or (self._every and asked % self._every == 0)
+        if answers or outcome.verdict is Verdict.INVALID:
+            return outcome
+        return Outcome.error("subject: connect: refused", unanswered=True)
+
+
 class Backwards:
     """An executor that pulls all batches and is done with the last one first."""
 

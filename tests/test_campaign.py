@@ -11,6 +11,7 @@ from tests.doubles import (
     Always,
     Backwards,
     ClosedForm,
+    Gone,
     Raising,
     Scripted,
     TinySpace,
@@ -22,7 +23,7 @@ from tests.doubles import (
 from vlafuzz.campaign import fuzz
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.search.pool import InOrder, Pool
@@ -169,52 +170,60 @@ def test_it_stops_when_a_strategy_proposes_one_scene_for_ever(corpus: Corpus):
     assert summary.stopped == "no rollout in 55 proposals in a row: asked before (55)"
 
 
-def test_it_stops_when_the_subject_is_gone(corpus: Corpus):
-    pool = [scene(2.0**light) for light in range(-8, 8)]
-    evaluator = Raising(ConnectionError("refused"), after=5)
-    parts = {"space": Pool(pool, SPACE), "strategy": InOrder(len(pool)), "batch": len(pool)}
-    summary = run(corpus, executor=LocalExecutor(evaluator), **parts)
-    assert summary.gone
-    assert summary.stopped == "8 errors in a row, the last of them: ConnectionError: refused"
-    assert (summary.rollouts, summary.verdicts["error"]) == (5, 0)
+def test_it_stops_when_each_scene_is_an_error(corpus: Corpus):
+    summary = run(corpus, budget=1000, executor=LocalExecutor(Raising(ConnectionError("refused"))))
+    assert summary.stopped is not None
+    assert "subject or simulator error" in summary.stopped
+    assert "ConnectionError: refused" in summary.stopped
+
+
+FAIR = [scene(2.0**light, y=0.05 * y) for light in range(-4, 2) for y in range(-2, 3)]
+
+
+def test_a_subject_that_is_gone_ends_the_run_and_its_scenes_are_not_judged(corpus: Corpus):
+    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR)), "batch": len(FAIR)}
+    with pytest.raises(SubjectError, match=r"^8 scenes in a row had no answer: subject: connect: refused$"):
+        run(corpus, executor=LocalExecutor(Gone(after=5)), **parts)
+    (gone,) = corpus.runs()
+    assert gone.status == "interrupted"
+    assert [trial.scene for trial in corpus.trials(gone.id)] == FAIR[:5]
 
 
 def test_unfair_scenes_do_not_say_that_the_subject_is_still_there(corpus: Corpus):
-    class Gone(ClosedForm):
-        def evaluate(self, scenes):
-            (outcome,) = super().evaluate(scenes)
-            return [outcome if outcome.verdict is Verdict.INVALID else Outcome.error("refused")]
-
-    summary = run(corpus, budget=1000, executor=LocalExecutor(Gone()))
-    assert summary.gone
-    assert summary.verdicts["invalid"] > 0
+    with pytest.raises(SubjectError, match="8 scenes in a row"):
+        run(corpus, budget=1000, executor=LocalExecutor(Gone()))
+    assert Verdict.INVALID in {trial.outcome.verdict for trial in corpus.trials(1)}
 
 
 @pytest.mark.parametrize("batch", [1, 3, 5, 8, 30])
-def test_a_subject_that_comes_back_is_judged_by_all_scenes_that_it_owes(tmp_path: Path, batch: int):
-    """But those of batches that the strategy was told of: they stay errors."""
-    pool = [scene(2.0**light, y=0.05 * y) for light in range(-4, 2) for y in range(-2, 3)]
-    parts = {"space": Pool(pool, SPACE), "budget": 1000, "batch": batch, "patience": None}
+def test_a_subject_that_comes_back_is_judged_by_all_scenes_of_the_batch_that_it_left(
+    tmp_path: Path, batch: int
+):
+    parts = {"space": Pool(FAIR, SPACE), "budget": 1000, "batch": batch, "patience": None}
     with Corpus.open(tmp_path / "b.db", "write") as corpus:
-        raising = LocalExecutor(Raising(ConnectionError("refused"), after=5))
-        lost = run(corpus, executor=raising, strategy=InOrder(len(pool)), **parts)
-        assert corpus.runs()[0].status == "interrupted"
-        back = run(corpus, strategy=InOrder(len(pool)), resume=lost.run, **parts)
-    told = 0 if batch > 12 else (5 + 8 - 1) // batch * batch - 5  # errors in batches before the last
-    assert (back.gone, back.proposals, back.verdicts["error"]) == (False, len(pool), told)
-    assert (back.run, back.rollouts) == (lost.run, len(pool) - told)
+        with pytest.raises(SubjectError):
+            run(corpus, executor=LocalExecutor(Gone(after=5)), strategy=InOrder(len(FAIR)), **parts)
+        back = run(corpus, strategy=InOrder(len(FAIR)), resume=1, **parts)
+    told = max((5 + 8 - 1) // batch * batch - 5, 0)  # of the batches before, which the strategy knows of
+    assert (back.proposals, back.verdicts["error"], back.rollouts) == (len(FAIR), told, len(FAIR) - told)
 
 
-def test_a_scene_that_breaks_the_simulator_now_and_then_does_not_stop_it(corpus: Corpus):
-    class Fragile(ClosedForm):
-        def evaluate(self, scenes):
-            (outcome,) = super().evaluate(scenes)
-            return [outcome if len(self.evaluated) % 8 == 0 else Outcome.error("broke")]
+def test_a_subject_that_answers_now_and_then_is_not_gone(corpus: Corpus):
+    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR))}
+    summary = run(corpus, executor=LocalExecutor(Gone(every=8)), **parts)
+    assert (summary.rollouts, summary.verdicts["error"]) == (3, 27)
 
-    pool = [scene(2.0**light) for light in range(-20, 20)]
-    parts = {"space": Pool(pool, SPACE), "strategy": InOrder(len(pool))}
-    summary = run(corpus, executor=LocalExecutor(Fragile()), **parts)
-    assert (summary.gone, summary.rollouts) == (False, 5)
+
+def test_scenes_that_break_the_simulator_do_not_end_a_file_of_scenes(corpus: Corpus):
+    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR)), "patience": None}
+    summary = run(corpus, executor=LocalExecutor(Raising(ConnectionError("refused"), after=5)), **parts)
+    assert (summary.rollouts, summary.verdicts["error"]) == (5, 25)
+
+
+def test_what_earlier_runs_answered_is_counted(corpus: Corpus):
+    run(corpus, strategy=Scripted(genomes(scene(0.25), scene(1.0))))
+    summary = run(corpus, strategy=Scripted(genomes(scene(0.25), scene(0.25), scene(0.5))))
+    assert (summary.duplicates, summary.earlier) == (2, 1)
 
 
 def test_an_error_costs_the_rollouts_that_it_ran(corpus: Corpus):

@@ -12,7 +12,7 @@ from vlafuzz.corpus.records import Manifest, Spent, Status, Trial
 from vlafuzz.corpus.resume import Past
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.corpus.tally import Summary, Tally
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import SubjectError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.robots import rig
@@ -21,7 +21,7 @@ from vlafuzz.scoring import Measure, Objective, cell, score
 from vlafuzz.search.base import Genome, Proposal, Strategy
 
 PATIENCE = 50  # proposals in a row without a rollout
-GONE = 8  # errors in a row, after which nothing more is expected of the subject
+GONE = 8  # scenes in a row to which the subject did not answer, after which no more is expected of it
 
 
 class Space(Measure, Protocol):
@@ -51,8 +51,8 @@ def fuzz(
 
     Proposals are asked for in batches of ``manifest.batch`` and told in the order asked: one seed gives the
     same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
-    The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored;
-    a subject that is gone interrupts, too, and the scenes that it left unjudged are tried when it is resumed.
+    The ``budget`` counts subject rollouts and is never exceeded. All trials up to an interruption are stored,
+    but for scenes of the last batch that only ever found the subject gone: they are tried when it is resumed.
 
     Args:
         meaningful: makes vectors of scenes, by which near-duplicates among the failures are grouped.
@@ -65,6 +65,7 @@ def fuzz(
 
     Raises:
         CorpusError: the store cannot be written, or the strategy is not the one of the run that is resumed.
+        SubjectError: the subject is gone; the run can be resumed.
     """
     run, before = (corpus.begin(manifest), Spent(0.0)) if resume is None else (resume, corpus.reopen(resume))
     tally = Tally(run, manifest, stages, before)
@@ -73,8 +74,8 @@ def fuzz(
     status: Status = "failed"
     try:
         campaign.loop(patience)
-        status = "interrupted" if campaign.gone else "stopped" if tally.stopped else "finished"
-    except KeyboardInterrupt:
+        status = "stopped" if tally.stopped else "finished"
+    except (KeyboardInterrupt, SubjectError):
         status = "interrupted"
         raise
     finally:
@@ -96,12 +97,8 @@ class _Campaign:
     chunk: int
     own: int | None  # the run whose answers alone are taken
     watch: Callable[[Tally], None]
-    errors: list[Trial] = field(default_factory=list)  # of the batch, since its last verdict: not yet stored
-    in_a_row: int = 0  # errors, of this batch and those before
-
-    @property
-    def gone(self) -> bool:
-        return self.in_a_row >= GONE
+    unanswered: list[Trial] = field(default_factory=list)  # of the batch, since the last answer: not stored
+    in_a_row: int = 0  # of those, in this batch and before
 
     def loop(self, patience: int | None) -> None:
         while not self.tally.stopped and (room := self._room()) > 0:
@@ -110,16 +107,12 @@ class _Campaign:
                 break
             scenes = [self.space.decode(proposal.genome) for proposal in proposals]
             outcomes = self._evaluate(proposals, scenes)
-            if self.gone:
-                self.tally.lose(self.errors[-1].outcome, self.in_a_row)
-                break
             self.tally.judge(scenes, outcomes, patience)
             pairs = zip(scenes, outcomes, strict=True)
             scores = [self.objective(*pair, self.space) for pair in pairs]
             with self.tally.search:
                 self.strategy.tell(proposals, scores)
-        if not self.gone:
-            self.past.check_empty()
+        self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:
         with self.tally.search:
@@ -136,10 +129,7 @@ class _Campaign:
         return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
 
     def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
-        """The outcome of each proposal; all of them are stored, first what is new, then what was known.
-
-        Cut short where the subject is gone.
-        """
+        """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
         past = self._recall(proposals, scenes)
         outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
         fresh: dict[str, int] = {}
@@ -155,9 +145,7 @@ class _Campaign:
         for index, outcome in self._run(scenes, list(fresh.values())):
             outcomes[scenes[index].digest] = outcome
             self._take(self._trial(proposals[index], scenes[index], outcome, duplicate=False))
-            if self.gone:
-                return []
-        self._keep_errors()
+        self._keep_unanswered()
         for index, scene in enumerate(scenes):
             if index not in past and fresh.get(scene.digest) != index:
                 self._keep(self._trial(proposals[index], scene, outcomes[scene.digest], duplicate=True))
@@ -180,20 +168,27 @@ class _Campaign:
             yield from zip(chunks[tag], outcomes, strict=True)
 
     def _take(self, trial: Trial) -> None:
-        """Keep a trial, an ERROR once a verdict follows it."""
-        if trial.outcome.verdict is Verdict.ERROR and not trial.outcome.rollouts:
-            self.errors.append(trial)
-            self.in_a_row += 1
-            return
-        if trial.outcome.verdict is not Verdict.INVALID:  # which a subject that is gone may be told, too
-            self.in_a_row = 0
-            self._keep_errors()
-        self._keep(trial)
+        """Keep a trial; one to which the subject did not answer, once it answers again.
 
-    def _keep_errors(self) -> None:
-        for trial in self.errors:
+        Raises:
+            SubjectError: it is gone.
+        """
+        if not trial.outcome.unanswered:
+            if trial.outcome.verdict is not Verdict.INVALID:  # for which nobody was asked
+                self.in_a_row = 0
+                self._keep_unanswered()
             self._keep(trial)
-        self.errors.clear()
+            return
+        self.unanswered.append(trial)
+        self.in_a_row += 1
+        if self.in_a_row == GONE:
+            told = f"{GONE} scenes in a row had no answer: {trial.outcome.detail}"
+            raise SubjectError(told, hint="when it is back, the same command goes on", cause="connect")
+
+    def _keep_unanswered(self) -> None:
+        for trial in self.unanswered:
+            self._keep(trial)
+        self.unanswered.clear()
 
     def _keep(self, trial: Trial) -> None:
         with self.tally.store:

@@ -11,19 +11,20 @@ from typing import Any
 from vlafuzz import assets, campaign
 from vlafuzz.corpus import provenance
 from vlafuzz.corpus.dedup import Meaningful
+from vlafuzz.corpus.given import check_given, given_json, read_given, stored_flag
 from vlafuzz.corpus.packs import has_packs, packs_json, stored_packs
 from vlafuzz.corpus.ranges import operators_json, stored_operators
 from vlafuzz.corpus.records import FLAGS, Manifest
 from vlafuzz.corpus.resume import check_version, unfinished
-from vlafuzz.corpus.sources import is_vlatest
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.registry import Place, subject_at
 from vlafuzz.objects import Pack, load_catalogue
+from vlafuzz.plugins import source_digest
 from vlafuzz.renderer import probe
 from vlafuzz.rig import Rig
 from vlafuzz.robots import PANDA, rig
-from vlafuzz.scene import Scene, check_placement, load_scenes
+from vlafuzz.scene import Scene, check_placement
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
@@ -118,7 +119,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, subject: Subje
     _check_numbers(config)
     place = Place(config.workers, config.executor, config.address)
     place.check()
-    scenes = _scenes(config)
+    scenes = read_given(config.scenes, config.pool)
     task, setup = _task(config, scenes), _rig(config, scenes)
     subject_name = config.subject or default_subject(setup)
     strategy_name = _strategy_name(config)
@@ -130,7 +131,10 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, subject: Subje
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     subject = subject or subject_at(place, subject_name)
     return Plan(
-        manifest=_manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
+        manifest=replace(
+            _manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
+            given=given_json(config.scenes, config.pool, scenes),
+        ),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         meaningful=space.meaningful,
@@ -152,7 +156,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         UsageError: no stored run fits, several do, or it cannot be gone on with here.
     """
     asked = RunConfig(**flags)
-    scenes = _scenes(asked)
+    scenes = read_given(asked.scenes, asked.pool)
     task, strategy = _task(asked, scenes), _strategy_name(asked)
     subject = asked.subject or default_subject(_rig(asked, scenes))
     store = asked.store or default_store(task.name, subject, strategy, asked.seed)
@@ -161,8 +165,11 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         run = unfinished(corpus, lambda manifest: _misfit(wanted, manifest))
     stored = {name: getattr(run.manifest, name) for name in FLAGS}
     anew = {name: getattr(asked, name) for name in _ANEW}
+    if not scenes:
+        anew |= stored_flag(run.manifest)
     known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=store)
     made = plan(known, stored_operators(store, run.manifest))
+    check_given(store, run.id, run.manifest, made.manifest)
     check_version(store, run, made.manifest)
     return replace(made, manifest=run.manifest, resume=run.id)
 
@@ -186,17 +193,6 @@ def _check_numbers(config: RunConfig) -> None:
     check_placement(config.placement)
     if config.criteria not in CRITERIA:
         raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
-
-
-def _scenes(config: RunConfig) -> list[Scene]:
-    """Those of a file, to run or to choose from; none for generated ones."""
-    if config.scenes and config.pool:
-        raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
-    path = config.scenes or config.pool
-    if path and path.is_file() and is_vlatest(path):
-        hint = "for VLATest's files: `vlafuzz import vlatest FILE --frame robot --out F.jsonl` writes some"
-        raise UsageError(f"{path}: not JSON lines", hint=hint)
-    return load_scenes(path) if path else []
 
 
 def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
@@ -263,6 +259,7 @@ def _manifest(
         robot=space.rig.robot,
         subject=config.subject or "",
         spec=json.dumps(asdict(subject.spec), sort_keys=True),
+        source=source_digest(config.subject or ""),
         strategy=strategy,
         budget=budget,
         batch=config.batch,

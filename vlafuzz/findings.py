@@ -27,7 +27,7 @@ from vlafuzz.triage.bench import Bench, Judged
 from vlafuzz.triage.confirm import MOST, Confirmation, confirm
 from vlafuzz.triage.shrink import Shrunk, shrink
 from vlafuzz.triage.way import deviating
-from vlafuzz.triage.witness import find_witness
+from vlafuzz.triage.witness import Search, find_witness
 
 MAX_ROLLOUTS = 100  # of the subject, to shrink and attribute one finding
 
@@ -196,12 +196,14 @@ class _Triager:
             detail=f"{confirmation.failures} of {confirmation.repeats} repeats failed",
         )
         if confirmation.confirmed:
-            triaged = self._prove(triaged, judged)
+            search = find_witness(finding.scene, self.desk.solve, self.desk.play)
+            if search.broken:
+                return None
+            triaged = self._prove(triaged, judged, search)
         return replace(triaged, seconds=time.monotonic() - began)
 
-    def _prove(self, triaged: Triaged, judged: Judged) -> Triaged:
-        """Witness, shrink and attribute a failure that is confirmed."""
-        search = find_witness(triaged.scene, self.desk.solve, self.desk.play)
+    def _prove(self, triaged: Triaged, judged: Judged, search: Search) -> Triaged:
+        """Shrink and attribute a failure that is confirmed."""
         triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=judged.lost, detail="")
         if search.witness is None:
             return replace(triaged, bucket="unproven", detail="the expert fails, too")

@@ -58,6 +58,7 @@ class Outcome:
         detail: why it is INVALID or ERROR, in a sentence; else empty.
         check: the validity check that rejected it (``semantic``, ``geometry``, ``settling``, ``solved``);
             else empty.
+        unanswered: an ERROR for which the subject was not there, or too late, whenever it was asked.
     """
 
     verdict: Verdict
@@ -66,6 +67,7 @@ class Outcome:
     lost_stage: str | None = None
     detail: str = ""
     check: str = ""
+    unanswered: bool = False
 
     @staticmethod
     def invalid(check: str, detail: str) -> Outcome:
@@ -73,9 +75,9 @@ class Outcome:
         return Outcome(Verdict.INVALID, detail=detail, check=check)
 
     @staticmethod
-    def error(detail: str) -> Outcome:
+    def error(detail: str, *, unanswered: bool = False) -> Outcome:
         """Subject or simulator broke."""
-        return Outcome(Verdict.ERROR, detail=detail)
+        return Outcome(Verdict.ERROR, detail=detail, unanswered=unanswered)
 
     @staticmethod
     def of(rollouts: tuple[Rollout, ...], stages: tuple[str, ...]) -> Outcome:

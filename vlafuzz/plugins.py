@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggestion
@@ -57,6 +59,18 @@ def make_of(reference: str) -> Any:
     factory = load_factory(reference)
     with users_code(reference):
         return factory()
+
+
+def source_digest(name: str) -> str:
+    """Of the file that holds the factory of a reference; empty for what comes along, or has no file.
+
+    It tells one version of the user's code from another, as far as that file shows it.
+    """
+    if not is_reference(name):
+        return ""
+    load_factory(name)
+    file = getattr(sys.modules[name.removeprefix(PREFIX).partition(":")[0]], "__file__", None)
+    return hashlib.blake2b(Path(file).read_bytes(), digest_size=6).hexdigest() if file else ""
 
 
 @contextmanager

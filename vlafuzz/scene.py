@@ -218,7 +218,13 @@ def check_placement(name: str) -> str:
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
-    """Write JSON lines, atomically."""
+    """Write JSON lines, atomically.
+
+    Raises:
+        UsageError: the path is a folder.
+    """
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder", hint="name a file in it")
     beside = path.with_name(path.name + ".tmp")
     beside.write_text("".join(scene.to_json() + "\n" for scene in scenes), encoding="utf-8")
     beside.replace(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, Raising
+from tests.doubles import ClosedForm, Gone, Raising
 from tests.triage.desks import PlantedDesk
 from vlafuzz import desk, launch
 from vlafuzz.cli import main
@@ -304,6 +304,24 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
 ):
     assert says in complaint(capsys, *flags)
     assert list(folder.iterdir()) == []
+
+
+def test_a_subject_that_is_gone_ends_it_and_the_same_command_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
+):
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    assert "8 scenes in a row had no answer" in complaint(capsys)
+    assert "interrupted" in [status for *_, status in runs()]
+    assert not (folder / "out" / "compare.json").exists()
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    compare()
+    assert {status for *_, status in runs()} == {"finished"}
+
+
+def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
+    assert main(["compare", *SMALL, "--store", "mine"]) == 0
+    assert (folder / "mine").is_file()
+    assert (folder / "mine-compare" / "compare.json").is_file()
 
 
 def test_a_subject_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -61,6 +61,21 @@ def test_a_file_that_is_not_there_is_a_usage_error(capsys: pytest.CaptureFixture
     assert capsys.readouterr().err.startswith("error: nowhere.jsonl: cannot read scenes")
 
 
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"0": ' + "9" * 5000 + "}"], ids=["deep", "digits"])
+def test_json_that_nobody_can_read_is_a_sentence(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "odd.json").write_text(text)
+    assert main(["lint", str(tmp_path / "odd.json")]) == 2
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'odd.json'}: ")
+
+
+def test_an_empty_file_is_not_fair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "none.jsonl").write_text("")
+    assert main(["lint", str(tmp_path / "none.jsonl")]) == 2
+    assert "none.jsonl: no scenes in it" in capsys.readouterr().err
+
+
 def test_what_rolls_away_fails_settling(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tilted = Placement("coke_can", "standing", 0.0, 0.0, quaternion=(0.9239, 0.3827, 0.0, 0.0))
     path = scenes(tmp_path, FAIR, Scene("pick-up", (tilted,), "pick up coke can"))

@@ -1,15 +1,16 @@
 """vlafuzz replay."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from tests.doubles import manifest, passed
+from tests.doubles import failed, manifest, passed
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.records import Triaged, Trial
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import write_scenes
+from vlafuzz.scene import Light, Placement, write_scenes
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,38 @@ def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkey
     arguments = [str(tmp_path / "s.jsonl"), "--subject", "expert", "--seen", str(tmp_path / "seen.png")]
     assert main(["replay", *arguments]) == 2
     assert capsys.readouterr().err.startswith("error: subject 'expert' asks for no pictures")
+
+
+def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
+    write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
+    flags = ["--scenes", str(tmp_path / "s.jsonl"), "--subject", "expert", "--stop-early"]
+    assert main(["run", *flags, "--store", str(tmp_path / "s.db")]) == 0
+    capsys.readouterr()
+    assert main(["replay", str(tmp_path / "s.db"), nominal("pick-up").digest, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["verdict"], report["same trajectory as stored"]) == ("passed", True)
+
+
+def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsys):
+    found, left = nominal("pick-up"), replace(nominal("pick-up"), light=Light(2.0))
+    about = manifest(subject="frozen", stop_early=True)
+    with Corpus.open(tmp_path / "s.db", "write") as corpus:
+        run = corpus.begin(about)
+        corpus.add(run, Trial(0, found, failed(), 1.0, cell="grasp|light|0,0"))
+        corpus.settle(Triaged(found, about.subject_key, "minimal", 1, 1, ("light",), shrunk=left))
+    assert main(["replay", str(tmp_path / "s.db"), left.digest, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["subject"] == "frozen"
+
+
+def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
+    unknown = replace(nominal("pick-up"), targets=(Placement("nope", "standing", 0.0, 0.0),))
+    write_scenes(tmp_path / "s.jsonl", [unknown])
+    trace = tmp_path / "t.json"
+    assert main(["replay", str(tmp_path / "s.jsonl"), "--subject", "frozen", "--trace", str(trace)]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(f"error: {unknown.digest[:12]} could not be run: ")
+    assert "nope" in said.err
+    assert not trace.exists()
 
 
 def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):

@@ -94,16 +94,18 @@ def test_operators_come_from_the_store_though_their_file_is_gone(
     assert proposed("a.db") == proposed("whole.db")
 
 
-def test_a_file_of_scenes_is_to_be_given_again(
+def test_a_file_of_scenes_is_found_again_and_another_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
 ):
     write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
     cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
-    assert "give it with --scenes" in complaint(capsys, "run", "--resume", "--store", "a.db")
     write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
     told = complaint(capsys, "run", "--resume", "--store", "a.db", "--scenes", "other.jsonl")
-    assert "proposal 0" in told
-    assert main(["run", "--resume", "--store", "a.db", "--scenes", "pool.jsonl"]) == 0
+    assert f"run 1 had other scenes than {folder / 'other.jsonl'} holds" in told
+    assert f"give --scenes {folder / 'pool.jsonl'} as it was then" in told
+    (folder / "pool.jsonl").rename(folder / "moved.jsonl")
+    assert "pool.jsonl" in complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert main(["run", "--resume", "--store", "a.db", "--scenes", "moved.jsonl"]) == 0
     assert len(proposed("a.db")) == 9
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, Raising, scene
+from tests.doubles import ClosedForm, Gone, Raising, scene
 from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS
 from vlafuzz import desk, launch
@@ -117,7 +117,9 @@ def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys: p
 def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys: pytest.CaptureFixture[str]):
     write_scenes(folder / "pool.jsonl", [scene(x=0.1)])
     assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db"]) == 2
-    assert "hint: no scene is fair: `vlafuzz lint -v` says why" in capsys.readouterr().err
+    export = "vlafuzz export a.db --verdict all --out F.jsonl"
+    assert f"hint: no scene is fair (geometry 1): `{export}` writes them" in capsys.readouterr().err
+    assert main([*export.split()[1:]]) == 0
 
 
 @pytest.mark.parametrize(("light", "code"), [(0.25, 1), (4.0, 0)])
@@ -134,21 +136,99 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
     assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 2
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
-    assert "stopped: 8 errors in a row" in shown.err
+    assert "stopped: no rollout in" in shown.err
     assert "error: no scene could be judged" in shown.err
 
 
 def test_a_run_whose_subject_goes_away_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused"), after=20))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 2
-    shown = capsys.readouterr()
-    assert json.loads(shown.out)["gone"]
-    assert "error: the run is not complete: subject or simulator is gone" in shown.err
-    assert "`vlafuzz run --resume --store a.db`" in shown.err
+    assert capsys.readouterr().err.splitlines() == [
+        "error: 8 scenes in a row had no answer: subject: connect: refused",
+        "hint: when it is back, go on with `vlafuzz run --resume --store a.db`",
+    ]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     assert main(["run", "--resume", "--store", "a.db"]) == 0
+
+
+@pytest.mark.parametrize("flag", ["--scenes", "--pool"])
+def test_a_run_of_given_scenes_finds_them_again(
+    folder: Path, flag: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    lights = [2.0**power for power in range(-4, 5)]
+    write_scenes(folder / "given.jsonl", [scene(light, y=0.05 * y) for light in lights for y in range(-2, 3)])
+    given = ["run", *IDLE, "--store", "a.db", flag, "given.jsonl"]
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    assert main(given) == 2
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    (folder / "given.jsonl").rename(folder / "moved.jsonl")
+    write_scenes(folder / "given.jsonl", [scene()])
+    capsys.readouterr()
+    assert main(["run", "--resume", "--store", "a.db"]) == 2
+    said = capsys.readouterr().err
+    assert f"run 1 had other scenes than {folder / 'given.jsonl'} holds" in said
+    (folder / "moved.jsonl").rename(folder / "given.jsonl")
+    assert main(["run", "--resume", "--store", "a.db", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["rollouts"] + summary["verdicts"]["error"] == 45
+
+
+def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys: pytest.CaptureFixture[str]):
+    write_scenes(folder / "pool.jsonl", [scene(2.0**power) for power in range(-4, 5)])
+    assert main(["run", *IDLE, "--store", "a.db", "--pool", "pool.jsonl", "--strategy", "random"]) == 0
+    assert main(["run", *IDLE, "--store", "a.db", "--strategy", "feedback", "--budget", "20"]) == 0
+    assert "beside random: unknown, the store has no random run" in capsys.readouterr().out
+
+
+def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.syspath_prepend(folder)
+    code = "from tests.doubles import make_idle as make\n"
+    rollouts = []
+    for version in ("", "# mended\n", "# mended\n"):
+        (folder / "of_mine.py").write_text(code + version)
+        asked = [
+            "run",
+            "--subject",
+            "python:of_mine:make",
+            "--unchecked",
+            "--store",
+            "a.db",
+            "--budget",
+            "20",
+        ]
+        assert main([*asked, "--strategy", "random", "--json"]) == 0
+        rollouts.append(json.loads(capsys.readouterr().out)["earlier"])
+    assert rollouts[:2] == [0, 0]
+    assert rollouts[2] >= 20
+
+
+@pytest.mark.parametrize("store", [".", "runs"])
+def test_a_folder_is_no_store(folder: Path, store: str, capsys: pytest.CaptureFixture[str]):
+    (folder / "runs").mkdir()
+    assert main(["run", *IDLE, "--store", store]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"error: {store}: is a folder",
+        "hint: give the file of a store in it",
+    ]
+
+
+@pytest.mark.parametrize("flags", [("--subject", ""), ("--store=",), ("--scenes", "")])
+def test_an_unset_variable_is_no_default(flags: tuple[str, ...], capsys: pytest.CaptureFixture[str]):
+    assert main(["run", *flags]) == 2
+    flag = flags[0].rstrip("=")
+    assert f"error: nothing behind '{flag}'\n" in capsys.readouterr().err
+
+
+def test_a_bug_is_a_traceback_with_a_code_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(launch, "start", lambda *_: 1 / 0)
+    assert main(["run", *IDLE, "--store", "a.db"]) == 70
+    assert "ZeroDivisionError" in capsys.readouterr().err
 
 
 def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.doubles import Always, ClosedForm, failed, passed, rollout
+from tests.doubles import Always, ClosedForm, Gone, failed, passed, rollout
 from tests.packs import box, write_pack
 from vlafuzz import launch
 from vlafuzz.cli import main
@@ -122,6 +122,31 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
     assert len(json.loads(told.out)["standings"]) < 5
     for said in (told.err, (folder / "rq2.md").read_text()):
         assert "pick-up, 4 confounders: pick-up: no room for" in " ".join(said.split())
+
+
+def test_a_subject_that_is_gone_ends_it_and_the_same_command_goes_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
+    flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
+    assert main(["study", *flags]) == 2
+    assert capsys.readouterr().err.splitlines()[-2:] == [
+        "error: 8 scenes in a row had no answer: subject: connect: refused",
+        "hint: when it is back, the same command goes on",
+    ]
+    assert not (folder / "rq1.json").exists()
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    assert main(["study", *flags]) == 0
+    assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
+
+
+@pytest.mark.parametrize("flag", ["--task", "--subject", "--robot", "--operators"])
+def test_what_chooses_runs_goes_with_none_that_are_there(
+    flag: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    value = {"--task": "put-in", "--robot": "panda"}.get(flag, "mine")
+    assert main(["study", "rq1", "--from", "a.db", "--out", "out", flag, value]) == 2
+    assert f"{flag} and --from: nothing is run" in capsys.readouterr().err
 
 
 class Dim(ClosedForm):

@@ -90,6 +90,14 @@ def test_a_grid_has_no_more_points_than_rollouts():
 
 
 def test_what_most_runs_have_none_of_has_no_median():
-    assert spread([1, 2, None]).median == 2.0
-    assert spread([1, 2, None]).high is None
-    assert spread([1, None, None]) == spread([5, None, None])
+    late, early = 1e300, -1e300
+    assert spread([1, 2, None], late).median == 2.0
+    assert spread([1, 2, None], late).high is None
+    assert spread([1, None, None], late) == spread([5, None, None], late)
+    assert spread([1, 2, None], early).median == 1.0
+    assert spread([1, 2, None], early).low is None
+
+
+def test_what_has_no_direction_is_of_those_that_have_it():
+    assert spread([None, 1, 2, 3]).median == 2.0
+    assert spread([None, None]).median is None

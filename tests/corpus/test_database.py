@@ -283,10 +283,13 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
         assert len(corpus.findings()) == 30
 
 
+_LATER = ("packs", "robot", "checkup", "placement", "given", "source")
+
+
 def set_back(path: Path, version: int, *statements: str) -> None:
     """Make a store what an earlier version would have written."""
     raw = sqlite3.connect(path)
-    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in ("packs", "robot", "checkup", "placement"))
+    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER)
     for statement in (*statements, *later, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()
@@ -302,6 +305,7 @@ def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
     with Corpus.open(path, "write") as corpus:
         assert (len(corpus.findings()), corpus.triaged()) == (30, [])
         told = {(run.manifest.packs, run.manifest.robot, run.manifest.placement) for run in corpus.runs()}
+        assert {(run.manifest.given, run.manifest.source) for run in corpus.runs()} == {("", "")}
         assert told == {("[]", "panda", "resting")}
 
 

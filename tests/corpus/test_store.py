@@ -115,6 +115,16 @@ def test_a_stored_duplicate_has_the_rollouts_of_its_own_run_where_that_has_any(c
     assert [len(each.outcome.rollouts) for each in corpus.stored(first, 0, 2)] == [1, 1]
 
 
+def test_a_damaged_trace_is_a_sentence(corpus: Corpus, path: Path):
+    run = corpus.begin(manifest())
+    corpus.add(run, trial(0, failed()))
+    raw = sqlite3.connect(path)
+    raw.execute("UPDATE rollout SET trace = x'00ff00ff'")
+    raw.commit()
+    with pytest.raises(CorpusError, match="damaged"):
+        list(corpus.trials(run))
+
+
 def test_an_error_is_not_known_and_may_be_tried_again(corpus: Corpus):
     run = corpus.begin(manifest())
     corpus.add(run, trial(0, Outcome.error("no answer within 10 s")))

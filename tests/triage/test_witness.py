@@ -29,6 +29,15 @@ def test_without_a_solution_there_is_no_witness():
     assert (search.witness, search.rollouts) == (None, 3)
 
 
+def test_a_simulator_that_breaks_says_nothing_about_the_scene():
+    broken = Outcome.error("simulator: it broke")
+    assert find_witness(scene(), lambda *_: broken, lambda *_: passed(), tries=3).broken
+    assert find_witness(scene(), lambda *_: passed(), lambda *_: broken, tries=3).broken
+    assert not find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3).broken
+    search = find_witness(scene(), lambda _, grasp: passed() if grasp else broken, lambda *_: passed())
+    assert (search.witness is not None, search.broken) == (True, False)
+
+
 def test_a_solution_that_fails_when_played_again_is_none():
     search = find_witness(scene(), lambda *_: passed(), lambda *_: failed(), tries=3)
     assert (search.witness, search.rollouts) == (None, 6)

@@ -120,7 +120,9 @@ class Exam:
                 break
         recorder.most = None
         if not recorder.moments:
-            raise SimulatorError(f"no fair scene: {outcome.detail}", hint="`vlafuzz lint` says which are")
+            raise SimulatorError(
+                f"no fair scene: {outcome.detail}", hint="ranges that leave room: --operators"
+            )
         return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
 
     def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
+import traceback
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.errors import VlafuzzError
+from vlafuzz.errors import UsageError, VlafuzzError
+
+BUG = 70  # the exit code of a traceback
 
 # What each command is called, where it is, and what it does in a line.
 COMMANDS = {
@@ -54,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code. An error raised on purpose is a sentence, a bug a traceback."""
     try:
         given = list(sys.argv[1:] if arguments is None else arguments)
+        _check_filled(given)
         ended = app(args=given or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
@@ -67,7 +73,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain("interrupted", None, 130)
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+    except Exception:  # not 1, which says something about scenes
+        traceback.print_exc()
+        return BUG
     return ended if isinstance(ended, int) else 0
+
+
+def _check_filled(given: Sequence[str]) -> None:
+    """That nothing is empty: what an unset variable of a shell leaves would mean some default.
+
+    Raises:
+        UsageError: something is.
+    """
+    for before, argument in pairwise(["vlafuzz", *given]):
+        if argument == "" or re.fullmatch("--[a-z-]+=", argument):
+            flag = argument.rstrip("=") or before
+            raise UsageError(f"nothing behind {flag!r}", hint="was a variable not set? give a value")
 
 
 def _complain(message: str, hint: str | None, exit_code: int) -> int:

@@ -82,7 +82,7 @@ def command(
         address=address,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
-    folder = out or where.with_suffix("")
+    folder = out or (where.with_suffix("") if where.suffix else where.with_name(f"{where.name}-compare"))
     try:
         compared = compare(asked, names, repeats, sizes, folder)
     except KeyboardInterrupt:
@@ -91,7 +91,10 @@ def command(
             soft_wrap=True,
         )
         raise typer.Exit(130) from None
-    _write(compared, folder)
+    try:
+        _write(compared, folder)
+    except OSError as error:
+        raise UsageError(f"--out: {error}", hint="what was run is stored: the same command goes on") from None
     _print(compared, json=json, csv=csv, markdown=markdown)
 
 

@@ -111,7 +111,7 @@ def _run(
             if not summary.verdicts["passed"] + summary.verdicts["failed"]:
                 raise VlafuzzError(
                     f"no scene could be judged: {summary.last_error or summary.stopped}",
-                    hint="`vlafuzz doctor` checks this machine; then begin with another --store",
+                    hint="`vlafuzz doctor` checks this machine; then give another --store",
                 )
             if summary.stopped:
                 pace.say(f"{summary.strategy}, seed {summary.seed} stopped: {summary.stopped}")

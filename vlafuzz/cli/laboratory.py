@@ -13,7 +13,7 @@ from vlafuzz.cli.pace import Pace
 from vlafuzz.config import Plan, RunConfig
 from vlafuzz.corpus.records import UNFINISHED, Run
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.errors import CorpusError, UsageError, VlafuzzError
 from vlafuzz.objects import Pack
 from vlafuzz.scene import Scene, write_scenes
 from vlafuzz.space import OperatorSet
@@ -105,6 +105,8 @@ class Lab:
                 pace.begin(str(part))
                 try:
                     _fuzz(jobs[part].plan, run, self.corpus, pace)
+                except CorpusError:
+                    raise
                 except UsageError as error:  # boxes of the paper have no room for all of its confounders
                     self.left_out.append(f"{part}: {error.message}")
                     pace.say(f"left out: {self.left_out[-1]}")
@@ -122,5 +124,5 @@ def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
     if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:
         raise VlafuzzError(
             f"no scene could be judged: {summary.last_error}",
-            hint="`vlafuzz doctor` checks this machine; then begin with another --out",
+            hint="`vlafuzz doctor` checks this machine and `vlafuzz doctor --subject` the subject",
         )

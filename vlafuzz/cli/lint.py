@@ -115,6 +115,8 @@ def command(
         for path in files:
             quick = is_vlatest(path) and not placement if static is None else static
             source = read_source(path, catalogue, frame.value)
+            if not (source.lines or source.left_out):
+                raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
             judged.append(_judge(source, catalogue, keep, bar, None if quick else put))
     _print(judged, json=json, verbose=verbose)
     if missing := sum(bool(PACKED.match(problem.reason)) for each in judged for problem in each.problems):

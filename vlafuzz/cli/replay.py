@@ -12,9 +12,10 @@ import typer
 
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 
 if TYPE_CHECKING:
+    from vlafuzz.corpus.records import Manifest
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.objects import Pack
     from vlafuzz.outcome import Rollout
@@ -31,6 +32,7 @@ class _Wanted:
     seed: int = 0
     criteria: str = "strict"
     placement: str = "resting"
+    stop_early: bool = False
     states_hash: str | None = None
     packs: tuple[Pack, ...] = ()
 
@@ -100,7 +102,6 @@ def _find_in_file(source: Path, digest: str | None) -> _Wanted:
 
 
 def _find_in_store(source: Path, digest: str | None) -> _Wanted:
-    from vlafuzz.corpus.packs import stored_packs
     from vlafuzz.corpus.store import Corpus
 
     with Corpus.open(source) as corpus:
@@ -114,18 +115,27 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
         for run in reversed(corpus.runs()):
             for trial in corpus.trials(run.id):
                 if trial.scene.digest == scene.digest and trial.outcome.rollouts:
-                    first = trial.outcome.rollouts[0]
-                    manifest = run.manifest
-                    return _Wanted(
-                        scene,
-                        manifest.subject,
-                        manifest.seed,
-                        manifest.criteria,
-                        manifest.placement,
-                        first.states_hash,
-                        stored_packs(manifest),
-                    )
+                    return _as_in(run.manifest, scene, trial.outcome.rollouts[0].states_hash)
+        for triaged in corpus.triaged():
+            if scene in (triaged.shrunk, *triaged.counterparts.values()):
+                keys = {run.manifest.subject_key: run.manifest for run in corpus.runs()}
+                return _as_in(keys[triaged.subject_key], scene)
     return _never_run(scene)
+
+
+def _as_in(manifest: Manifest, scene: Scene, states_hash: str | None = None) -> _Wanted:
+    from vlafuzz.corpus.packs import stored_packs
+
+    return _Wanted(
+        scene,
+        manifest.subject,
+        manifest.seed,
+        manifest.criteria,
+        manifest.placement,
+        manifest.stop_early,
+        states_hash,
+        stored_packs(manifest),
+    )
 
 
 def _one_that_passed(corpus: Corpus) -> str:
@@ -158,6 +168,7 @@ def _roll_out(
 ) -> tuple[dict[str, Any], Rollout | None, int]:
     """``looks``: what the subject sees is asked for, so that it has to see something."""
     from vlafuzz.objects import load_catalogue
+    from vlafuzz.outcome import Verdict
     from vlafuzz.robots import rig
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
     from vlafuzz.subjects.registry import make_subject
@@ -174,11 +185,14 @@ def _roll_out(
         seed=wanted.seed,
         criteria=wanted.criteria,
         placement=wanted.placement,
+        stop_early=wanted.stop_early,
         recording=recording,
         checked=False,
     )
     with closing(evaluator):
         outcome = evaluator.evaluate([scene])[0]
+    if outcome.verdict is Verdict.ERROR:
+        raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
     rollout = outcome.rollouts[0] if outcome.rollouts else None
     report = {
         "scene": scene.digest,
@@ -212,6 +226,7 @@ def _write_trace(path: Path, scene: Scene, rollout: Rollout) -> None:
         "states_hash": rollout.states_hash,
     }
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json_format.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
         raise UsageError(

@@ -13,7 +13,7 @@ import typer
 from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, RobotFlag, VaryFlag
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.errors import VlafuzzError
+from vlafuzz.errors import SubjectError, VlafuzzError
 
 if TYPE_CHECKING:
     from vlafuzz.config import Plan
@@ -139,20 +139,17 @@ def command(
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
-        unfair = summary.verdicts["invalid"] and not summary.verdicts["error"]
-        hint = (
-            "no scene is fair: `vlafuzz lint -v` says why"
-            if unfair
-            else "`vlafuzz doctor` checks this machine"
-        )
-        raise VlafuzzError("no scene could be judged", hint=hint)
-    if summary.gone:
-        raise VlafuzzError(
-            "the run is not complete: subject or simulator is gone",
-            hint=f"when it is back, `{_again(summary.store)}` goes on, with the scenes that had no verdict",
-        )
+        raise VlafuzzError("no scene could be judged", hint=_why_not(summary))
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
+
+
+def _why_not(summary: Summary) -> str:
+    if summary.verdicts["error"] or not summary.invalid:
+        return "`vlafuzz doctor` checks this machine"
+    checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
+    export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
+    return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
 
 
 def _start(prepared: Plan) -> Summary:
@@ -160,21 +157,17 @@ def _start(prepared: Plan) -> Summary:
     from vlafuzz.cli.summary import Watch
     from vlafuzz.launch import start
 
+    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(prepared.store)])
     with Watch(prepared.manifest.budget) as watch:
         try:
             return start(prepared, watch)
         except KeyboardInterrupt:
             watch.stop()
-            stderr().print(
-                f"interrupted: all trials so far are stored in {prepared.store}\n"
-                f"hint: go on with `{_again(prepared.store)}`",
-                soft_wrap=True,
-            )
+            told = f"interrupted: all trials so far are stored in {prepared.store}"
+            stderr().print(f"{told}\nhint: go on with `{again}`", soft_wrap=True)
             raise typer.Exit(130) from None
-
-
-def _again(store: str | Path) -> str:
-    return shlex.join(["vlafuzz", "run", "--resume", "--store", str(store)])
+        except SubjectError as error:
+            raise SubjectError(error.message, hint=f"when it is back, go on with `{again}`") from error
 
 
 def _beside_random(summary: Summary) -> Beside | None:

@@ -97,6 +97,9 @@ def command(
             raise UsageError(f"unknown task {wanted!r}", hint=suggestion(wanted, TASKS))
     if stores and study != "rq1":
         raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
+    asks = {"--task": task, "--subject": subject, "--robot": robot, "--operators": operators, "--pack": pack}
+    if stores and (given := [flag for flag, value in asks.items() if value]):
+        raise UsageError(f"{given[0]} and --from: nothing is run", hint="leave one of the two out")
 
     from vlafuzz.cli.studying import Wish, study_of
     from vlafuzz.config import RunConfig

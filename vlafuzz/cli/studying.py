@@ -31,6 +31,7 @@ from vlafuzz.studies.unseen import difference, paired_tests
 from vlafuzz.studies.unseen_sheet import Unseen
 from vlafuzz.studies.variants import JUDGED, Tried, Variant, distinct, pooled, tried
 from vlafuzz.studies.wordings_sheet import Said
+from vlafuzz.subjects.registry import check_subject_name
 from vlafuzz.tasks.tabletop import TASKS
 
 STORE = "study.db"
@@ -67,6 +68,8 @@ def study(wish: Wish, asked: RunConfig, folder: Path) -> Found:
         asked: the same for all runs; its ``budget`` is the number of scenes of each.
     """
     operators = load_operators(asked.operators)
+    for subject in filter(None, wish.subjects):
+        check_subject_name(subject)
     _make(folder)
     with Corpus.open(folder / STORE, "write") as corpus:
         return STUDIES[wish.study](Lab(asked, operators, corpus, folder, commit()), wish)
@@ -91,9 +94,12 @@ def write(found: Found, folder: Path) -> tuple[dict[str, Any], Sheet]:
     """JSON, markdown and plot, named after the study; what they say."""
     _make(folder)
     told, sheet = asdict(found), found.sheet()
-    (folder / f"{found.study}.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
-    (folder / f"{found.study}.md").write_text(sheet.markdown(), "utf-8")
-    sheet.draw(folder / f"{found.study}.png")
+    try:
+        (folder / f"{found.study}.json").write_text(json_format.dumps(told, indent=1, allow_nan=False) + "\n")
+        (folder / f"{found.study}.md").write_text(sheet.markdown(), "utf-8")
+        sheet.draw(folder / f"{found.study}.png")
+    except OSError as error:
+        raise UsageError(f"--out: {error}", hint="what was run is stored: the same command goes on") from None
     return told, sheet
 
 

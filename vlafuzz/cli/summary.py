@@ -96,6 +96,9 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
         ("proposals", f"{summary.proposals}, {summary.duplicates} of them known already"),
         ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),
     ]
+    if summary.earlier and ":" in summary.subject:  # a model of the user's, which may be another by now
+        told = f"{summary.earlier} scenes: if it is another model by now, give another --store"
+        lines.append(("by earlier runs", told))
     if summary.invalid:
         lines.append(("invalid", ", ".join(f"{check} {count}" for check, count in summary.invalid.items())))
     if judged:

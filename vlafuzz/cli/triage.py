@@ -64,6 +64,7 @@ def _triage(store: Path, max_rollouts: int, limit: int | None, workers: int) -> 
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.findings import triage
 
+    Corpus.open(store).close()  # an empty file is no store, and is not made one
     with Corpus.open(store, "write") as corpus:
         with progress() as bar:
             task = bar.add_task("findings", total=None)

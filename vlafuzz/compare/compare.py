@@ -13,7 +13,7 @@ from vlafuzz.compare.evidence import Evidence
 from vlafuzz.compare.failures import Found, union
 from vlafuzz.compare.figures import Curve, Figures, curves, figures
 from vlafuzz.compare.solvable import Solvable
-from vlafuzz.compare.verdicts import Pair, Runs, against, each_pair
+from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against, each_pair
 
 SPREAD = (
     "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
@@ -21,6 +21,8 @@ SPREAD = (
     "search_seconds", "search_share", "store_seconds", "store_share",
 )  # fmt: skip
 _NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
+# A run without a figure has nothing good: rollouts to a failure that did not come are more than any number.
+_WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEASURES}
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ def _standing(
     others = set[str]().union(*(its for other, its in cells.items() if other != name))
     return Standing(
         strategy=name,
-        figures={each: spread([getattr(run, each) for run in runs]) for each in SPREAD},
+        figures={each: spread([getattr(run, each) for run in runs], _WITHOUT.get(each)) for each in SPREAD},
         failures=len({failure.scene.digest for each in found for failure in each.failures}),
         cells=len(cells[name]),
         coverage=len(cells[name]) / reached if reached else None,
@@ -143,14 +145,19 @@ def _standing(
     )
 
 
-def spread(values: Sequence[float | None]) -> Spread:
-    """Of what there is; a quantile that lies among runs which have none is None."""
+def spread(values: Sequence[float | None], without: float | None = None) -> Spread:
+    """Of what there is; a quantile that lies among runs which have none is None.
+
+    Args:
+        without: where a run without a figure ranks; None where it does not count.
+    """
     known = [value for value in values if value is not None]
-    # Runs without a figure have none yet: rollouts to a failure that did not come are more than any number.
-    ranked = [*known, *([_NEVER] * (len(values) - len(known)))]
+    ranked = [value for value in (without if each is None else each for each in values) if value is not None]
+    if not ranked:
+        return Spread(None, None, None, 0)
     low, middle, high = np.percentile(ranked, [25, 50, 75])
     return Spread(_known(middle), _known(low), _known(high), len(known))
 
 
 def _known(quantile: float) -> float | None:
-    return float(quantile) if quantile < math.sqrt(_NEVER) else None
+    return float(quantile) if abs(quantile) < math.sqrt(_NEVER) else None

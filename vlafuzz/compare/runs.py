@@ -25,7 +25,7 @@ _ASKED = (
     "stop_early",
     "min_distance",
 )
-_OF_VERSION = ("spec", "catalogue_digest", "simulator", "commit")
+_OF_VERSION = ("spec", "source", "catalogue_digest", "simulator", "commit")
 _ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
 
 
@@ -96,6 +96,8 @@ def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
             raise UsageError(
                 f"{path}: run {run.id} is of other conditions: {name} {was}, not {now}", hint=_ELSEWHERE
             )
+    if run.manifest.pool != wanted.pool:
+        raise UsageError(f"{path}: run {run.id} is of other conditions: it has a pool", hint=_ELSEWHERE)
     if run.manifest.operators_digest != wanted.operators_digest:
         raise UsageError(
             f"{path}: run {run.id} is of other conditions: other operators, or other ranges",

@@ -107,11 +107,13 @@ class Witnesses:
         todo = self.missing(scenes)
         for done, scene in enumerate(todo):
             watch(done, len(todo))
-            solved = find_witness(scene, desk.solve, desk.play).witness is not None
+            search = find_witness(scene, desk.solve, desk.play)
+            solved = self._known[scene.digest] = search.witness is not None
+            if search.broken:
+                continue  # it counts as not solved, and is tried again the next time
             entry = {"scene": scene.digest, "solved": solved, "conditions": self._conditions}
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(entry) + "\n")
-            self._known[scene.digest] = solved
 
     @property
     def solved(self) -> Mapping[str, bool]:

@@ -140,6 +140,8 @@ class WriterLock:
     """Held by the one process that writes to a store. The kernel drops it when the process ends, however."""
 
     def __init__(self, path: Path) -> None:
+        if path.is_dir() or not path.name:
+            raise CorpusError(f"{path}: is a folder", hint="give the file of a store in it")
         self._beside = path.with_name(path.name + ".lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

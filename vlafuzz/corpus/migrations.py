@@ -161,6 +161,12 @@ def _placement(connection: sqlite3.Connection) -> None:
     connection.execute("ALTER TABLE run ADD COLUMN placement TEXT NOT NULL DEFAULT 'resting'")
 
 
+def _given(connection: sqlite3.Connection) -> None:
+    """Of earlier runs nobody knows whether they had a file of scenes, nor which code of the user's."""
+    for name in ("given", "source"):
+        connection.execute(f"ALTER TABLE run ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
+
+
 MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _first,
     _triage,
@@ -169,6 +175,7 @@ MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _robot,
     _checkup,
     _placement,
+    _given,
 ]
 
 

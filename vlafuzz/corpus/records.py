@@ -55,6 +55,8 @@ class Manifest:
         commit: of vlafuzz's checkout, if it is one.
         checkup: of the subject before the run: ``ok``, ``unchecked`` or what is wrong with it; empty where
             nobody asked.
+        given: the file of scenes that the run had or chose from, as JSON (see ``given``); empty for none.
+        source: digest of the user's own code that makes the subject; empty for others.
     """
 
     task: str
@@ -79,18 +81,27 @@ class Manifest:
     commit: str | None = None
     command: str = ""
     checkup: str = ""
+    given: str = ""
+    source: str = ""
+
+    @property
+    def pool(self) -> str | None:
+        """Digest of the scenes from which the strategy chose; None where it made its own."""
+        mark = json.loads(self.given or "{}")
+        return mark["digest"] if mark.get("flag") == "pool" else None
 
     @property
     def conditions(self) -> tuple[object, ...]:
         """What else than strategy and seed a share of failures depends on: where equal, runs compare."""
         decisive = (getattr(self, name) for name in _DECISIVE if name != "seed")
-        return (self.task, self.robot, self.operators_digest, *decisive)
+        return (self.task, self.robot, self.operators_digest, self.pool, self.source, *decisive)
 
     @property
     def subject_key(self) -> str:
         """The subject and all else that an outcome depends on: within one key, a store answers for it."""
         values = asdict(self)
-        decisive = json.dumps({name: values[name] for name in _DECISIVE}, sort_keys=True)
+        names = (*_DECISIVE, "source") if self.source else _DECISIVE  # earlier stores have no such thing
+        decisive = json.dumps({name: values[name] for name in names}, sort_keys=True)
         return f"{self.subject}:{hashlib.blake2b(decisive.encode(), digest_size=6).hexdigest()}"
 
 

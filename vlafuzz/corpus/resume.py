@@ -16,7 +16,15 @@ Misfit = Callable[[Manifest], str | None]
 """What is other in a manifest than the user asks for, in words; None when it fits."""
 
 _AFRESH = "leave out --resume to start a new run: what is known costs it nothing"
-_OF_VERSION = ("spec", "min_distance", "operators_digest", "catalogue_digest", "simulator", "commit")
+_OF_VERSION = (
+    "spec",
+    "min_distance",
+    "operators_digest",
+    "catalogue_digest",
+    "simulator",
+    "commit",
+    "source",
+)
 
 
 def unfinished(corpus: Corpus, misfit: Misfit) -> Run:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.corpus.records import Finding, Manifest, Run, Triaged, Trial
+from vlafuzz.errors import CorpusError
 from vlafuzz.evidence import Causes, Threshold, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
@@ -46,9 +47,17 @@ def pack(array: NDArray[np.float32]) -> bytes:
 
 
 def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
-    """The array of that shape; of no rows when there is no blob."""
-    data = zlib.decompress(blob) if blob is not None else b""
-    return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
+    """The array of that shape; of no rows when there is no blob.
+
+    Raises:
+        CorpusError: it is damaged.
+    """
+    try:
+        data = zlib.decompress(blob) if blob is not None else b""
+        return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
+    except (zlib.error, ValueError) as error:
+        told = f"a trace or its actions in the store are damaged: {error}"
+        raise CorpusError(told, hint="take a copy of the store that is whole") from None
 
 
 def run_row(manifest: Manifest) -> Row:

@@ -72,6 +72,6 @@ def is_vlatest(path: Path) -> bool:
         with path.open(encoding="utf-8") as stream:
             first = next((line for line in stream if line.strip()), "")
         found = json.loads(first)
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError):
+    except (OSError, ValueError, RecursionError):  # undecodable, no JSON, too deep
         return True  # who reads it says why
     return not (isinstance(found, dict) and "task" in found)

@@ -20,6 +20,7 @@ class Summary:
     Attributes:
         rollouts: of the subject, done in this run.
         duplicates: proposals that were answered with a known outcome, of this run or an earlier one.
+        earlier: distinct scenes, answered by an earlier run of the store.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
@@ -30,7 +31,6 @@ class Summary:
         first_failure: digest of the first scene that failed.
         last_error: what the last ERROR was, in a sentence.
         stopped: why it ended before its budget was spent, in a sentence.
-        gone: it ended as the subject was gone: when resumed it goes on.
         checkup: what is known of the subject, see ``Manifest``.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
@@ -45,6 +45,7 @@ class Summary:
     rollouts: int
     proposals: int
     duplicates: int
+    earlier: int
     verdicts: dict[str, int]
     invalid: dict[str, int]
     stages: dict[str, int]
@@ -55,7 +56,6 @@ class Summary:
     first_failure: str | None
     last_error: str | None
     stopped: str | None
-    gone: bool
     checkup: str
     seconds: float
     search_seconds: float
@@ -102,10 +102,9 @@ class Tally:
         self.run, self.manifest = run, manifest
         self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
         self._began = time.perf_counter() - before.seconds
-        self.rollouts = self.proposals = self.duplicates = 0
+        self.rollouts = self.proposals = self.duplicates = self.earlier = 0
         self.last_error: str | None = None
         self.stopped: str | None = None
-        self.gone = False
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
@@ -121,6 +120,7 @@ class Tally:
         self.duplicates += trial.duplicate
         self.rollouts += 0 if trial.duplicate else len(outcome.rollouts)
         before = self._seen.get(digest)
+        self.earlier += trial.duplicate and before is None
         first = trial.proposal
         if before is not None:
             self.verdicts[before.verdict] -= 1
@@ -150,11 +150,6 @@ class Tally:
         if patience is not None and len(self._barren) >= patience:
             self.stopped = self._why()
 
-    def lose(self, last: Outcome, errors: int) -> None:
-        """Stop: the subject, or the simulator, is gone. ``last`` is what came last, of so many errors."""
-        self.gone, self.last_error = True, last.detail
-        self.stopped = f"{errors} errors in a row, the last of them: {last.detail}"
-
     @property
     def spent(self) -> Spent:
         """By now."""
@@ -175,6 +170,7 @@ class Tally:
             rollouts=self.rollouts,
             proposals=self.proposals,
             duplicates=self.duplicates,
+            earlier=self.earlier,
             verdicts={
                 verdict.name.lower(): self.verdicts[verdict] for verdict in sorted(Verdict, reverse=True)
             },
@@ -187,7 +183,6 @@ class Tally:
             first_failure=min(failed, key=failed.__getitem__, default=None),
             last_error=self.last_error,
             stopped=self.stopped,
-            gone=self.gone,
             checkup=manifest.checkup,
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,

@@ -99,10 +99,10 @@ def _scenes(path: Path) -> dict[str, object]:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        reason = getattr(error, "strerror", None) or "not UTF-8 text, or nested too deeply"
         there = hint if path.is_file() else "give a file that is there"
         raise SceneError(f"{path}: cannot be read: {reason}", there) from None
-    except json.JSONDecodeError as error:
+    except ValueError as error:  # a number of thousands of digits is one, too
         raise SceneError(f"{path}: not JSON: {error}", hint) from None
     if not isinstance(found, dict):
         raise SceneError(f"{path}: not a scene file of VLATest, got {type(found).__name__}", hint)

@@ -20,7 +20,7 @@ _SAME = (
     "stop_early",
     "operators_digest",
 )  # fmt: skip
-_OF_VERSION = ("spec", "catalogue_digest", "simulator", "commit")
+_OF_VERSION = ("spec", "source", "catalogue_digest", "simulator", "commit")
 
 
 class Part(NamedTuple):
@@ -73,6 +73,7 @@ def stored(corpus: Corpus, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Ru
         for run in corpus.runs()
         if all(getattr(run.manifest, name) == getattr(wanted, name) for name in _SAME)
         and same_packs(run.manifest, wanted)
+        and run.manifest.pool == wanted.pool
         and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in corpus.trials(run.id)))
     ]
     for run in same:

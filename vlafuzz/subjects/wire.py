@@ -22,6 +22,7 @@ MOST_BYTES = 4 << 20  # of a reply; a hundred actions are 3 kB
 OPENING = 10.0  # seconds for a connection to open
 PAUSES = (0.5, 1.0)  # seconds before the second attempt, and before the third
 CONNECTION: tuple[Cause, ...] = ("connect",)
+UNANSWERED: tuple[Cause, ...] = (*CONNECTION, "timeout")
 KINDS = "biuf"  # of arrays: boolean, integers, floating point
 # Which rollout a connection is for, where the protocol has no word for it. Other servers than ours ignore it.
 ROLLOUT = "Vlafuzz-Rollout"

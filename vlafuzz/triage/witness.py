@@ -20,10 +20,15 @@ TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it
 
 @dataclass(frozen=True)
 class Search:
-    """The witness, if one was found, and the expert's rollouts and replays that it took."""
+    """The witness, if one was found, and the expert's rollouts and replays that it took.
+
+    Attributes:
+        broken: none was found, and some attempt was an ERROR: this says nothing about the scene.
+    """
 
     witness: Witness | None
     rollouts: int
+    broken: bool = False
 
 
 def find_witness(
@@ -38,18 +43,20 @@ def find_witness(
         solve: what comes of the scene in the expert's n-th attempt.
         play: what comes of it when these actions are executed from the same initial state.
     """
-    rollouts = 0
+    rollouts, broken = 0, False
     for attempt in range(tries):
         solved = solve(scene, attempt)
         rollouts += len(solved.rollouts)
+        broken |= solved.verdict is Verdict.ERROR
         if solved.verdict is not Verdict.PASSED:
             continue
         actions = solved.rollouts[0].actions
         played = play(scene, actions)
         rollouts += len(played.rollouts)
+        broken |= played.verdict is Verdict.ERROR
         if played.verdict is Verdict.PASSED:
             return Search(Witness(actions, played.rollouts[0].states_hash, attempt), rollouts)
-    return Search(None, rollouts)
+    return Search(None, rollouts, broken)
 
 
 class Player:

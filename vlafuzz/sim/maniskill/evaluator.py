@@ -21,7 +21,7 @@ from vlafuzz.sim.maniskill.settle import Settled, settle
 from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.subjects.base import Knowing, Observation, Subject
 from vlafuzz.subjects.harness import Harness
-from vlafuzz.subjects.wire import persistently
+from vlafuzz.subjects.wire import UNANSWERED, persistently
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import check_static
 from vlafuzz.validity.report import Rejection
@@ -100,7 +100,7 @@ class ManiSkillEvaluator:
         except PrerequisiteError:
             raise  # nothing that another scene would not meet too
         except SubjectError as error:
-            return Outcome.error(f"subject: {error.cause}: {error}")
+            return Outcome.error(f"subject: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
         except Exception as error:  # whatever a simulator throws is its crash, not the scene's failure
             self._drop_env()  # only a rebuilt environment is clean after an exception
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
@@ -108,7 +108,7 @@ class ManiSkillEvaluator:
 
     def _persist(self, scene: Scene, seed: int) -> Rollout:
         """A rollout; begun again, twice at most, when its server was lost on the way or too late."""
-        return persistently(partial(self._rollout, scene, seed), ("connect", "timeout"))
+        return persistently(partial(self._rollout, scene, seed), UNANSWERED)
 
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
         began = time.perf_counter()

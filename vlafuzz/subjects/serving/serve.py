@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import fields
@@ -31,19 +32,21 @@ def serving(subject: Subject, protocol: str, address: str = "127.0.0.1", port: i
         try:
             found = stack.enter_context(listening(host, address, port))
         except OSError as error:
-            told = f"{address}:{port}: {error.strerror or error}"
-            raise UsageError(told, hint="--port 0 takes any that is free") from None
+            taken = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            hint = "--port 0 takes any that is free" if taken else "--host: an address of this machine"
+            raise UsageError(f"{address}:{port}: {error.strerror or error}", hint) from None
         begins, ends = PROTOCOLS[protocol]
-        yield f"{begins}://{address}:{found}{ends}?{urlencode(options_of(subject.spec))}"
+        where = f"[{address}]" if ":" in address else address
+        yield f"{begins}://{where}:{found}{ends}?{urlencode(options_of(subject.spec, protocol))}"
 
 
-def options_of(spec: SubjectSpec) -> dict[str, str | int | float]:
+def options_of(spec: SubjectSpec, protocol: str) -> dict[str, str | int | float]:
     """What a client has to be told: whatever is not the default."""
     sizes = {camera.role: f"{camera.width}x{camera.height}" for camera in spec.cameras}
     told: dict[str, str | int | float] = {"camera": sizes.get("third_person", "0")}
     if "wrist" in sizes:
         told["wrist"] = 1
-        if sizes["wrist"] != told["camera"]:
+        if sizes["wrist"] != told["camera"] and protocol != "vla-eval":  # which has one size: we resize
             told["wrist_camera"] = sizes["wrist"]
     if spec.state:
         told["state"] = 1
