@@ -104,12 +104,11 @@ def _of_file(path: Path, run: int | None) -> list[Scene]:
 def _export(store: Path, out: Path, run: int | None) -> None:
     """The minimal failures, checked once more, with a bar."""
     from vlafuzz.cli.triage import make_desk
-    from vlafuzz.corpus.folder import write_bundle
+    from vlafuzz.corpus.folder import check_new, write_bundle
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.export import export
 
-    if out.exists():
-        raise UsageError(f"{out}: is there already", hint="give --out a new folder")
+    check_new(out)
     with Corpus.open(store) as corpus, progress() as bar:
         task = bar.add_task("minimal findings checked", total=None)
         bundle = export(

@@ -66,8 +66,19 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def check_is_file(path: Path) -> None:
+    """That it is no folder.
+
+    Raises:
+        CorpusError: it is.
+    """
+    if path.is_dir():
+        raise CorpusError(f"{path}: is a folder", hint="give the file of a store in it")
+
+
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a store that is there."""
+    check_is_file(path)
     if not path.is_file():
         raise CorpusError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
     connection = _reader(path)
@@ -140,8 +151,7 @@ class WriterLock:
     """Held by the one process that writes to a store. The kernel drops it when the process ends, however."""
 
     def __init__(self, path: Path) -> None:
-        if path.is_dir() or not path.name:
-            raise CorpusError(f"{path}: is a folder", hint="give the file of a store in it")
+        check_is_file(path)
         self._beside = path.with_name(path.name + ".lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -93,18 +93,37 @@ def whole(folder: Path) -> Iterator[Path]:
     Raises:
         CorpusError: it is there already, or cannot be written.
     """
+    unfinished = check_new(folder)
+    try:
+        yield unfinished
+        unfinished.rename(folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def check_new(folder: Path) -> Path:
+    """That a folder is not there yet, and could be; where it is written first.
+
+    Raises:
+        CorpusError: it is, or could not.
+    """
     if folder.exists():
         raise CorpusError(f"{folder}: is there already", hint="give --out a new folder")
     unfinished = folder.with_name(f".{folder.name}.part")
     try:
         shutil.rmtree(unfinished, ignore_errors=True)  # of an export that was killed
-        yield unfinished
-        unfinished.rename(folder)
+        unfinished.mkdir(parents=True)
+        unfinished.rmdir()
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise CorpusError(f"{folder}: cannot be written: {reason}", hint="give --out elsewhere") from None
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+        raise _unwritable(folder, error) from None
+    return unfinished
+
+
+def _unwritable(folder: Path, error: OSError) -> CorpusError:
+    reason = (error.strerror or "unknown reason").lower()
+    return CorpusError(f"{folder}: cannot be written: {reason}", hint="give --out elsewhere")
 
 
 def _write(bundle: Bundle, folder: Path) -> None:

@@ -48,9 +48,10 @@ def unfinished(corpus: Corpus, misfit: Misfit) -> Run:
         )
     if len({_about(run.manifest) for run in fitting}) > 1:
         shown = "; ".join(f"run {run.id}: {_told(run.manifest)}" for run in fitting)
+        alike = len({_told(run.manifest) for run in fitting}) == 1
         raise CorpusError(
             f"{corpus.path}: {len(fitting)} runs that ended early fit ({shown})",
-            hint="give those flags in which they differ",
+            hint="give --operators or --vary" if alike else "give those flags in which they differ",
         )
     return fitting[-1]
 
