@@ -131,9 +131,11 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, subject: Subje
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     subject = subject or subject_at(place, subject_name)
     return Plan(
-        manifest=replace(
-            _manifest(replace(config, subject=subject_name), strategy_name, budget, space, subject),
-            given=given_json(config.scenes, config.pool, scenes),
+        manifest=_manifest(
+            replace(config, subject=subject_name, strategy=strategy_name, budget=budget),
+            space,
+            subject,
+            given_json(config.scenes, config.pool, scenes),
         ),
         task=task,
         space=Pool(scenes, space) if scenes else space,
@@ -250,18 +252,21 @@ def _operators(config: RunConfig, setup: Rig) -> OperatorSet:
     return operators.only(set(operators.varied) - _CAMERA) if setup.photos else operators
 
 
-def _manifest(
-    config: RunConfig, strategy: str, budget: int, space: SearchSpace, subject: Subject
-) -> Manifest:
+def _manifest(config: RunConfig, space: SearchSpace, subject: Subject, given: str) -> Manifest:
+    """``config``: with subject, strategy and budget filled in."""
+    assert config.subject
+    assert config.strategy
+    assert config.budget
     versions, operators = provenance.versions(), space.operators
     return Manifest(
         task=space.task.name,
         robot=space.rig.robot,
-        subject=config.subject or "",
+        subject=config.subject,
         spec=json.dumps(asdict(subject.spec), sort_keys=True),
-        source=source_digest(config.subject or ""),
-        strategy=strategy,
-        budget=budget,
+        source=source_digest(config.subject),
+        given=given,
+        strategy=config.strategy,
+        budget=config.budget,
         batch=config.batch,
         seed=config.seed,
         repeats=config.repeats,

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import os
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from typing import Any
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggestion
 
 PREFIX = "python:"
+_LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 _FORM = "expected python:package.module:factory"
 
 
@@ -85,6 +87,8 @@ def users_code(reference: str) -> Iterator[None]:
     except VlafuzzError:
         raise
     except Exception as error:
-        *_, last = traceback.extract_tb(error.__traceback__)
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if not frame.filename.startswith((*_LIBRARIES, "<frozen"))]
+        last = (own or frames)[-1]
         hint = f"raised at {last.filename}:{last.lineno}: {last.line}"
         raise PrerequisiteError(f"{reference}: {type(error).__name__}: {error}", hint) from error

@@ -1,5 +1,6 @@
 """A user's own strategy, from its name to a finished run."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -74,6 +75,10 @@ def breaks(space: object, seed: int, budget: int | None) -> object:
     raise KeyError("policy")
 
 
+def breaks_within(*_: object) -> object:
+    return json.loads("{")
+
+
 class Breaking(Given):
     def ask(self, n: int) -> list[Proposal]:
         return [Proposal(0, self.genome[n:][0])]
@@ -86,6 +91,9 @@ def test_what_it_raises_is_a_sentence_that_says_where():
     with pytest.raises(PrerequisiteError, match="breaks: KeyError: 'policy'") as caught:
         strategy_factory("python:tests.search.test_own:breaks")(space(), 0, 60)
     assert str(caught.value.hint).endswith(': raise KeyError("policy")')
+    with pytest.raises(PrerequisiteError) as caught:
+        strategy_factory("python:tests.search.test_own:breaks_within")(space(), 0, 60)
+    assert str(caught.value.hint).endswith(': return json.loads("{")')  # not where in json
     own = Own("python:mine:make", Breaking([0.5, 0.5, 0.5]), 3)
     with pytest.raises(PrerequisiteError, match="python:mine:make: IndexError") as caught:
         own.ask(3)
