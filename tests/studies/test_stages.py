@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene
-from vlafuzz.corpus.records import Trial
+from vlafuzz.corpus.records import Status, Trial
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
@@ -15,6 +15,7 @@ from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
 from vlafuzz.studies.similar import Similarity, adjusted, is_similar, similarity
 from vlafuzz.studies.stages import in_paper, standing
+from vlafuzz.studies.stages_sheet import Staged
 from vlafuzz.tasks.tabletop import TASKS
 
 CATALOGUE = load_catalogue()
@@ -25,11 +26,11 @@ def lost_after(*reached: str) -> Outcome:
     return Outcome.of((rollout(0.5, reached),), STAGES)
 
 
-def run_of(corpus: Corpus, *trials: tuple[Scene, Outcome]) -> None:
+def run_of(corpus: Corpus, *trials: tuple[Scene, Outcome], status: Status = "finished") -> None:
     run = corpus.begin(manifest())
     for number, (shown, outcome) in enumerate(trials):
         corpus.add(run, Trial(number, shown, outcome, 0.0))
-    corpus.finish(run, "finished", 1.0)
+    corpus.finish(run, status, 1.0)
 
 
 def with_confounder(name: str, x: float) -> Scene:
@@ -48,6 +49,14 @@ def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: P
     ]  # fmt: skip
     assert (found.judged, found.invalid, found.errors, found.stopped) == (4, 1, 1, False)
     assert found.stages[2].low == pytest.approx(0.0456, abs=1e-4)
+
+
+@pytest.mark.parametrize(("status", "said"), [("finished", False), ("stopped", True)])
+def test_a_run_that_ended_early_is_said(tmp_path: Path, status: Status, said: bool) -> None:
+    with Corpus.open(tmp_path / "a.db", "write") as corpus:
+        run_of(corpus, (scene(), passed()), status=status)
+        found = Staged("rq1", ["idle"], [], [standing(corpus, corpus.runs()[0])], [], [])
+    assert ("Ended before all scenes: pick-up, idle." in found.sheet().notes) is said
 
 
 def test_of_several_rollouts_all_must_reach_a_stage(tmp_path: Path) -> None:

@@ -32,6 +32,8 @@ class Staged(Found):
         tasks = dict.fromkeys(each.task for each in self.standings)
         tables = [Table(task, [_row(each) for each in self.standings if each.task == task]) for task in tasks]
         notes = [_NOTE, *self.gaps]
+        if short := [f"{each.task}, {_label(each)}" for each in self.standings if each.stopped]:
+            notes.append(f"Ended before all scenes: {'; '.join(short)}.")
         if self.published:
             tables.append(Table("The paper's success", [_paper_row(each) for each in self.published]))
             notes.append(BESIDE)
