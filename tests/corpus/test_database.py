@@ -188,7 +188,7 @@ def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: P
     [
         (nothing, "is empty"),
         (lambda path: None, "no such store"),
-        (lambda path: path.mkdir(), "no such store"),
+        (lambda path: path.mkdir(), "is a folder"),
     ],
 )
 def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make, says: str):
