@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, rollout
+from tests.doubles import failed, manifest, passed, rollout
 from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from vlafuzz.corpus.harvest import harvest
@@ -170,6 +170,48 @@ def test_a_stochastic_subject_is_repeated_and_shrunk_all_the_same(store):
     right = [each for each in found if each.bucket == "minimal" and each.operators == ("light",)]
     assert len(right) >= 4
     assert all(each.repeats >= 3 for each in found)
+
+
+def test_the_usual_bound_is_enough_for_a_stochastic_subject(store):
+    found = triaged(store(scenes([DARK], 3)), PlantedDesk([DARK], rate=0.98))
+    assert [(each.bucket, each.operators, each.complete) for each in found] == [
+        ("minimal", ("light",), True)
+    ] * 3
+
+
+class Unsteady(PlantedDesk):
+    """What is not planted to fail fails half the time."""
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.subject_rollouts += 1
+        return failed() if self._planted.fails(scene) or self.subject_rollouts % 2 else passed()
+
+
+def test_what_fails_at_times_is_no_counterpart(store):
+    (found,) = triaged(store(scenes([DARK], 1)), Unsteady([DARK], rate=1.0))
+    assert (found.bucket, found.counterparts) == ("witnessed", {})
+    assert "fails at times" in found.detail
+
+
+class Leaving(PlantedDesk):
+    """Answers so many scenes, then no more until it is back."""
+
+    answers = 3
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.answers -= 1
+        if self.answers < 0:
+            return Outcome.error("subject: connect: refused", unanswered=True)
+        return super()._outcome(scene)
+
+
+@pytest.mark.parametrize("rate", [None, 0.98])
+def test_a_subject_that_leaves_while_a_finding_is_shrunk_says_nothing_of_it(store, rate):
+    corpus, desk = store(scenes([DARK], 1)), Leaving([DARK], rate)
+    assert triaged(corpus, desk) == []
+    desk.answers = 10_000
+    (found,) = triaged(corpus, desk)
+    assert (found.bucket, found.operators) == ("minimal", ("light",))
 
 
 def test_a_subject_that_fails_half_the_time_is_flaky_with_its_rate(store):

@@ -39,12 +39,15 @@ class SimulatorDesk:
     Args:
         source: store or corpus that the manifest is from, for messages.
         subject: another one than the run's.
+        later: seeds to leave out beside the run's own, of a stochastic subject.
 
     Attributes:
         changed: what decides over outcomes and is not as it was in the run, by its name in the manifest.
     """
 
-    def __init__(self, source: Path, manifest: Manifest, subject: str | None = None) -> None:
+    def __init__(
+        self, source: Path, manifest: Manifest, subject: str | None = None, *, later: int = 0
+    ) -> None:
         catalogue = stored_catalogue(manifest)
         self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task, manifest.robot)
         self.stages = self.space.task.stage_names
@@ -54,7 +57,7 @@ class SimulatorDesk:
         spec = self._subject.spec
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic subject the run's own seeds are left out: with them it fails, that is known.
-        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
+        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
         self.renderer = probe().name if spec.cameras else None
         here = {
             "spec": json.dumps(asdict(spec), sort_keys=True),

@@ -29,7 +29,9 @@ from vlafuzz.triage.shrink import Shrunk, shrink
 from vlafuzz.triage.way import deviating
 from vlafuzz.triage.witness import Search, find_witness
 
-MAX_ROLLOUTS = 100  # of the subject, to shrink and attribute one finding
+# Of the subject, to shrink and attribute one finding; a stochastic one takes some five for each scene, at
+# most twenty.
+MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 100, 1000
 
 
 class Desk(Protocol):
@@ -76,7 +78,7 @@ def triage(
     desk: Callable[[Run], Desk],
     *,
     findings: Sequence[Finding] | None = None,
-    max_rollouts: int = MAX_ROLLOUTS,
+    max_rollouts: int | None = None,
     limit: int | None = None,
     workers: int = 1,
     watch: Callable[[Progress], None] = lambda progress: None,
@@ -88,7 +90,8 @@ def triage(
     Args:
         desk: makes what the findings of a run are worked on with; picklable where there are several workers.
         findings: to work on; by default all of the store.
-        max_rollouts: of the subject, to shrink and attribute one finding.
+        max_rollouts: of the subject, to shrink and attribute one finding; None for 100, of a stochastic
+            subject 1000.
         limit: most findings to work on.
         workers: processes that work on them; 1 for this one alone.
         watch: hears of every step.
@@ -124,7 +127,7 @@ def triage(
 Jobs = Sequence[tuple[Run, Finding]]
 
 
-def _alone(desk: Callable[[Run], Desk], max_rollouts: int, jobs: Jobs) -> Iterator[Triaged | None]:
+def _alone(desk: Callable[[Run], Desk], max_rollouts: int | None, jobs: Jobs) -> Iterator[Triaged | None]:
     """In this process, run by run."""
     for run, findings in groupby(jobs, lambda job: job[0]):
         with closing(desk(run)) as tools:
@@ -134,7 +137,7 @@ def _alone(desk: Callable[[Run], Desk], max_rollouts: int, jobs: Jobs) -> Iterat
 
 
 def _crew(
-    desk: Callable[[Run], Desk], max_rollouts: int, workers: int, jobs: Jobs
+    desk: Callable[[Run], Desk], max_rollouts: int | None, workers: int, jobs: Jobs
 ) -> Iterator[Triaged | None]:
     """In several processes, in the order in which they are done."""
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
@@ -153,7 +156,9 @@ def _crew(
 _triagers: dict[int, _Triager] = {}  # of a worker process, by run
 
 
-def _work(desk: Callable[[Run], Desk], max_rollouts: int, run: Run, finding: Finding) -> Triaged | None:
+def _work(
+    desk: Callable[[Run], Desk], max_rollouts: int | None, run: Run, finding: Finding
+) -> Triaged | None:
     """One finding, in a worker process, with the tools of the one before where they serve."""
     if run.id not in _triagers:
         for each in _triagers.values():
@@ -173,18 +178,30 @@ def _cells_first(findings: Sequence[Finding]) -> list[Finding]:
     return [each for _, each in sorted(ranked, key=lambda pair: pair[0])]
 
 
+class _BrokenError(Exception):
+    """Subject or simulator broke: this says nothing of the finding."""
+
+
 @dataclass
 class _Triager:
     desk: Desk
-    max_rollouts: int
+    max_rollouts: int | None
     known: dict[Scene, Judged] = field(default_factory=dict)
 
     def triage(self, finding: Finding) -> Triaged | None:
+        """What there is to say of a finding; None where subject or simulator kept it from being judged."""
+        try:
+            return self._triage(finding)
+        except _BrokenError:
+            return None
+
+    def _triage(self, finding: Finding) -> Triaged:
         began = time.monotonic()
         self.desk.renew()
         confirmation, judged = repeat(self.desk, finding.scene)
-        if not confirmation.repeats:
-            return None
+        clear = confirmation.confirmed or confirmation.refuted or confirmation.repeats == MOST
+        if not clear:
+            raise _BrokenError
         triaged = Triaged(
             finding.scene,
             finding.subject_key,
@@ -196,14 +213,12 @@ class _Triager:
             detail=f"{confirmation.failures} of {confirmation.repeats} repeats failed",
         )
         if confirmation.confirmed:
-            search = find_witness(finding.scene, self.desk.solve, self.desk.play)
-            if search.broken:
-                return None
-            triaged = self._prove(triaged, judged, search)
+            triaged = self._prove(triaged, judged)
         return replace(triaged, seconds=time.monotonic() - began)
 
-    def _prove(self, triaged: Triaged, judged: Judged, search: Search) -> Triaged:
-        """Shrink and attribute a failure that is confirmed."""
+    def _prove(self, triaged: Triaged, judged: Judged) -> Triaged:
+        """Witness, shrink and attribute a failure that is confirmed."""
+        search = self._search(triaged.scene)
         triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=judged.lost, detail="")
         if search.witness is None:
             return replace(triaged, bucket="unproven", detail="the expert fails, too")
@@ -219,7 +234,7 @@ class _Triager:
             self._judge,
             desk.stages,
             (triaged.scene, judged),
-            most=self.max_rollouts,
+            most=self.max_rollouts or (MAX_ROLLOUTS if desk.deterministic else MAX_OF_STOCHASTIC),
             each=1 if desk.deterministic else MOST,
         )
         shrunk = shrink(triaged.scene, bench, desk.space)
@@ -247,22 +262,32 @@ class _Triager:
         """What is left is minimal when it has a witness of its own."""
         if scene == triaged.scene:
             return replace(triaged, bucket="minimal")
-        search = find_witness(scene, self.desk.solve, self.desk.play)
+        search = self._search(scene)
         triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
         if search.witness is None:
             return replace(triaged, detail="the expert solves the finding, but not what is left of it")
         return replace(triaged, bucket="minimal", witness=search.witness)
 
+    def _search(self, scene: Scene) -> Search:
+        search = find_witness(scene, self.desk.solve, self.desk.play)
+        if search.broken:
+            raise _BrokenError
+        return search
+
     def _judge(self, scenes: Sequence[Scene]) -> list[Judged]:
-        """What comes of candidates; those that another finding had too cost nothing."""
+        """What comes of candidates; those that another finding had cost nothing, but for crashes."""
         fresh = [scene for scene in scenes if scene not in self.known]
         if self.desk.deterministic:
             judged = [Judged.of(outcome) for outcome in self.desk.evaluate(fresh, 0)]
         else:
             judged = [repeat(self.desk, scene)[1] for scene in fresh]
+        if any(each.unanswered for each in judged):
+            raise _BrokenError
         answers = dict(zip(fresh, judged, strict=True))
-        self.known |= {scene: each._replace(rollouts=0) for scene, each in answers.items()}
-        return [answers.get(scene, self.known[scene]) for scene in scenes]
+        found = [answers[scene] if scene in answers else self.known[scene] for scene in scenes]
+        kept = {scene: each for scene, each in answers.items() if each.verdict is not Verdict.ERROR}
+        self.known |= {scene: each._replace(rollouts=0) for scene, each in kept.items()}
+        return found
 
     def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
         """The operators that are not nominal; None for a scene that the space cannot put together."""
@@ -286,8 +311,10 @@ def repeat(desk: Desk, scene: Scene) -> tuple[Confirmation, Judged]:
     lost = Counter(judged.lost for judged in seen if judged.lost is not None)
     if found.confirmed:
         return found, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
-    verdict = Verdict.PASSED if found.repeats else seen[-1].verdict
-    return found, Judged(verdict, None, rollouts)
+    if found.refuted:
+        return found, Judged(Verdict.PASSED, None, rollouts)
+    verdict = Verdict.FAILED if found.failures else seen[-1].verdict  # at times
+    return found, Judged(verdict, None, rollouts, seen[-1].unanswered)
 
 
 def _why_not(shrunk: Shrunk) -> str:

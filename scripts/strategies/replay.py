@@ -58,6 +58,8 @@ class Labels:
         found = spent = 0
         while spent < budget:
             proposals = selection.ask(min(BATCH, budget - spent))
+            if not proposals:
+                break
             hits = [bool(wanted[int(proposal.genome[0])]) for proposal in proposals]
             selection.tell(proposals, [HIT if hit else MISS for hit in hits])
             found, spent = found + sum(hits), spent + len(hits)

@@ -23,6 +23,7 @@ from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solva
 from vlafuzz.corpus.ranges import stored_operators
 from vlafuzz.corpus.store import Corpus
 from vlafuzz.desk import SimulatorDesk
+from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace
 
@@ -73,6 +74,9 @@ class Job:
     def _counted(self) -> Ran:
         with Corpus.open(self.store) as corpus:
             (run,) = corpus.runs()
+            if run.manifest.budget != self.budget:
+                told = f"{self.store}: has a budget of {run.manifest.budget}, not {self.budget}"
+                raise UsageError(told, hint="give another --stores")
             operators = stored_operators(self.store, run.manifest)
             counted = found(corpus, run, SearchSpace(operators, load_catalogue(), self.task).meaningful)
         sampled = sample([counted], self.witnesses)

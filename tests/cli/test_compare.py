@@ -26,7 +26,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     monkeypatch.setattr(
-        desk, "SimulatorDesk", lambda *_: PlantedDesk([], solvable=lambda scene: scene.targets[0].y > 0)
+        desk, "SimulatorDesk", lambda *_, **__: PlantedDesk([], solvable=lambda scene: scene.targets[0].y > 0)
     )
     return tmp_path
 
@@ -144,7 +144,7 @@ def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], mon
     assert capsys.readouterr().out == first
 
 
-def in_the_dark(*_: object) -> PlantedDesk:
+def in_the_dark(*_: object, **__: object) -> PlantedDesk:
     """The subject that the runs had, with an expert that solves all scenes."""
     return PlantedDesk([lambda scene: scene.light.intensity < 0.5])
 
@@ -171,7 +171,7 @@ def test_a_sample_is_triaged_when_asked_for(
 def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.MonkeyPatch):
     made: list[PlantedDesk] = []
 
-    def make(*_: object) -> PlantedDesk:
+    def make(*_: object, **__: object) -> PlantedDesk:
         made.append(in_the_dark())
         return made[-1]
 
@@ -195,7 +195,7 @@ class Breaking(PlantedDesk):
 def test_failures_that_cannot_be_judged_are_told_and_not_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda *_: Breaking([]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda *_, **__: Breaking([]))
     compare("--strategies", "random", "--triage-sample", "2", "--json")
     printed = capsys.readouterr()
     assert "2 of the sampled failures could not be judged: the subject broke" in printed.err

@@ -22,7 +22,7 @@ TILTED = CONDITIONS["camera-orientation"][0]
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three triaged findings of a subject that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: CheckingDesk([TILTED]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: CheckingDesk([TILTED]))
     with Corpus.open(tmp_path / "a.db", "write") as corpus:
         run = corpus.begin(manifest())
         for seed in range(3):
@@ -47,7 +47,9 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.Capture
 def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     with Corpus.open(Path("a.db")) as corpus:
         kept = corpus.triaged()[0].shrunk
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: CheckingDesk([lambda scene: scene == kept]))
+    monkeypatch.setattr(
+        desk, "SimulatorDesk", lambda store, run, **_: CheckingDesk([lambda scene: scene == kept])
+    )
     assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
     assert "left out: " in capsys.readouterr().err
     assert len(read_bundle(Path("tilted")).cases) == 1

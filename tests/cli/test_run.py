@@ -380,7 +380,7 @@ def test_every_command_that_is_there_has_help():
 def test_triage_follows_a_run_when_so_wished(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: PlantedDesk([CONDITIONS["light"][0]]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: PlantedDesk([CONDITIONS["light"][0]]))
     assert main(["run", *IDLE, "--budget", "8", "--triage", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["findings"] == printed["triage"]["triaged"] > 0

@@ -19,7 +19,7 @@ TILTED = CONDITIONS["camera-orientation"][0]
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three findings of a subject that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: PlantedDesk([TILTED]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: PlantedDesk([TILTED]))
     with Corpus.open(tmp_path / "a.db", "write") as corpus:
         run = corpus.begin(manifest())
         for seed in range(3):
@@ -59,7 +59,7 @@ def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
             if self.renewed == 2:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: Interrupted([TILTED]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: Interrupted([TILTED]))
     assert main(["triage", "a.db"]) == 130
     assert "hint: go on with `vlafuzz triage a.db`" in capsys.readouterr().err
     with Corpus.open(store) as corpus:
@@ -72,7 +72,7 @@ def test_findings_of_another_version_are_said_to_be_so(
     class Newer(PlantedDesk):
         changed = ("commit", "simulator")
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run: Newer([TILTED]))
+    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: Newer([TILTED]))
     assert main(["triage", "a.db"]) == 0
     assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
 

@@ -2,10 +2,12 @@ from itertools import combinations
 
 import pytest
 
-from tests.triage.planted import EDGES, SPACE, Condition, Planted
+from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
 from vlafuzz.evidence import Causes, Threshold, signature
+from vlafuzz.outcome import Verdict
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.shrink import shrink
+from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.shrink import Shrunk, shrink
 
 
 def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
@@ -34,6 +36,21 @@ def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, s
     assert first == pytest.approx(value, rel=0.03)
     if operator != "light":
         assert str(threshold) == f"{operator}: {says}"
+
+
+def test_there_is_no_threshold_beside_what_is_not_fair():
+    dark = CONDITIONS["light"][0]
+    planted = Planted([dark])
+    scene = planted.finding(0)
+
+    def judge(scenes):
+        return [
+            Judged(Verdict.INVALID) if not planted.fails(each) else planted.judged(each) for each in scenes
+        ]
+
+    bench = Bench(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), most=200)
+    shrunk = Shrunk(scene, "grasp", ("light",))
+    assert attribute(shrunk, bench, SPACE).thresholds == ()
 
 
 def test_several_values_of_an_operator_have_a_share_of_the_way():

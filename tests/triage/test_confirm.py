@@ -18,7 +18,7 @@ def repeats(*verdicts: Verdict, deterministic: bool = False) -> Confirmation:
     ("verdict", "expected"),
     [
         (FAILED, Confirmation(1, 1, True)),
-        (PASSED, Confirmation(1, 0, False)),
+        (PASSED, Confirmation(1, 0, False, refuted=True)),
         (ERROR, Confirmation(0, 0, False)),
         (INVALID, Confirmation(0, 0, False)),
     ],
@@ -31,7 +31,7 @@ def test_a_deterministic_subject_must_fail_once_more(verdict, expected):
     ("verdicts", "expected"),
     [
         ([FAILED] * 3, Confirmation(3, 3, True)),
-        ([PASSED] * 3, Confirmation(3, 0, False)),
+        ([PASSED] * 3, Confirmation(3, 0, False, refuted=True)),
         ([FAILED, PASSED, FAILED, FAILED, FAILED], Confirmation(5, 4, True)),
         ([FAILED, PASSED] * (MOST // 2), Confirmation(20, 10, False)),
         ([ERROR, *[FAILED] * 3], Confirmation(3, 3, True)),

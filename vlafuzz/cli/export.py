@@ -107,13 +107,14 @@ def _export(store: Path, out: Path, run: int | None) -> None:
     from vlafuzz.corpus.folder import check_new, write_bundle
     from vlafuzz.corpus.store import Corpus
     from vlafuzz.export import export
+    from vlafuzz.triage.confirm import MOST
 
     check_new(out)
     with Corpus.open(store) as corpus, progress() as bar:
         task = bar.add_task("minimal findings checked", total=None)
         bundle = export(
             corpus,
-            partial(make_desk, store),
+            partial(make_desk, store, later=MOST),  # triage chose by the seeds before
             name=out.name,
             run=run,
             watch=lambda done, of: bar.update(task, completed=done, total=of),

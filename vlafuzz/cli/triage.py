@@ -23,8 +23,12 @@ if TYPE_CHECKING:
 def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
     max_rollouts: Annotated[
-        int, typer.Option(help="Most subject rollouts to shrink and attribute one finding.")
-    ] = 100,
+        int | None,
+        typer.Option(
+            help="Most subject rollouts to shrink and attribute one finding.",
+            show_default="100, of a stochastic subject 1000",
+        ),
+    ] = None,
     limit: Annotated[
         int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
     ] = None,
@@ -46,7 +50,7 @@ def command(
 
 
 def triage_store(
-    store: Path, max_rollouts: int = 100, limit: int | None = None, workers: int = 1, *, show: bool
+    store: Path, max_rollouts: int | None = None, limit: int | None = None, workers: int = 1, *, show: bool
 ) -> dict[str, Any]:
     """Triage what is left to triage in a store; what it then holds, as JSON, and as tables if so wished."""
     found, unjudged = _triage(store, max_rollouts, limit, workers)
@@ -58,7 +62,7 @@ def triage_store(
     return asdict(found) | {"unjudged": unjudged}
 
 
-def _triage(store: Path, max_rollouts: int, limit: int | None, workers: int) -> tuple[Harvest, int]:
+def _triage(store: Path, max_rollouts: int | None, limit: int | None, workers: int) -> tuple[Harvest, int]:
     """Do it, with a bar: what the store then holds, and how many findings could not be judged."""
     from vlafuzz.corpus.harvest import harvest
     from vlafuzz.corpus.store import Corpus
@@ -90,11 +94,15 @@ def _triage(store: Path, max_rollouts: int, limit: int | None, workers: int) -> 
         return harvest(corpus), unjudged
 
 
-def make_desk(store: Path, run: Run) -> SimulatorDesk:
-    """What a run's findings are worked on with; says when it is no longer what they were found with."""
+def make_desk(store: Path, run: Run, *, later: int = 0) -> SimulatorDesk:
+    """What a run's findings are worked on with; says when it is no longer what they were found with.
+
+    Args:
+        later: seeds to leave out, of a stochastic subject: others have chosen by them.
+    """
     from vlafuzz import desk
 
-    made = desk.SimulatorDesk(store, run.manifest)
+    made = desk.SimulatorDesk(store, run.manifest, later=later)
     if made.changed:
         told = f"note: run {run.id} was made by another version: its {', '.join(made.changed)} differ"
         stderr().print(f"{told}; what no longer fails will count as flaky", soft_wrap=True)

@@ -61,7 +61,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self._camera = CameraRequest("image", size, size) if size else None
         cameras = (self._camera,) if self._camera else ()
         catalogue, robot = stored_catalogue(*bundle.runs), self.cases[0].scene.robot
-        self._env = make_env(bundle.task, catalogue, cameras, HZ, robot)
+        self._env = make_env(bundle.task, catalogue, cameras, HZ, robot, bundle.runs[0].placement)
         said = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),

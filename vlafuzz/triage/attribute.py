@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vlafuzz.evidence import Causes, Threshold
+from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.triage.bench import Bench
@@ -41,7 +42,7 @@ def _threshold(scene: Scene, name: str, bench: Bench, space: SearchSpace) -> Thr
 
 
 def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
-    """By bisection, the least step that fails; None where the start fails, too, or the bench is used up."""
+    """By bisection, the least step that fails; None where it is not seen to pass one step before."""
     if way.length == 0:
         return None
     parts = min(parts, way.length)
@@ -63,4 +64,5 @@ def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
             fails = middle
         else:
             passes = middle
-    return step(fails)
+    before = bench.known(way.at(step(passes)))
+    return step(fails) if before is not None and before.verdict is Verdict.PASSED else None

@@ -10,17 +10,24 @@ from vlafuzz.scene import Scene
 
 
 class Judged(NamedTuple):
-    """What came of a scene: the stage that was lost, if it failed, and the rollouts that it took."""
+    """What came of a scene.
+
+    Attributes:
+        lost: the stage that was lost, if it failed; None where it does so at times only.
+        rollouts: that it took.
+        unanswered: the subject was not there.
+    """
 
     verdict: Verdict
     lost: str | None = None
     rollouts: int = 0
+    unanswered: bool = False
 
     @staticmethod
     def of(outcome: Outcome) -> Judged:
         """The outcome, without what happened on the way. A crash has cost a rollout as well."""
         spent = max(len(outcome.rollouts), int(outcome.verdict is Verdict.ERROR))
-        return Judged(outcome.verdict, outcome.lost_stage, spent)
+        return Judged(outcome.verdict, outcome.lost_stage, spent, outcome.unanswered)
 
 
 Judge = Callable[[Sequence[Scene]], Sequence[Judged]]

@@ -20,12 +20,14 @@ class Confirmation:
     Attributes:
         repeats: that could be judged.
         failures: of them.
-        confirmed: it fails again, and mostly; else it is flaky, with ``rate``.
+        confirmed: it fails again, and mostly.
+        refuted: it mostly passes. Neither: it is flaky, with ``rate``, or too much could not be judged.
     """
 
     repeats: int
     failures: int
     confirmed: bool
+    refuted: bool = False
 
     @property
     def rate(self) -> float | None:
@@ -54,5 +56,6 @@ def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirm
         evidence += step if verdict is Verdict.FAILED else -step
         if abs(evidence) >= bound:
             break
-    confirmed = judged == failures == 1 if deterministic else evidence >= bound
-    return Confirmation(judged, failures, confirmed)
+    if deterministic:
+        return Confirmation(judged, failures, judged == failures == 1, judged == 1 and not failures)
+    return Confirmation(judged, failures, evidence >= bound, evidence <= -bound)

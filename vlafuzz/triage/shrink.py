@@ -17,7 +17,7 @@ from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
 
 K = TypeVar("K")
 BEYOND = 2  # grid steps past its threshold at which a value stops, so that no finding sits on an edge
-KEPT = len(GROUPS)  # rollouts for the last step, that shows each operator to be necessary
+KEPT = len(GROUPS)  # scenes for the last step, that shows each operator to be necessary
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
@@ -55,8 +55,7 @@ def shrink(scene: Scene, bench: Bench, space: SearchSpace) -> Shrunk:
     """
     nominal = space.nominal(like=scene)
     judged = bench.ask([nominal])[0]
-    if judged is not None and judged.verdict is Verdict.FAILED:
-        assert judged.lost is not None
+    if judged is not None and judged.lost is not None:
         return Shrunk(nominal, judged.lost, (), base=True)
     shrinker = _Shrinker(space, bench, scene)
     shrinker.run()
@@ -195,4 +194,4 @@ def _outcome(judged: Judged | None) -> str:
     if judged is None:
         return "was not tried"
     said = {Verdict.INVALID: "is not fair", Verdict.ERROR: "crashed"}
-    return said.get(judged.verdict, f"fails at {judged.lost}")
+    return said.get(judged.verdict, f"fails at {judged.lost}" if judged.lost else "fails at times")
