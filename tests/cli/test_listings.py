@@ -49,3 +49,8 @@ def test_a_table_shows_the_narrowest_grasp(capsys: pytest.CaptureFixture[str]) -
 def test_json_and_csv_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["objects", "--json", "--csv"]) == 2
     assert "exclude each other" in capsys.readouterr().err
+
+
+def test_subjects_are_listed(capsys: pytest.CaptureFixture[str]):
+    assert main(["subjects", "--json"]) == 0
+    assert "pinhole" in [row["subject"] for row in json.loads(capsys.readouterr().out)]

@@ -1,8 +1,5 @@
-import importlib.util
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +10,7 @@ from tests.triage.planted import CONDITIONS
 from vlafuzz import desk, launch
 from vlafuzz.cli import main
 from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import load_scenes, write_scenes
+from vlafuzz.scene import write_scenes
 
 IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
 NAMES = ["failed", "passed", "invalid", "error"]
@@ -216,21 +213,6 @@ def test_a_folder_is_no_store(folder: Path, store: str, capsys: pytest.CaptureFi
     ]
 
 
-@pytest.mark.parametrize("flags", [("--subject", ""), ("--store=",), ("--scenes", "")])
-def test_an_unset_variable_is_no_default(flags: tuple[str, ...], capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *flags]) == 2
-    flag = flags[0].rstrip("=")
-    assert f"error: nothing behind '{flag}'\n" in capsys.readouterr().err
-
-
-def test_a_bug_is_a_traceback_with_a_code_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr(launch, "start", lambda *_: 1 / 0)
-    assert main(["run", *IDLE, "--store", "a.db"]) == 70
-    assert "ZeroDivisionError" in capsys.readouterr().err
-
-
 def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=5))
     assert main(["run", *IDLE, "--store", "a.db"]) == 130
@@ -285,96 +267,6 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
     first, hint = capsys.readouterr().err.splitlines()
     assert first.startswith(f"error: --address {address}: no ray cluster answers: ")
     assert hint.startswith("hint: `ray start --head` starts one")
-
-
-def test_a_wrong_flag_is_noticed_before_a_simulator_is_loaded():
-    code = (
-        "import sys; from vlafuzz.cli import main; code = main(['run', '--budget', '0']);"
-        "print(code, [name for name in ('torch', 'sapien', 'mani_skill') if name in sys.modules])"
-    )
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert child.stdout == "2 []\n"
-
-
-def test_an_unknown_flag_is_a_usage_error(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", "--budgte", "3"]) == 2
-    assert "--budgte" in capsys.readouterr().err
-
-
-def test_the_version_is_the_installed_one(capsys: pytest.CaptureFixture[str]):
-    assert main(["--version"]) == 0
-    assert re.fullmatch(r"vlafuzz \d+\.\d+\.\d+\n", capsys.readouterr().out)
-
-
-def test_help_lists_all_commands_without_importing_them():
-    code = (
-        "import sys; from vlafuzz.cli import main; main(['--help']);"
-        "print([name for name in ('torch', 'numpy', 'pydantic', 'vlafuzz.cli.run') if name in sys.modules])"
-    )
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert child.stdout.endswith("[]\n")
-    for name in ("run", "replay", "lint", "import", "export", "operators", "objects", "subjects", "doctor"):
-        assert re.search(rf"^│ {name} ", child.stdout, re.MULTILINE)
-
-
-@pytest.fixture
-def store(capsys: pytest.CaptureFixture[str]) -> str:
-    main(["run", *IDLE, "--budget", "30", "--store", "a.db"])
-    main(["run", *IDLE, "--budget", "10", "--store", "a.db", "--seed", "1"])
-    capsys.readouterr()
-    return "a.db"
-
-
-@pytest.mark.parametrize("verdict", ["failed", "passed"])
-def test_export_writes_the_scenes_of_a_verdict_once_each(folder: Path, store: str, verdict: str):
-    assert main(["export", store, "--out", "out.jsonl", "--verdict", verdict]) == 0
-    scenes = load_scenes(folder / "out.jsonl")
-    assert len(set(scenes)) == len(scenes) > 0
-    assert all((each.light.intensity < 0.5) == (verdict == "failed") for each in scenes)
-
-
-def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):
-    main(["export", store, "--out", "all.jsonl", "--verdict", "all"])
-    main(["export", store, "--out", "one.jsonl", "--verdict", "all", "--run", "2"])
-    everything, one = set(load_scenes(folder / "all.jsonl")), set(load_scenes(folder / "one.jsonl"))
-    assert one < everything
-
-
-def test_exported_scenes_can_be_run_again(store: str, capsys: pytest.CaptureFixture[str]):
-    main(["export", store, "--out", "out.jsonl"])
-    capsys.readouterr()
-    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["verdicts"]["passed"] == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["no.db", "--out", "out.jsonl"], "no.db: no such store"),
-        (["a.db", "--out", "out.jsonl", "--run", "9"], "a.db: no run 9"),
-        (["a.db", "--out", "no/out.jsonl"], "cannot be written"),
-    ],
-)
-def test_export_refuses_what_is_not_there(
-    store: str, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
-):
-    assert main(["export", *arguments]) == 2
-    shown = capsys.readouterr().err
-    assert says in shown
-    assert "hint: " in shown
-
-
-def test_subjects_are_listed(capsys: pytest.CaptureFixture[str]):
-    assert main(["subjects", "--json"]) == 0
-    assert "pinhole" in [row["subject"] for row in json.loads(capsys.readouterr().out)]
-
-
-def test_every_command_that_is_there_has_help():
-    from vlafuzz.cli import COMMANDS
-
-    for name, (target, _) in COMMANDS.items():
-        if importlib.util.find_spec(target.partition(":")[0]) is not None:
-            assert main([name, "--help"]) == 0
 
 
 def test_triage_follows_a_run_when_so_wished(

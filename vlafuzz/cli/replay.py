@@ -116,10 +116,14 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
             for trial in corpus.trials(run.id):
                 if trial.scene.digest == scene.digest and trial.outcome.rollouts:
                     return _as_in(run.manifest, scene, trial.outcome.rollouts[0].states_hash)
-        for triaged in corpus.triaged():
-            if scene in (triaged.shrunk, *triaged.counterparts.values()):
-                keys = {run.manifest.subject_key: run.manifest for run in corpus.runs()}
-                return _as_in(keys[triaged.subject_key], scene)
+        made_by = {
+            triaged.subject_key
+            for triaged in corpus.triaged()
+            if scene in (triaged.shrunk, *triaged.counterparts.values())
+        }
+        for run in reversed(corpus.runs()):
+            if run.manifest.subject_key in made_by:
+                return _as_in(run.manifest, scene)
     return _never_run(scene)
 
 
