@@ -20,6 +20,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip(str(probe()))
 
 
+def pytest_terminal_summary(terminalreporter) -> None:
+    """Figures that tests measured but may not assert, as they differ between machines."""
+    reports = terminalreporter.stats.get("passed", [])
+    figures = [value for report in reports for name, value in report.user_properties if name == "figure"]
+    if figures:
+        terminalreporter.section("figures of this machine")
+        terminalreporter.write_line("\n".join(sorted(figures)))
+
+
 @pytest.fixture(scope="session")
 def env():
     """One physics-only environment for everybody; whoever uses it begins a scene first."""
