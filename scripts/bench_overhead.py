@@ -26,15 +26,14 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz import config, launch
-from vlafuzz.campaign import fuzz
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.corpus.tally import Tally
+from vlafuzz.campaign import config, fuzz, launch
+from vlafuzz.campaign.tally import Tally
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects import load_catalogue
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.sim.toy import Region, Toy, near
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.store.store import Store
 
 CONDITIONS = (
     near("targets.0.x", -0.10, 0.32),
@@ -81,7 +80,7 @@ def resident() -> float:
 def plan(options: argparse.Namespace, strategy: str, budget: int, folder: str) -> config.Plan:
     asked = config.RunConfig(
         task=options.task,
-        subject="pinhole",
+        policy="pinhole",
         strategy=strategy,
         budget=budget,
         seed=options.seed,
@@ -99,14 +98,14 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
     rows = []
     with TemporaryDirectory(dir=options.folder) as folder:
         first = plan(options, options.strategies[0], options.rollouts, folder)
-        evaluator = launch.make_evaluator(first.manifest, first.subject)
+        evaluator = launch.make_evaluator(first.manifest, first.policy)
         with closing(LocalExecutor(evaluator)) as executor:
             scene = space_of(options).sample(np.random.default_rng(options.seed))
             list(executor.run([(0, [scene])]))  # its start takes seconds
-            with Corpus.open(first.store, "write") as corpus:
+            with Store.open(first.store, "write") as store:
                 for name in options.strategies:
                     made = plan(options, name, options.rollouts, folder)
-                    summary = launch.fuzz(made, corpus, executor, lambda tally: None, alone=True)
+                    summary = launch.fuzz(made, store, executor, lambda tally: None, alone=True)
                     spent = {"search": summary.search_seconds, "store": summary.store_seconds}
                     row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
                     row |= {"proposals": summary.proposals, "seconds": summary.seconds}
@@ -128,14 +127,14 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
             min_distance=made.manifest.min_distance,
         )
         blocks = Blocks(options.block)
-        with Corpus.open(made.store, "write") as corpus:
+        with Store.open(made.store, "write") as store:
             summary = fuzz(
                 manifest=made.manifest,
                 stages=made.task.stage_names,
                 space=space,
                 strategy=made.strategy,
                 executor=LocalExecutor(toy),
-                corpus=corpus,
+                store=store,
                 patience=None,
                 alone=True,
                 watch=blocks,

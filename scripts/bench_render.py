@@ -43,6 +43,8 @@ from scipy.ndimage import gaussian_filter
 
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill import env as env_module
 from vlafuzz.sim.maniskill import robots, world
@@ -50,8 +52,6 @@ from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.base import CameraRequest
-from vlafuzz.subjects.mini.subject import Mini
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 

@@ -10,7 +10,7 @@ answers      observations answered in a second, without a simulator. In process:
              server and clients together.
 simulators   control steps in a second of that many simulators, each in a process of its own, in the same
              scenes. In process: one `mini` for all of them, which is asked for whatever they want at the
-             same time in one call (``shared``, see ``vlafuzz.subjects.base.Subject``). Server: the same
+             same time in one call (``shared``, see ``vlafuzz.policies.base.Policy``). Server: the same
              through `vlafuzz serve`. Both must go through the same states.
 
 The server is `vlafuzz serve mini`, in a process of its own, on loopback; a chunk comes back as far as it is
@@ -39,17 +39,17 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.execute.base import Executor
-from vlafuzz.execute.registry import Place, executor_at, subject_at
+from vlafuzz.execute.registry import Place, executor_at, policy_at
 from vlafuzz.execute.threads import single_threaded
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import EpisodeStart, Observation, Policy
+from vlafuzz.policies.mini.policy import CAMERA, Mini
+from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
+from vlafuzz.serving.serve import PROTOCOLS
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.base import EpisodeStart, Observation, Subject
-from vlafuzz.subjects.mini.subject import CAMERA, Mini
-from vlafuzz.subjects.registry import make_subject
-from vlafuzz.subjects.serving.serve import PROTOCOLS
 
 GOAL = 0.8  # of the rate without a server
 TASK, WORDS = "pick-up", "pick up coke can"
@@ -69,8 +69,8 @@ def observation(episode: str, step: int) -> Observation:
     return Observation(episode, step, WORDS, {CAMERA.name: picture}, rng.random(7, np.float32))
 
 
-def begin(subject: Subject, episode: str) -> None:
-    subject.reset([EpisodeStart(episode, WORDS, TASK, 0)])
+def begin(policy: Policy, episode: str) -> None:
+    policy.reset([EpisodeStart(episode, WORDS, TASK, 0)])
 
 
 @contextmanager
@@ -87,15 +87,15 @@ def server(protocol: str) -> Iterator[tuple[str, int]]:
 
 def client(name: str, steps: int, rounds: int, together: Barrier) -> None:
     """One of the processes that ask for answers."""
-    with closing(make_subject(name)) as subject:
+    with closing(make_policy(name)) as policy:
         for _ in range(rounds):
             together.wait()  # until the other side of the comparison is done
-            begin(subject, "it")
-            subject.act([observation("it", 0)])  # the connection is open, and the rollout has begun
+            begin(policy, "it")
+            policy.act([observation("it", 0)])  # the connection is open, and the rollout has begun
             seen = [observation("it", step) for step in range(steps)]
             together.wait()
             for each in seen:
-                subject.act([each])
+                policy.act([each])
             together.wait()
 
 
@@ -138,17 +138,17 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
     return rates, spent
 
 
-def make_evaluator(name: str, subject: Subject | None = None) -> Evaluator:
+def make_evaluator(name: str, policy: Policy | None = None) -> Evaluator:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     catalogue, apart = load_catalogue(), load_operators().min_distance
-    return ManiSkillEvaluator(TASK, subject or make_subject(name), catalogue, min_distance=apart)
+    return ManiSkillEvaluator(TASK, policy or make_policy(name), catalogue, min_distance=apart)
 
 
-def crew(options: argparse.Namespace, name: str) -> Executor:
+def workers(options: argparse.Namespace, name: str) -> Executor:
     """Simulators, each in a process of its own."""
     place = Place(workers=options.clients, executor="processes")
-    return executor_at(place, partial(make_evaluator, name), subject_at(place, name))
+    return executor_at(place, partial(make_evaluator, name), policy_at(place, name))
 
 
 def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:
@@ -170,7 +170,7 @@ def simulators(options: argparse.Namespace, name: str) -> Measured:
     rates: Measured = {IN_PROCESS: [], SERVER: []}
     with ExitStack() as stack:
         crews = {
-            kind: stack.enter_context(closing(crew(options, each)))
+            kind: stack.enter_context(closing(workers(options, each)))
             for kind, each in ((IN_PROCESS, shared), (SERVER, name))
         }
         for each in crews.values():  # until all simulators are there

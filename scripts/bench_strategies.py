@@ -3,8 +3,8 @@
 
     toy       planted failures in closed form, no physics
     replay    published labels of real VLAs (VLATest's folder `data`) as oracle: choose 200 of 1,000 scenes
-    pinhole   the real simulator, a scripted subject that sees through a pinhole, physics only
-    mini      the real simulator, a learned subject, rendered
+    pinhole   the real simulator, a scripted policy that sees through a pinhole, physics only
+    mini      the real simulator, a learned policy, rendered
 
 Ratios are of means, with 95 % bootstrap intervals over paired runs; A12 says how often a run has more than
 one of random (Vargha and Delaney 2000), ties counted half; p is Mann and Whitney's, corrected after Holm.
@@ -21,8 +21,8 @@ import numpy as np
 from strategies import replay, results, simulated, toy
 
 from vlafuzz.cli.compared import print_comparison
-from vlafuzz.compare.statistics import ratio, ratio_interval
 from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.statistics import ratio, ratio_interval
 
 SIGNALS = ("smooth", "flat", "noise")
 ALL = [name for name in STRATEGIES if "-without-" not in name]
@@ -73,7 +73,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         options.tasks,
         options.strategies,
         range(options.seed, options.seed + options.repeats),
-        subject=options.ground,
+        policy=options.ground,
         budget=options.budget,
         witnesses=options.witnesses,
         workers=options.workers,

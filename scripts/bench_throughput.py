@@ -40,7 +40,9 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.robots import PANDA
+from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -48,8 +50,6 @@ from vlafuzz.sim.maniskill.objects import place
 from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.sim.maniskill.world import SIM_HZ, World
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.expert import Expert
-from vlafuzz.subjects.harness import Harness
 from vlafuzz.tasks.base import Monitor
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import TASKS

@@ -18,9 +18,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from vlafuzz import config, launch
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign import config, launch
 from vlafuzz.execute.base import Executor
+from vlafuzz.store.store import Store
 
 GOAL = 1.6  # times one worker's rollouts a second, with two of them
 
@@ -28,7 +28,7 @@ GOAL = 1.6  # times one worker's rollouts a second, with two of them
 def plan(options: argparse.Namespace, folder: str, workers: int, repetition: int) -> config.Plan:
     return config.plan(
         config.RunConfig(
-            subject="pinhole",
+            policy="pinhole",
             budget=options.rollouts,
             seed=options.seed + repetition,
             store=Path(folder) / f"{workers}-{repetition}.db",
@@ -49,8 +49,8 @@ def start(options: argparse.Namespace, folder: str, workers: int, stack: ExitSta
 
 def campaign(prepared: config.Plan, executor: Executor) -> tuple[float, dict[str, int]]:
     """Rollouts a second, and the verdicts."""
-    with Corpus.open(prepared.store, "write") as corpus:
-        summary = launch.fuzz(prepared, corpus, executor, lambda tally: None)
+    with Store.open(prepared.store, "write") as store:
+        summary = launch.fuzz(prepared, store, executor, lambda tally: None)
     return summary.rollouts / summary.seconds, summary.verdicts
 
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """Do corpora hold? Runs every scene of some corpora in fresh processes.
 
-A verdict holds when the subject fails at the stage where it did or before, a witness when it solves its
-scene, a counterpart (--counterparts) when the subject passes. Exits with 1 when fewer than 99 % of the
+A verdict holds when the policy fails at the stage where it did or before, a witness when it solves its
+scene, a counterpart (--counterparts) when the policy passes. Exits with 1 when fewer than 99 % of the
 verdicts hold or a witness fails.
 """
 
@@ -20,11 +20,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from vlafuzz.corpus.bundle import Bundle, Case
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.desk import SimulatorDesk
 from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import wilson
+from vlafuzz.regression.corpus import Case, Corpus
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.statistics import wilson
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 HOLDS = 0.99
 
@@ -43,23 +43,23 @@ class Job:
         counts: Counter[tuple[str, str, bool]] = Counter()
         broken = []
         for folder in self.corpora:
-            bundle = read_bundle(folder)
-            with closing(SimulatorDesk(folder, bundle.runs[0])) as desk:
-                for case in bundle.cases:
-                    for kind, held in self._check(bundle, case, desk):
-                        counts[bundle.name, kind, held] += 1
+            corpus = read_corpus(folder)
+            with closing(SimulatorSceneRunner(folder, corpus.runs[0])) as runner:
+                for case in corpus.cases:
+                    for kind, held in self._check(corpus, case, runner):
+                        counts[corpus.name, kind, held] += 1
                         if not held:
-                            broken.append(f"{bundle.name} {case.scene.digest[:12]} {kind}")
+                            broken.append(f"{corpus.name} {case.scene.digest[:12]} {kind}")
         return self.number, counts, broken
 
-    def _check(self, bundle: Bundle, case: Case, desk: SimulatorDesk) -> Iterator[tuple[str, bool]]:
-        (outcome,) = desk.evaluate([case.scene], 0)
-        stages = desk.stages
+    def _check(self, corpus: Corpus, case: Case, runner: SimulatorSceneRunner) -> Iterator[tuple[str, bool]]:
+        (outcome,) = runner.evaluate([case.scene], 0)
+        stages = runner.stages
         lost = outcome.lost_stage
         yield "verdict", lost is not None and stages.index(lost) <= stages.index(case.lost_stage)
-        yield "witness", desk.play(case.scene, case.witness.actions).verdict is Verdict.PASSED
+        yield "witness", runner.play(case.scene, case.witness.actions).verdict is Verdict.PASSED
         if self.counterparts:
-            for outcome in desk.evaluate(list(case.counterparts.values()), 0):
+            for outcome in runner.evaluate(list(case.counterparts.values()), 0):
                 yield "counterpart", outcome.verdict is Verdict.PASSED
 
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.scoring import wilson
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.base import ActionChunk, Observation
-from vlafuzz.subjects.mini.subject import CARD, SHIPPED, Mini
+from vlafuzz.statistics import wilson
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -61,8 +61,8 @@ def space(task: str, vary: tuple[str, ...] | None) -> SearchSpace:
 
 @cache
 def evaluator(task: str, kind: str, weights: Path) -> ManiSkillEvaluator:
-    subject = Blind(weights) if kind == "black" else Mini(weights)
-    return ManiSkillEvaluator(task, subject, load_catalogue(), min_distance=0.15, stop_early=True)
+    policy = Blind(weights) if kind == "black" else Mini(weights)
+    return ManiSkillEvaluator(task, policy, load_catalogue(), min_distance=0.15, stop_early=True)
 
 
 def crowded(task: str) -> SearchSpace:

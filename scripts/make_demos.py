@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.rig import camera_pose
-from vlafuzz.robots import PANDA
+from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
+from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.base import ActionChunk, CameraRequest, EpisodeStart, Observation
-from vlafuzz.subjects.expert import Expert
-from vlafuzz.subjects.mini.subject import Mini
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 

@@ -26,10 +26,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 from torch.nn import functional
 
-from vlafuzz.subjects.mini import words
-from vlafuzz.subjects.mini.actions import BINS, HORIZON, LONG, decode, proprioception, to_bins
-from vlafuzz.subjects.mini.model import WATCHED, Network
-from vlafuzz.subjects.mini.subject import CARD, WEIGHTS
+from vlafuzz.policies.mini import words
+from vlafuzz.policies.mini.actions import BINS, HORIZON, LONG, decode, proprioception, to_bins
+from vlafuzz.policies.mini.model import WATCHED, Network
+from vlafuzz.policies.mini.policy import CARD, WEIGHTS
 
 HELD_OUT = 50  # one episode in so many is for validation
 SOFT = 1.0  # bins, standard deviation of a label
@@ -248,7 +248,7 @@ def write(network: Network, data: Data, curve: list[dict[str, float]], options: 
     card = {
         "name": "mini",
         "version": VERSION,
-        "note": "A demonstration subject, trained by us in this simulator with little randomisation. "
+        "note": "A demonstration policy, trained by us in this simulator with little randomisation. "
         "It is not evidence about OpenVLA, pi0 or any other model.",
         "weights": content,
         "parameters": sum(value.numel() for value in half.values()),

@@ -43,8 +43,8 @@ def env():
 def expert_on():
     """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
     from tests.sim.scenes import CATALOGUE
+    from vlafuzz.policies.expert import Expert
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.subjects.expert import Expert
 
     made = {}
 

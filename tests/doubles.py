@@ -1,4 +1,4 @@
-"""Test doubles: a space of three genes, an evaluator in closed form, a subject that does nothing."""
+"""Test doubles: a space of three genes, an evaluator in closed form, a policy that does nothing."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from vlafuzz.corpus.records import Manifest, Trial
 from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.random import Random
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
+from vlafuzz.store.records import Manifest, Trial
 
 STAGES = ("grasp", "lift", "success")
 LEVELS = 9  # of each gene
@@ -65,7 +65,7 @@ def failed(progress: float = 0.25, repeats: int = 1) -> Outcome:
 
 
 class ClosedForm:
-    """In the dark (light below 1/2) the subject fails, and a target with x above 0.05 m is out of reach."""
+    """In the dark (light below 1/2) the policy fails, and a target with x above 0.05 m is out of reach."""
 
     def __init__(self, repeats: int = 1) -> None:
         self.repeats = repeats
@@ -122,7 +122,7 @@ class Gone(ClosedForm):
         answers = asked <= self._after or (self._every and asked % self._every == 0)
         if answers or outcome.verdict is Verdict.INVALID:
             return outcome
-        return Outcome.error("subject: connect: refused", unanswered=True)
+        return Outcome.error("policy: connect: refused", unanswered=True)
 
 
 class Backwards:
@@ -155,9 +155,9 @@ class Scripted:
 
 
 class Idle:
-    """A subject that is never asked."""
+    """A policy that is never asked."""
 
-    spec = SubjectSpec("idle")
+    spec = PolicySpec("idle")
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         pass
@@ -175,7 +175,7 @@ def make_idle(*_: object, **__: object) -> Idle:
 
 NOMINAL = Manifest(
     task="pick-up",
-    subject="idle",
+    policy="idle",
     spec="{}",
     strategy="random",
     budget=20,

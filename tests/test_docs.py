@@ -12,18 +12,18 @@ import pytest
 from tests.doubles import ClosedForm
 from tests.search import climb
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz import launch
+from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
+from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
-from vlafuzz.scene import write_scenes
+from vlafuzz.policies.registry import known_policies
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.space import load_operators
-from vlafuzz.subjects.registry import known_subjects
 from vlafuzz.tasks.tabletop import TASKS
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 EXAMPLES = dict(re.findall(r"^### ([^\n]+)\n[^#]*?```python\n(.*?)```", README, re.DOTALL | re.MULTILINE))
-OWN_SUBJECT, OWN_STRATEGY = EXAMPLES["Your own subject"], EXAMPLES["Your own strategy"]
+OWN_POLICY, OWN_STRATEGY = EXAMPLES["Your own policy"], EXAMPLES["Your own strategy"]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -41,8 +41,8 @@ def test_readme_names_every_task(name):
     assert f"`{name}`" in README
 
 
-@pytest.mark.parametrize(("kind", "names"), [("subject", known_subjects()), ("strategy", STRATEGIES)])
-def test_readme_has_a_row_for_every_subject_and_strategy_and_for_your_own(kind, names):
+@pytest.mark.parametrize(("kind", "names"), [("policy", known_policies()), ("strategy", STRATEGIES)])
+def test_readme_has_a_row_for_every_policy_and_strategy_and_for_your_own(kind, names):
     table = README.partition(f"| {kind} | is |\n")[2].partition("\n\n")[0]
     first = " ".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE))
     assert {*names, "python:pkg.mod:factory"} <= set(re.findall(r"`(.*?)`", first))
@@ -57,17 +57,17 @@ def save(tmp_path, monkeypatch):
     sys.modules.pop("mine", None)
 
 
-def test_the_example_of_an_own_subject_runs_and_is_about_twenty_lines(save):
+def test_the_example_of_an_own_policy_runs_and_is_about_twenty_lines(save):
+    from vlafuzz.policies.registry import make_policy
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.subjects.registry import make_subject
 
-    save(OWN_SUBJECT)
-    evaluator = ManiSkillEvaluator("pick-up", make_subject("python:mine:make"), CATALOGUE, min_distance=0.15)
+    save(OWN_POLICY)
+    evaluator = ManiSkillEvaluator("pick-up", make_policy("python:mine:make"), CATALOGUE, min_distance=0.15)
     outcome = evaluator.evaluate([nominal("pick-up")])[0]
     evaluator.close()
     assert outcome.verdict is Verdict.FAILED
     assert outcome.lost_stage == "grasp"
-    assert len([line for line in OWN_SUBJECT.splitlines() if line.strip()]) <= 22
+    assert len([line for line in OWN_POLICY.splitlines() if line.strip()]) <= 22
 
 
 def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeypatch, capsys):

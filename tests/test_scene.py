@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vlafuzz.errors import SceneError
-from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene, load_scenes, read_scenes, write_scenes
+from vlafuzz.formats.scene_lines import load_scenes, read_scenes, write_scenes
+from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 PLACEMENTS = st.builds(

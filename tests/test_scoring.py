@@ -5,8 +5,9 @@ import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.rig import Workspace
-from vlafuzz.scoring import cell, score, wilson
+from vlafuzz.rigs.rig import Workspace
+from vlafuzz.scoring import cell, score
+from vlafuzz.statistics import wilson
 
 SPACE = TinySpace()
 TABLE = Workspace(x=(-0.2, 0.2), y=(-0.4, 0.4))
@@ -22,7 +23,7 @@ def test_a_pass_is_no_failure():
 
 
 @pytest.mark.parametrize("outcome", [Outcome.invalid("solved", "already solved"), Outcome.error("timeout")])
-def test_progress_is_unknown_where_the_subject_was_not_judged(outcome: Outcome):
+def test_progress_is_unknown_where_the_policy_was_not_judged(outcome: Outcome):
     got = score(scene(), outcome, SPACE)
     assert (got.progress, got.rolled_out) == (None, False)
 

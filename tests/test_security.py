@@ -14,19 +14,21 @@ import numpy as np
 import pytest
 
 import vlafuzz
+from tests.clients import groot_server, served, test_openpi
+from tests.clients import test_openvla as test_act
 from tests.packs import box, write_pack
 from tests.sim.scenes import nominal
-from tests.subjects import groot_server, served, test_act, test_openpi
+from vlafuzz.campaign.config import default_store
 from vlafuzz.cli import main
-from vlafuzz.config import default_store
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.errors import CatalogueError, CorpusError, SubjectError, UsageError
+from vlafuzz.clients import groot_wire, openpi_wire, vla_eval_wire
+from vlafuzz.clients import openvla_wire as act_wire
+from vlafuzz.clients.profiles import load_profile, options_of
+from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.objects import open_packs
 from vlafuzz.objects.schema import read_file
+from vlafuzz.policies.registry import make_policy
+from vlafuzz.regression.folder import read_corpus
 from vlafuzz.shipped import corpus_dir
-from vlafuzz.subjects import act_wire, groot_wire, openpi_wire, vla_eval_wire
-from vlafuzz.subjects.profiles import load_profile, options_of
-from vlafuzz.subjects.registry import make_subject
 
 ROOT = Path(vlafuzz.__file__).parent
 FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]
@@ -164,20 +166,20 @@ SERVERS = {
 @pytest.mark.parametrize("protocol", SERVERS)
 def test_no_path_comes_from_a_reply(protocol: str, opened):
     with SERVERS[protocol]() as made:
-        subject = make_subject(f"{made if isinstance(made, str) else made[0]}?camera=0")
-        subject.reset([served.start("one")])
-        subject.act([served.seen("one")])
-        subject.close()
+        policy = make_policy(f"{made if isinstance(made, str) else made[0]}?camera=0")
+        policy.reset([served.start("one")])
+        policy.act([served.seen("one")])
+        policy.close()
     assert not [path for path in opened if "outside" in path]
 
 
 @pytest.mark.parametrize("protocol", ["http"])
 def test_a_server_sends_nobody_elsewhere(protocol: str):
     with test_act.scripted((302, "")) as (name, *_):
-        subject = make_subject(f"{name}?camera=0")
-        subject.reset([served.start("one")])
-        with pytest.raises(SubjectError, match="HTTP 302"):
-            subject.act([served.seen("one")])
+        policy = make_policy(f"{name}?camera=0")
+        policy.reset([served.start("one")])
+        with pytest.raises(PolicyError, match="HTTP 302"):
+            policy.act([served.seen("one")])
 
 
 SCENE = json.loads(nominal().to_json())
@@ -223,7 +225,7 @@ def test_a_corpus_names_no_file(key, tmp_path, opened):
     (folder / "manifest.json").write_text(json.dumps(manifest))
     opened.clear()
     with pytest.raises(CorpusError, match="no scene with digest"):
-        read_bundle(folder)
+        read_corpus(folder)
     assert all(Path(path).resolve().is_relative_to(folder) for path in opened)
 
 
@@ -232,7 +234,7 @@ class TestProfiles:
     def test_one_of_ours_is_named_by_its_name_alone(self, name, opened):
         with pytest.raises(UsageError, match="unknown profile"):
             options_of(name, "openpi")
-        assert {Path(path).resolve().parent.name for path in opened} <= {"profiles", "subjects"}
+        assert {Path(path).resolve().parent.name for path in opened} <= {"profiles", "clients"}
 
     @pytest.mark.parametrize(
         ("options", "says"),
@@ -248,7 +250,7 @@ class TestProfiles:
             json.dumps({"about": "", "source": "", "options": options, "protocols": {"openpi": {}}})
         )
         with pytest.raises(UsageError, match=says):
-            make_subject(f"openpi:ws://127.0.0.1:9?profile={path}")
+            make_policy(f"openpi:ws://127.0.0.1:9?profile={path}")
         assert not [path for path in opened if "outside" in path]
 
 
@@ -262,7 +264,7 @@ def test_yaml_makes_no_objects(read: Callable, tmp_path, opened):
 
 
 @pytest.mark.parametrize("name", ["lerobot:../../x", "python:a.b:c", "http://gpu:1/../../x?a=..", ".."])
-def test_a_store_that_is_named_after_its_subject_stays_in_its_folder(name):
+def test_a_store_that_is_named_after_its_policy_stays_in_its_folder(name):
     store = default_store("pick-up", name, "../random", 0)
     assert store.parent == Path("runs")
     assert Path(store.name).name == store.name

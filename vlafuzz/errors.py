@@ -6,7 +6,7 @@ VlafuzzError
 │   ├── SceneError       a scene or a file of scenes
 │   └── CorpusError      a store
 ├── PrerequisiteError    something must be installed or started first            (exit code 3)
-├── SubjectError         the policy under test broke: an ERROR outcome, never a failed scene
+├── PolicyError         the policy under test broke: an ERROR outcome, never a failed scene
 └── SimulatorError       the simulator broke: an ERROR outcome, never a failed scene
 
 What a scene does is never an exception: it is an outcome.
@@ -60,7 +60,7 @@ class PrerequisiteError(VlafuzzError):
     exit_code = 3
 
 
-class SubjectError(VlafuzzError):
+class PolicyError(VlafuzzError):
     """The policy under test broke, by ``cause``: this says nothing about the scene."""
 
     def __init__(self, message: str, hint: str | None = None, cause: Cause = "remote") -> None:
@@ -72,7 +72,7 @@ class SubjectError(VlafuzzError):
 
 
 class SimulatorError(VlafuzzError):
-    """The simulator broke: this says nothing about the subject."""
+    """The simulator broke: this says nothing about the policy."""
 
 
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:

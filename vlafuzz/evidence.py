@@ -15,7 +15,7 @@ Actions = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Threshold:
-    """From where on an operator makes the subject fail, all else as in the minimal scene.
+    """From where on an operator makes the policy fail, all else as in the minimal scene.
 
     Attributes:
         at: the values nearest to nominal that fail, each with where it stands in a scene; several moved
@@ -38,7 +38,7 @@ class Causes:
     """Of a failure, as its minimal scene shows them.
 
     Attributes:
-        necessary: without one of them the subject passes.
+        necessary: without one of them the policy passes.
         sufficient: put alone onto the nominal scene, they make it fail.
     """
 

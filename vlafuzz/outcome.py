@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 class Verdict(IntEnum):
     """How a scene ended, from the least to the most interesting."""
 
-    ERROR = 0  # subject or simulator broke; says nothing about the scene
-    INVALID = 1  # not a fair scene; says nothing about the subject
+    ERROR = 0  # policy or simulator broke; says nothing about the scene
+    INVALID = 1  # not a fair scene; says nothing about the policy
     PASSED = 2
     FAILED = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """One episode of a subject in a scene.
+    """One episode of a policy in a scene.
 
     Attributes:
         reached: stages in the order in which they were reached.
@@ -58,7 +58,7 @@ class Outcome:
         detail: why it is INVALID or ERROR, in a sentence; else empty.
         check: the validity check that rejected it (``semantic``, ``geometry``, ``settling``, ``solved``);
             else empty.
-        unanswered: an ERROR for which the subject was not there, or too late, whenever it was asked.
+        unanswered: an ERROR for which the policy was not there, or too late, whenever it was asked.
     """
 
     verdict: Verdict
@@ -76,7 +76,7 @@ class Outcome:
 
     @staticmethod
     def error(detail: str, *, unanswered: bool = False) -> Outcome:
-        """Subject or simulator broke."""
+        """Policy or simulator broke."""
         return Outcome(Verdict.ERROR, detail=detail, unanswered=unanswered)
 
     @staticmethod

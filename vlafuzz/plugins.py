@@ -1,4 +1,4 @@
-"""``python:pkg.mod:factory``: a user's own subject or strategy, wherever a name is expected."""
+"""``python:pkg.mod:factory``: a user's own policy or strategy, wherever a name is expected."""
 
 from __future__ import annotations
 

@@ -1,14 +1,12 @@
-"""Scene: everything that is shown to the subject, as a value. Files of scenes are JSON lines."""
+"""Scene: everything that is shown to the policy, as a value."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -78,7 +76,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that is shown to the subject. Equal scenes are equal, and have equal digests.
+    """Everything that is shown to the policy. Equal scenes are equal, and have equal digests.
 
     ``frame`` names the world that an imported scene's coordinates are of; none for that of its robot, the
     only one that can be run. ``then`` are instructions that take the first one's place, one after the other:
@@ -168,44 +166,6 @@ def _first_problem(error: ValidationError) -> str:
     return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shown}"
 
 
-def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
-    """Each scene of a JSON-lines file with its line number, from 1; a broken line yields its error.
-
-    Raises:
-        SceneError: the file cannot be read at all.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(
-            f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line"
-        ) from None
-    for number, line in enumerate(lines, start=1):
-        if not line.strip():
-            continue
-        try:
-            yield number, Scene.from_json(line)
-        except SceneError as error:
-            yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
-
-
-def load_scenes(path: Path | str) -> list[Scene]:
-    """All scenes of a JSON-lines file.
-
-    Raises:
-        SceneError: a line is broken, or there is no scene in it.
-    """
-    scenes: list[Scene] = []
-    for _, scene in read_scenes(Path(path)):
-        if isinstance(scene, SceneError):
-            raise scene
-        scenes.append(scene)
-    if not scenes:
-        raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-    return scenes
-
-
 def check_placement(name: str) -> str:
     """The same.
 
@@ -215,16 +175,3 @@ def check_placement(name: str) -> str:
     if name not in PLACEMENTS:
         raise UsageError(f"unknown placement {name!r}", hint=suggestion(name, PLACEMENTS))
     return name
-
-
-def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
-    """Write JSON lines, atomically.
-
-    Raises:
-        UsageError: the path is a folder.
-    """
-    if path.is_dir():
-        raise UsageError(f"{path}: is a folder", hint="name a file in it")
-    beside = path.with_name(path.name + ".tmp")
-    beside.write_text("".join(scene.to_json() + "\n" for scene in scenes), encoding="utf-8")
-    beside.replace(path)

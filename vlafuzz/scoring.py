@@ -1,18 +1,17 @@
-"""What an outcome is worth: the score that a strategy is told, the cell of a failure, and intervals."""
+"""What an outcome is worth: the score that a strategy is told, and the cell of a failure."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from statistics import NormalDist
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.rig import Workspace
-from vlafuzz.robots import rig
+from vlafuzz.rigs.rig import Workspace
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 
 FAR = 0.5  # severity above which an operator counts as one of a failure's
@@ -34,7 +33,7 @@ class Score:
     """What a strategy is told of a proposal.
 
     Attributes:
-        progress: of the worst rollout, in [0, 1]; None where the subject was not judged (INVALID, ERROR).
+        progress: of the worst rollout, in [0, 1]; None where the policy was not judged (INVALID, ERROR).
         severity: the scene's distance from nominal.
         slack: of a pass, how soon its slowest rollout succeeded, in (0, 1]; 0 of everything else.
         cell: where a failure lies, see ``cell``; None for everything else.
@@ -48,19 +47,19 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """Whether the subject failed in a fair scene."""
+        """Whether the policy failed in a fair scene."""
         return self.verdict is Verdict.FAILED
 
     @property
     def rolled_out(self) -> bool:
-        """Whether the verdict says something about the subject."""
+        """Whether the verdict says something about the policy."""
         return self.verdict >= Verdict.PASSED
 
     @property
     def ease(self) -> float:
-        """How far the scene is from making the subject fail early, in [0, 2]; infinite when not judged.
+        """How far the scene is from making the policy fail early, in [0, 2]; infinite when not judged.
 
-        Failures come before passes, by how far they came; passes by how late they succeeded: a subject that
+        Failures come before passes, by how far they came; passes by how late they succeeded: a policy that
         only just succeeds is taken to be near to failing.
         """
         return math.inf if self.progress is None else self.progress + self.slack
@@ -113,20 +112,3 @@ def _bin(value: float, bounds: tuple[float, float]) -> int:
     low, high = bounds
     share = (value - low) / (high - low)
     return int(min(max(share * _GRID, 0), _GRID - 1))
-
-
-class Interval(NamedTuple):
-    """Both ends included."""
-
-    low: float
-    high: float
-
-
-def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a share, ``k`` of ``n``; all of [0, 1] when n is 0."""
-    if n == 0:
-        return Interval(0.0, 1.0)
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
-    centre = (k + z**2 / 2) / (n + z**2)
-    half = z * math.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
-    return Interval(0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vlafuzz.corpus.interchange import read_vlatest
 from vlafuzz.errors import SceneError
+from vlafuzz.formats.vlatest.read import read_vlatest
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from rich.progress import track
 
-from vlafuzz.compare.statistics import a12, holm, mann_whitney, ratio, ratio_interval
+from vlafuzz.statistics import a12, holm, mann_whitney, ratio, ratio_interval
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 RANDOM = "random"

@@ -15,17 +15,17 @@ from pathlib import Path
 from typing import Any
 
 from strategies.results import side_by_side
-from vlafuzz import config, launch
+from vlafuzz.campaign import config, launch
 from vlafuzz.compare.compare import Comparison, compare
 from vlafuzz.compare.failures import Found, found
 from vlafuzz.compare.plots import plot
 from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solvable
-from vlafuzz.corpus.ranges import stored_operators
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.desk import SimulatorDesk
+from vlafuzz.conditions.operators import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace
+from vlafuzz.store.store import Store
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Job:
     task: str
     strategy: str
     seed: int
-    subject: str
+    policy: str
     budget: int
     witnesses: int
     workers: int
@@ -59,7 +59,7 @@ class Job:
         """Run it, go on with it, or only count."""
         flags = {
             name: getattr(self, name)
-            for name in ("task", "strategy", "seed", "subject", "budget", "workers", "store")
+            for name in ("task", "strategy", "seed", "policy", "budget", "workers", "store")
         }
         if not self.store.exists():
             launch.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
@@ -68,23 +68,23 @@ class Job:
         return self._counted()
 
     def _finished(self) -> bool:
-        with Corpus.open(self.store) as corpus:
-            return all(run.status in ("finished", "stopped") for run in corpus.runs())
+        with Store.open(self.store) as store:
+            return all(run.status in ("finished", "stopped") for run in store.runs())
 
     def _counted(self) -> Ran:
-        with Corpus.open(self.store) as corpus:
-            (run,) = corpus.runs()
+        with Store.open(self.store) as store:
+            (run,) = store.runs()
             if run.manifest.budget != self.budget:
                 told = f"{self.store}: has a budget of {run.manifest.budget}, not {self.budget}"
                 raise UsageError(told, hint="give another --stores")
             operators = stored_operators(self.store, run.manifest)
-            counted = found(corpus, run, SearchSpace(operators, load_catalogue(), self.task).meaningful)
+            counted = found(store, run, SearchSpace(operators, load_catalogue(), self.task).embed)
         sampled = sample([counted], self.witnesses)
         scenes = [each.scene for each in sampled]
         witnesses = Witnesses(self.store.with_suffix(".witnesses.jsonl"), run.manifest)
         if witnesses.missing(scenes):
-            with closing(SimulatorDesk(self.store, run.manifest)) as desk:
-                witnesses.find(scenes, desk, lambda done, of: None)
+            with closing(SimulatorSceneRunner(self.store, run.manifest)) as runner:
+                witnesses.find(scenes, runner, lambda done, of: None)
         return Ran(counted, tuple(sampled), dict(witnesses.solved))
 
 
@@ -93,7 +93,7 @@ def simulate(
     strategies: Sequence[str],
     seeds: Sequence[int],
     *,
-    subject: str,
+    policy: str,
     budget: int,
     witnesses: int,
     workers: int,
@@ -106,7 +106,7 @@ def simulate(
     """
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
-        Job(task, name, seed, subject, budget, witnesses, each, folder / f"{task}-{subject}-{name}-{seed}.db")
+        Job(task, name, seed, policy, budget, witnesses, each, folder / f"{task}-{policy}-{name}-{seed}.db")
         for seed in seeds
         for task in tasks
         for name in strategies

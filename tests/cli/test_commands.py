@@ -8,12 +8,12 @@ import sys
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.subjects import registry
+from vlafuzz.policies import registry
 
-IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
 
 
-@pytest.mark.parametrize("flags", [("--subject", ""), ("--store=",), ("--scenes", "")])
+@pytest.mark.parametrize("flags", [("--policy", ""), ("--store=",), ("--scenes", "")])
 def test_an_unset_variable_is_no_default(flags: tuple[str, ...], capsys: pytest.CaptureFixture[str]):
     assert main(["run", *flags]) == 2
     flag = flags[0].rstrip("=")
@@ -23,8 +23,8 @@ def test_an_unset_variable_is_no_default(flags: tuple[str, ...], capsys: pytest.
 def test_a_bug_is_a_traceback_with_a_code_of_its_own(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(registry, "SUBJECTS", None)
-    assert main(["subjects"]) == 70
+    monkeypatch.setattr(registry, "POLICIES", None)
+    assert main(["policies"]) == 70
     assert "TypeError" in capsys.readouterr().err
 
 
@@ -54,7 +54,7 @@ def test_help_lists_all_commands_without_importing_them():
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert child.stdout.endswith("[]\n")
-    for name in ("run", "replay", "lint", "import", "export", "operators", "objects", "subjects", "doctor"):
+    for name in ("run", "replay", "lint", "import", "export", "operators", "objects", "policies", "doctor"):
         assert re.search(rf"^│ {name} ", child.stdout, re.MULTILINE)
 
 

@@ -9,24 +9,27 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Gone, Raising
-from tests.triage.desks import PlantedDesk
-from vlafuzz import desk, launch
+from tests.triage.runners import PlantedRunner
+from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
 
-IDLE = ("--subject", "python:tests.doubles:make_idle")
+IDLE = ("--policy", "python:tests.doubles:make_idle")
 SMALL = (*IDLE, "--strategies", "random,feedback", "--budget", "12", "--repeats", "2", "--seed", "3")
 HERE = ("--store", "a.db", "--out", "out")
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """In the dark the subject fails; the expert solves what is left of the table's middle."""
+    """In the dark the policy fails; the expert solves what is left of the table's middle."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     monkeypatch.setattr(
-        desk, "SimulatorDesk", lambda *_, **__: PlantedDesk([], solvable=lambda scene: scene.targets[0].y > 0)
+        runner,
+        "SimulatorSceneRunner",
+        lambda *_, **__: PlantedRunner([], solvable=lambda scene: scene.targets[0].y > 0),
     )
     return tmp_path
 
@@ -36,8 +39,8 @@ def compare(*flags: str, code: int = 0) -> None:
 
 
 def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
-    with Corpus.open(Path(store)) as corpus:
-        return [(run.manifest.strategy, run.manifest.seed, run.status) for run in corpus.runs()]
+    with Store.open(Path(store)) as opened:
+        return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
 
 
 def complaint(capsys: pytest.CaptureFixture[str], *flags: str) -> str:
@@ -139,25 +142,25 @@ def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], mon
     compare("--json")
     first = capsys.readouterr().out
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
-    monkeypatch.setattr(desk, "SimulatorDesk", None)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--json")
     assert capsys.readouterr().out == first
 
 
-def in_the_dark(*_: object, **__: object) -> PlantedDesk:
-    """The subject that the runs had, with an expert that solves all scenes."""
-    return PlantedDesk([lambda scene: scene.light.intensity < 0.5])
+def in_the_dark(*_: object, **__: object) -> PlantedRunner:
+    """The policy that the runs had, with an expert that solves all scenes."""
+    return PlantedRunner([lambda scene: scene.light.intensity < 0.5])
 
 
 def test_a_sample_is_triaged_when_asked_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(desk, "SimulatorDesk", in_the_dark)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", in_the_dark)
     compare("--triage-sample", "2")
     shown = capsys.readouterr().out
     assert "2 of 2 (34%–100%)" in shown
     assert "1 of 2 triaged" in shown
-    monkeypatch.setattr(desk, "SimulatorDesk", None)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--triage-sample", "2", "--json")
     found = json.loads(capsys.readouterr().out)["standings"][1]["evidence"]
     assert (found["triaged"], found["confirmed"], found["minimal"], found["signatures"]) == (2, 2, 2, 1)
@@ -169,24 +172,24 @@ def test_a_sample_is_triaged_when_asked_for(
 
 
 def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.MonkeyPatch):
-    made: list[PlantedDesk] = []
+    made: list[PlantedRunner] = []
 
-    def make(*_: object, **__: object) -> PlantedDesk:
+    def make(*_: object, **__: object) -> PlantedRunner:
         made.append(in_the_dark())
         return made[-1]
 
-    monkeypatch.setattr(desk, "SimulatorDesk", make)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
     compare("--triage-sample", "1")
-    with Corpus.open(Path("a.db")) as corpus:
-        first = len(corpus.triaged())
+    with Store.open(Path("a.db")) as store:
+        first = len(store.triaged())
     compare("--triage-sample", "3")
-    with Corpus.open(Path("a.db")) as corpus:
-        assert len(corpus.triaged()) > first > 0
-        assert len(corpus.triaged()) == sum(each.renewed for each in made)  # none of them twice
+    with Store.open(Path("a.db")) as store:
+        assert len(store.triaged()) > first > 0
+        assert len(store.triaged()) == sum(each.renewed for each in made)  # none of them twice
 
 
-class Breaking(PlantedDesk):
-    """The subject broke."""
+class Breaking(PlantedRunner):
+    """The policy broke."""
 
     def evaluate(self, scenes, number):  # type: ignore[no-untyped-def]
         return [Outcome.error("refused") for _ in scenes]
@@ -195,10 +198,10 @@ class Breaking(PlantedDesk):
 def test_failures_that_cannot_be_judged_are_told_and_not_counted(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda *_, **__: Breaking([]))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
     compare("--strategies", "random", "--triage-sample", "2", "--json")
     printed = capsys.readouterr()
-    assert "2 of the sampled failures could not be judged: the subject broke" in printed.err
+    assert "2 of the sampled failures could not be judged: the policy broke" in printed.err
     assert json.loads(printed.out)["standings"][0]["evidence"] is None
 
 
@@ -293,7 +296,7 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
         (("--seed", "-1"), "--seed: expected at least 0, got -1"),
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
         (("--task", "pick_up"), "unknown task 'pick_up'"),
-        (("--subject", "pinhol"), "unknown subject 'pinhol'"),
+        (("--policy", "pinhol"), "unknown policy 'pinhol'"),
         (("--executor", "cloud"), "unknown executor 'cloud'"),
         (("--address", "auto"), "the executor local has no address"),
         (("--json", "--csv"), "--json, --csv and --markdown exclude each other"),
@@ -306,7 +309,7 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
     assert list(folder.iterdir()) == []
 
 
-def test_a_subject_that_is_gone_ends_it_and_the_same_command_goes_on(
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
@@ -324,6 +327,6 @@ def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
     assert (folder / "mine-compare" / "compare.json").is_file()
 
 
-def test_a_subject_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_a_policy_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert "no scene could be judged: ConnectionError: refused" in complaint(capsys)

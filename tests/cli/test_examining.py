@@ -1,4 +1,4 @@
-"""``vlafuzz doctor --subject``, and what ``vlafuzz run`` looks at first."""
+"""``vlafuzz doctor --policy``, and what ``vlafuzz run`` looks at first."""
 
 import json
 import socket
@@ -8,24 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.checkup.faults import FAULTS, Changed
+from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.policies.base import Policy
 from vlafuzz.report.store import view_of_store
-from vlafuzz.subjects.base import Subject
+from vlafuzz.store.store import Store
 
 HERE = "python:tests.cli.test_examining"
 
 
-def deaf() -> Subject:
+def deaf() -> Policy:
     return FAULTS["deaf"]("pinhole")
 
 
-def constant() -> Subject:
+def constant() -> Policy:
     return FAULTS["constant"]("pinhole")
 
 
-def interrupted() -> Subject:
+def interrupted() -> Policy:
     """Ctrl-C comes at its 31st answer, when it is asked again."""
     answers = count()
 
@@ -37,7 +37,7 @@ def interrupted() -> Subject:
     return Changed("pinhole", answer=answer)
 
 
-def broken() -> Subject:
+def broken() -> Policy:
     raise FileNotFoundError("weights.pt")
 
 
@@ -45,8 +45,8 @@ def rows(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, str]]:
     return {row["check"]: row for row in json.loads(capsys.readouterr().out)}
 
 
-def test_the_doctor_finds_nothing_wrong_with_a_healthy_subject(capsys: pytest.CaptureFixture[str]):
-    assert main(["doctor", "--subject", "pinhole", "--n", "1", "--json"]) == 0
+def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys: pytest.CaptureFixture[str]):
+    assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
     found = rows(capsys)
     assert {row["verdict"] for row in found.values()} == {"ok"}
     assert list(found)[-2:] == ["nominal", "wiring"]
@@ -56,14 +56,14 @@ def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         port = listening.getsockname()[1]
-    assert main(["doctor", "--subject", f"vla-eval:ws://127.0.0.1:{port}", "--json"]) == 3
+    assert main(["doctor", "--policy", f"vla-eval:ws://127.0.0.1:{port}", "--json"]) == 3
     (row,) = rows(capsys).values()
     assert (row["check"], row["verdict"]) == ("connects", "refuse")
     assert row["follows"].startswith("start it first")
 
 
 def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: pytest.CaptureFixture[str]):
-    assert main(["doctor", "--subject", f"{HERE}:broken", "--json"]) == 3
+    assert main(["doctor", "--policy", f"{HERE}:broken", "--json"]) == 3
     found = rows(capsys)["connects"]
     assert found["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
     assert found["follows"].startswith(f"raised at {__file__}:")
@@ -87,22 +87,22 @@ def test_code_whose_import_raises_is_refused_in_a_sentence(
 
 
 def test_a_protocol_without_an_address_is_refused_with_its_form(capsys: pytest.CaptureFixture[str]):
-    assert main(["doctor", "--subject", "openpi"]) == 2
+    assert main(["doctor", "--policy", "openpi"]) == 2
     assert "hint: expected openpi:ws://host:port?option=value" in capsys.readouterr().err
 
 
 def test_ctrl_c_leaves_what_was_found_by_then(capsys: pytest.CaptureFixture[str]):
-    assert main(["doctor", "--subject", f"{HERE}:interrupted", "--json"]) == 130
+    assert main(["doctor", "--policy", f"{HERE}:interrupted", "--json"]) == 130
     assert list(rows(capsys)) == ["spec", "connects", "actions"]
 
 
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--task", "put-on"], "nothing but --json goes without --subject"),
-        (["--subject", "pinhol"], "unknown subject 'pinhol'"),
-        (["--subject", "pinhole", "--n", "0"], "--n: expected at least 1, got 0"),
-        (["--subject", "pinhole", "--task", "put_on"], "unknown task 'put_on'"),
+        (["--task", "put-on"], "nothing but --json goes without --policy"),
+        (["--policy", "pinhol"], "unknown policy 'pinhol'"),
+        (["--policy", "pinhole", "--n", "0"], "--n: expected at least 1, got 0"),
+        (["--policy", "pinhole", "--task", "put_on"], "unknown task 'put_on'"),
     ],
 )
 def test_a_wrong_flag_of_the_doctor_is_a_sentence(
@@ -114,10 +114,10 @@ def test_a_wrong_flag_of_the_doctor_is_a_sentence(
 
 def run(folder: Path, name: str, *flags: str) -> int:
     store = ("--store", str(folder / "a.db"))
-    return main(["run", "--subject", name, "--strategy", "random", "--budget", "1", *store, "--json", *flags])
+    return main(["run", "--policy", name, "--strategy", "random", "--budget", "1", *store, "--json", *flags])
 
 
-def test_a_run_of_a_subject_that_cannot_be_tested_does_not_begin(
+def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run(tmp_path, f"{HERE}:constant") == 3
@@ -133,7 +133,7 @@ def test_a_run_that_was_not_to_look_says_so(tmp_path: Path, capsys: pytest.Captu
     assert json.loads(capsys.readouterr().out)["checkup"] == "unchecked"
 
 
-def test_a_run_is_labelled_with_what_is_wrong_with_its_subject(
+def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run(tmp_path, f"{HERE}:deaf") == 0
@@ -141,11 +141,11 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_subject(
     label = json.loads(shown.out)["checkup"]
     assert label.startswith("deaf: it does the same whatever it is told")
     assert label in shown.err
-    with Corpus.open(tmp_path / "a.db") as corpus:
-        assert corpus.runs()[0].manifest.checkup == label
-        assert ("Its checkup", label) in view_of_store(corpus).facts
+    with Store.open(tmp_path / "a.db") as store:
+        assert store.runs()[0].manifest.checkup == label
+        assert ("Its checkup", label) in view_of_store(store).facts
 
 
-def test_subjects_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run(tmp_path, "frozen") == 0
     assert json.loads(capsys.readouterr().out)["checkup"] == ""

@@ -5,28 +5,28 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest
-from tests.test_export import CheckingDesk
+from tests.regression.test_export import CheckingDesk
 from tests.triage.planted import CONDITIONS, Planted
-from vlafuzz import desk
 from vlafuzz.cli import main
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.corpus.records import Trial
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.formats.scene_lines import load_scenes
 from vlafuzz.integrations.demonstrations import Demonstrations
-from vlafuzz.scene import load_scenes
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
 
 TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three triaged findings of a subject that fails where the camera is tilted; there is no simulator."""
+    """Three triaged findings of a policy that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: CheckingDesk([TILTED]))
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run = corpus.begin(manifest())
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingDesk([TILTED]))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        run = opened.begin(manifest())
         for seed in range(3):
-            corpus.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+            opened.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
     assert main(["triage", "a.db"]) == 0
     return tmp_path / "a.db"
 
@@ -34,7 +34,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.CaptureFixture[str]):
     assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
     said = capsys.readouterr().err
-    made = read_bundle(Path("tilted"))
+    made = read_corpus(Path("tilted"))
     assert made.name == "tilted"
     assert f"{len(made.cases)} minimal failures (1 signatures) written to tilted" in said
     assert load_scenes(Path("tilted/scenes.jsonl")) == [case.scene for case in made.cases]
@@ -45,14 +45,14 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.Capture
 
 
 def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    with Corpus.open(Path("a.db")) as corpus:
-        kept = corpus.triaged()[0].shrunk
+    with Store.open(Path("a.db")) as opened:
+        kept = opened.triaged()[0].shrunk
     monkeypatch.setattr(
-        desk, "SimulatorDesk", lambda store, run, **_: CheckingDesk([lambda scene: scene == kept])
+        runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingDesk([lambda scene: scene == kept])
     )
     assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
     assert "left out: " in capsys.readouterr().err
-    assert len(read_bundle(Path("tilted")).cases) == 1
+    assert len(read_corpus(Path("tilted")).cases) == 1
 
 
 @pytest.mark.parametrize(
@@ -98,8 +98,8 @@ def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
 
 
 def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_findings(store: Path):
-    with Corpus.open(store) as corpus:
-        left = {each.shrunk: each.witness for each in corpus.triaged()}
+    with Store.open(store) as opened:
+        left = {each.shrunk: each.witness for each in opened.triaged()}
     found = Demonstrations(store, run=1)
     assert [proof.scene for proof in found.proofs] == list(left)
     for proof in found.proofs:
@@ -109,8 +109,8 @@ def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_find
 
 def test_a_store_without_witnesses_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("pyarrow")
-    with Corpus.open(Path("b.db"), "write") as corpus:
-        corpus.add(corpus.begin(manifest()), Trial(0, Planted([TILTED]).finding(0), failed(), 1.0))
+    with Store.open(Path("b.db"), "write") as store:
+        store.add(store.begin(manifest()), Trial(0, Planted([TILTED]).finding(0), failed(), 1.0))
     assert main(["export", "b.db", "--format", "lerobot", "--out", "shown"]) == 2
     assert "no failure in it has a witness" in capsys.readouterr().err
     assert not Path("shown").exists()

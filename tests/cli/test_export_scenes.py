@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm
-from vlafuzz import launch
+from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.scene import load_scenes
+from vlafuzz.formats.scene_lines import load_scenes
 
-IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator: in the dark, subjects fail."""
+    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path

@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.scene import Placement, Scene, write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.scene import Placement, Scene
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
 CROWDED = Scene("pick-up", FAIR.targets, "pick up apple", (Placement("orange", "resting", 0.1, 0.0),))

@@ -51,6 +51,6 @@ def test_json_and_csv_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> 
     assert "exclude each other" in capsys.readouterr().err
 
 
-def test_subjects_are_listed(capsys: pytest.CaptureFixture[str]):
-    assert main(["subjects", "--json"]) == 0
-    assert "pinhole" in [row["subject"] for row in json.loads(capsys.readouterr().out)]
+def test_policies_are_listed(capsys: pytest.CaptureFixture[str]):
+    assert main(["policies", "--json"]) == 0
+    assert "pinhole" in [row["policy"] for row in json.loads(capsys.readouterr().out)]

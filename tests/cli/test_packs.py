@@ -9,8 +9,9 @@ import pytest
 
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import Placement, Scene, write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.store.store import Store
 
 
 @pytest.fixture
@@ -48,9 +49,9 @@ def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):
     assert main(["lint", str(file), "--pack", str(folder)]) == 0
 
 
-def run(folder: Path, subject: str = "expert", *more: str) -> Path:
+def run(folder: Path, policy: str = "expert", *more: str) -> Path:
     store = folder.parent / "a.db"
-    given = ["--pack", str(folder), "--subject", subject, "--strategy", "random", "--budget", "4"]
+    given = ["--pack", str(folder), "--policy", policy, "--strategy", "random", "--budget", "4"]
     assert main(["run", *given, "--stop-early", "--store", str(store), "--json", *more]) == 0
     return store
 
@@ -92,5 +93,5 @@ def test_a_run_that_ended_early_goes_on_with_its_pack(folder, capsys):
     capsys.readouterr()
     assert main(["run", "--resume", "--store", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rollouts"] == 6
-    with Corpus.open(store) as corpus:
-        assert {trial.scene.targets[0].object.partition(":")[0] for trial in corpus.trials(1)} == {"mine"}
+    with Store.open(store) as opened:
+        assert {trial.scene.targets[0].object.partition(":")[0] for trial in opened.trials(1)} == {"mine"}

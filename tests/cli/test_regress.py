@@ -6,48 +6,48 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
-from tests.corpus.bundles import bundle, case
-from tests.regress.sides import RuleDesk
-from vlafuzz import desk
+from tests.regression.corpora import case, make_corpus
+from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.corpus.folder import write_bundle
 from vlafuzz.outcome import Outcome
+from vlafuzz.regression.folder import write_corpus
+from vlafuzz.triage import scene_runner as runner
 
 RULES = {
     "idle": lambda shown: shown.light.intensity >= 0.5,  # as recorded
     "pinhole": lambda shown: shown.light.intensity >= 0.5 and shown.targets[0].x < -0.03,
     "expert": lambda shown: True,
 }
-MADE: list[RuleDesk] = []
+MADE: list[RuleRunner] = []
 
 
 @pytest.fixture(autouse=True)
 def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A corpus of a subject that fails in the dark; there is no simulator."""
+    """A corpus of a policy that fails in the dark; there is no simulator."""
     monkeypatch.chdir(tmp_path)
     MADE.clear()
 
-    def make(source, run, subject):
-        MADE.append(RuleDesk(RULES[subject], run))
+    def make(source, run, policy):
+        MADE.append(RuleRunner(RULES[policy], run))
         return MADE[-1]
 
-    monkeypatch.setattr(desk, "SimulatorDesk", make)
-    monkeypatch.setattr("vlafuzz.subjects.registry.SUBJECTS", dict.fromkeys(RULES))
-    write_bundle(bundle(*map(case, range(30))), tmp_path / "dark")
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
+    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(RULES))
+    write_corpus(make_corpus(*map(case, range(30))), tmp_path / "dark")
     return tmp_path / "dark"
 
 
 def regress(*arguments: str) -> int:
-    return main(["regress", "dark", "--subject", *arguments])
+    return main(["regress", "dark", "--policy", *arguments])
 
 
-def test_the_corpus_own_subject_is_not_worse(capsys: pytest.CaptureFixture[str]):
+def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 5)
     assert printed["groups"]["failing"]["standings"]["fails"] == 30
     assert printed["groups"]["counterpart"]["standings"]["passes"] == 29
-    assert printed["groups"]["nominal"]["subject"]["count"] == 1
+    assert printed["groups"]["nominal"]["policy"]["count"] == 1
     assert [made.closed for made in MADE] == [1]
 
 
@@ -61,7 +61,7 @@ def test_a_worse_one_is_exit_code_1_and_says_which_scenes(capsys: pytest.Capture
 
 def test_one_that_solves_the_failures_is_fine(capsys: pytest.CaptureFixture[str]):
     assert regress("expert") == 0
-    assert "solved: only the subject passes" in capsys.readouterr().out
+    assert "solved: only the policy passes" in capsys.readouterr().out
 
 
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):
@@ -72,17 +72,17 @@ def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pyte
     assert [made.closed for made in MADE] == [1, 1]
 
 
-def test_a_stochastic_subject_gets_the_corpus_own_as_its_baseline(
+def test_a_stochastic_policy_gets_the_corpus_own_as_its_baseline(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    def make(source, run, subject):
-        MADE.append(RuleDesk(RULES[subject], run, deterministic=False))
+    def make(source, run, policy):
+        MADE.append(RuleRunner(RULES[policy], run, deterministic=False))
         return MADE[-1]
 
-    monkeypatch.setattr(desk, "SimulatorDesk", make)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
     assert regress("idle", "--max-rollouts", "80") == 0
     captured = capsys.readouterr()
-    assert "note: a stochastic subject cannot be compared fairly with recorded outcomes" in captured.err
+    assert "note: a stochastic policy cannot be compared fairly with recorded outcomes" in captured.err
     assert "idle rolls out beside it" in captured.err
     assert "at most 160 rollouts" in captured.err
     assert len(MADE) == 2
@@ -91,11 +91,11 @@ def test_a_stochastic_subject_gets_the_corpus_own_as_its_baseline(
 def test_other_conditions_than_the_corpus_are_said(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    class Newer(RuleDesk):
+    class Newer(RuleRunner):
         changed = ("spec", "simulator", "commit")
         renderer = "another"
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda _, run, name: Newer(RULES[name], run))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Newer(RULES[name], run))
     regress("idle")
     assert "than the corpus: its spec, simulator, renderer differ" in capsys.readouterr().err
     regress("expert")
@@ -108,18 +108,18 @@ def test_junit_is_written(capsys: pytest.CaptureFixture[str]):
     assert "written: a.xml" in capsys.readouterr().err
 
 
-def test_a_subject_that_only_breaks_is_no_verdict_and_exit_code_3(
+def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    class Broken(RuleDesk):
+    class Broken(RuleRunner):
         def evaluate(self, scenes, number):
-            return [Outcome.error("subject: connect: no answer")] * len(scenes)
+            return [Outcome.error("policy: connect: no answer")] * len(scenes)
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda _, run, name: Broken(RULES[name], run))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))
     assert regress("idle", "--json") == 3
     captured = capsys.readouterr()
     assert (
-        "error: cannot tell: only 0 of 10 rollouts could be judged: subject: connect: no answer"
+        "error: cannot tell: only 0 of 10 rollouts could be judged: policy: connect: no answer"
         in captured.err
     )
     assert json.loads(captured.out)["stopped"] == "unjudged"
@@ -128,16 +128,16 @@ def test_a_subject_that_only_breaks_is_no_verdict_and_exit_code_3(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["none", "--subject", "idle"], "error: none/manifest.json: cannot be read"),
-        (["dark", "--subject", "idel"], "error: unknown subject 'idel'"),
-        (["dark", "--subject", "idle", "--baseline", "x"], "error: unknown subject 'x'"),
-        (["dark", "--subject", "idle", "--alpha", "5"], "error: --alpha: expected a probability above 0"),
+        (["none", "--policy", "idle"], "error: none/manifest.json: cannot be read"),
+        (["dark", "--policy", "idel"], "error: unknown policy 'idel'"),
+        (["dark", "--policy", "idle", "--baseline", "x"], "error: unknown policy 'x'"),
+        (["dark", "--policy", "idle", "--alpha", "5"], "error: --alpha: expected a probability above 0"),
         (
-            ["dark", "--subject", "idle", "--max-rollouts", "0"],
+            ["dark", "--policy", "idle", "--max-rollouts", "0"],
             "error: --max-rollouts: expected at least 1",
         ),
         (
-            ["dark", "--subject", "idle", "--junit", "no/a.xml"],
+            ["dark", "--policy", "idle", "--junit", "no/a.xml"],
             "error: --junit: no/a.xml: no place",
         ),
     ],

@@ -8,15 +8,16 @@ import pytest
 from tests.doubles import failed, manifest, passed
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.corpus.records import Triaged, Trial
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import Light, Placement, write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.scene import Light, Placement
+from vlafuzz.store.records import Triaged, Trial
+from vlafuzz.store.store import Store
 
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     path = tmp_path_factory.mktemp("replay") / "s.db"
-    assert main(["run", "--subject", "frozen", "--budget", "3", "--store", str(path), "--stop-early"]) == 0
+    assert main(["run", "--policy", "frozen", "--budget", "3", "--store", str(path), "--stop-early"]) == 0
     return path
 
 
@@ -27,8 +28,8 @@ def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
     assert report["same trajectory as stored"] is True
 
 
-def test_another_subject_is_another_trajectory(store, capsys):
-    assert main(["replay", str(store), "--subject", "expert", "--json"]) == 0
+def test_another_policy_is_another_trajectory(store, capsys):
+    assert main(["replay", str(store), "--policy", "expert", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["verdict"], report["same trajectory as stored"]) == ("passed", None)
 
@@ -36,7 +37,7 @@ def test_another_subject_is_another_trajectory(store, capsys):
 def test_a_trace_holds_progress_and_actions_of_each_step(tmp_path, capsys):
     scenes, trace = tmp_path / "s.jsonl", tmp_path / "t.json"
     write_scenes(scenes, [nominal("pick-up")])
-    assert main(["replay", str(scenes), "--subject", "expert", "--trace", str(trace)]) == 0
+    assert main(["replay", str(scenes), "--policy", "expert", "--trace", str(trace)]) == 0
     written = json.loads(trace.read_text())
     assert len(written["progress"]) == len(written["actions"]) > 10
     assert written["progress"][-1] == 1.0
@@ -48,7 +49,7 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
 
     scenes, seen = tmp_path / "s.jsonl", tmp_path / "seen.png"
     write_scenes(scenes, [nominal("pick-up")])
-    assert main(["replay", str(scenes), "--subject", "pinhole", "--seen", str(seen)]) == 0
+    assert main(["replay", str(scenes), "--policy", "pinhole", "--seen", str(seen)]) == 0
     colours = {tuple(pixel) for row in imageio.imread(seen) for pixel in row.tolist()}
     assert len(colours) == 3  # table, object, hand
 
@@ -56,14 +57,14 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
 def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkeypatch):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
     monkeypatch.setattr("vlafuzz.sim.maniskill.evaluator.ManiSkillEvaluator.evaluate", None)
-    arguments = [str(tmp_path / "s.jsonl"), "--subject", "expert", "--seen", str(tmp_path / "seen.png")]
+    arguments = [str(tmp_path / "s.jsonl"), "--policy", "expert", "--seen", str(tmp_path / "seen.png")]
     assert main(["replay", *arguments]) == 2
-    assert capsys.readouterr().err.startswith("error: subject 'expert' asks for no pictures")
+    assert capsys.readouterr().err.startswith("error: policy 'expert' asks for no pictures")
 
 
 def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
-    flags = ["--scenes", str(tmp_path / "s.jsonl"), "--subject", "expert", "--stop-early"]
+    flags = ["--scenes", str(tmp_path / "s.jsonl"), "--policy", "expert", "--stop-early"]
     assert main(["run", *flags, "--store", str(tmp_path / "s.db")]) == 0
     capsys.readouterr()
     assert main(["replay", str(tmp_path / "s.db"), nominal("pick-up").digest, "--json"]) == 0
@@ -73,20 +74,20 @@ def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
 
 def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsys):
     found, left = nominal("pick-up"), replace(nominal("pick-up"), light=Light(2.0))
-    about = manifest(subject="frozen", stop_early=True)
-    with Corpus.open(tmp_path / "s.db", "write") as corpus:
-        run = corpus.begin(about)
-        corpus.add(run, Trial(0, found, failed(), 1.0, cell="grasp|light|0,0"))
-        corpus.settle(Triaged(found, about.subject_key, "minimal", 1, 1, ("light",), shrunk=left))
+    about = manifest(policy="frozen", stop_early=True)
+    with Store.open(tmp_path / "s.db", "write") as store:
+        run = store.begin(about)
+        store.add(run, Trial(0, found, failed(), 1.0, cell="grasp|light|0,0"))
+        store.settle(Triaged(found, about.policy_key, "minimal", 1, 1, ("light",), shrunk=left))
     assert main(["replay", str(tmp_path / "s.db"), left.digest, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["subject"] == "frozen"
+    assert json.loads(capsys.readouterr().out)["policy"] == "frozen"
 
 
 def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
     unknown = replace(nominal("pick-up"), targets=(Placement("nope", "standing", 0.0, 0.0),))
     write_scenes(tmp_path / "s.jsonl", [unknown])
     trace = tmp_path / "t.json"
-    assert main(["replay", str(tmp_path / "s.jsonl"), "--subject", "frozen", "--trace", str(trace)]) == 2
+    assert main(["replay", str(tmp_path / "s.jsonl"), "--policy", "frozen", "--trace", str(trace)]) == 2
     said = capsys.readouterr()
     assert said.err.startswith(f"error: {unknown.digest[:12]} could not be run: ")
     assert "nope" in said.err
@@ -95,9 +96,9 @@ def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
 
 def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
     store = str(tmp_path / "s.db")
-    with Corpus.open(tmp_path / "s.db", "write") as corpus:
-        run = corpus.begin(manifest())
-        corpus.add(run, Trial(0, nominal("pick-up"), passed(), 1.0))
+    with Store.open(tmp_path / "s.db", "write") as opened:
+        run = opened.begin(manifest())
+        opened.add(run, Trial(0, nominal("pick-up"), passed(), 1.0))
     assert main(["replay", store]) == 2
     assert f"give the digest of one that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
 
@@ -122,7 +123,7 @@ def test_video_and_picture_show_the_rollout(store, tmp_path, capsys):
     [
         (["nowhere.db"], "nowhere.db: no such file"),
         (["{store}", "zzz"], "no scene 'zzz'"),
-        (["{store}", "--subject", "expart"], "unknown subject 'expart'"),
+        (["{store}", "--policy", "expart"], "unknown policy 'expart'"),
         (["{store}", "abc", "--first-failure"], "exclude each other"),
     ],
 )

@@ -2,13 +2,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.corpus.bundles import bundle
+from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
-from vlafuzz import desk, renderer
+from vlafuzz import renderer
 from vlafuzz.cli import main
-from vlafuzz.corpus.folder import write_bundle
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.regression.folder import write_corpus
 from vlafuzz.renderer import Renderer
+from vlafuzz.triage import scene_runner as runner
 
 
 class FilmDesk:
@@ -33,7 +34,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a triaged store, on a machine that renders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(FilmDesk, "made", [])
-    monkeypatch.setattr(desk, "SimulatorDesk", FilmDesk)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", FilmDesk)
     monkeypatch.setattr(renderer, "probe", lambda: Renderer("made up", None, None))
     store(tmp_path / "a.db", triaged=2)
     return tmp_path
@@ -68,19 +69,19 @@ def test_without_a_renderer_the_page_says_why_there_are_no_videos(
     assert videos(Path("page.html")) == 0
 
 
-def test_a_subject_that_cannot_be_had_costs_the_videos_only(monkeypatch, capsys):
+def test_a_policy_that_cannot_be_had_costs_the_videos_only(monkeypatch, capsys):
     def unreachable(*_):
         raise PrerequisiteError("ws://here: nothing answers")
 
-    monkeypatch.setattr(desk, "SimulatorDesk", unreachable)
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", unreachable)
     assert main(["report", "a.db", "--out", "page.html"]) == 0
     assert "No videos: ws://here: nothing answers." in Path("page.html").read_text()
 
 
 def test_an_exported_corpus_has_a_page_too(place: Path):
-    made = bundle()
+    made = make_corpus()
     made.runs[0] = MANIFEST
-    write_bundle(made, place / "dark")
+    write_corpus(made, place / "dark")
     assert main(["report", "dark", "--out", "page.html"]) == 0
     assert videos(Path("page.html")) == 2
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Raising, scene
-from vlafuzz import launch
+from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.store.store import Store
 
-IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
 
 
 @pytest.fixture(autouse=True)
@@ -35,11 +35,11 @@ def cut(monkeypatch: pytest.MonkeyPatch, *flags: str, after: int = 5) -> None:
 
 
 def proposed(store: str, number: int = 1) -> list[tuple[object, ...]]:
-    with Corpus.open(Path(store)) as corpus:
-        assert corpus.runs()[number - 1].status == "finished"
+    with Store.open(Path(store)) as opened:
+        assert opened.runs()[number - 1].status == "finished"
         return [
             (trial.scene, trial.outcome.verdict, trial.duplicate, trial.genome.tolist())
-            for trial in corpus.trials(number)
+            for trial in opened.trials(number)
             if trial.genome is not None
         ]
 
@@ -113,8 +113,8 @@ def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatc
     for _ in range(2):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", after=3)
     assert main(["run", "--resume", "--store", "a.db"]) == 0
-    with Corpus.open(Path("a.db")) as corpus:
-        assert [each.status for each in corpus.runs()] == ["interrupted", "finished"]
+    with Store.open(Path("a.db")) as store:
+        assert [each.status for each in store.runs()] == ["interrupted", "finished"]
 
 
 def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
@@ -124,8 +124,8 @@ def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert "3 runs that ended early fit" in told
     assert "give those flags in which they differ" in told
     assert main(["run", "--resume", "--store", "a.db", "--seed", "2"]) == 0
-    with Corpus.open(Path("a.db")) as corpus:
-        assert [each.status for each in corpus.runs()] == ["interrupted", "finished", "interrupted"]
+    with Store.open(Path("a.db")) as store:
+        assert [each.status for each in store.runs()] == ["interrupted", "finished", "interrupted"]
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (["--seed", "4"], "seed 0, not 4"),
         (["--budget", "21"], "budget 20, not 21"),
         (["--task", "put-in"], "task pick-up, not put-in"),
-        (["--subject", "frozen"], "not frozen"),
+        (["--policy", "frozen"], "not frozen"),
         (["--stop-early"], "stop_early False, not True"),
         (["--vary", "light"], "other operators, or other ranges"),
         (["--operators", "paper"], "other operators, or other ranges"),
@@ -153,7 +153,7 @@ def test_another_version_than_then_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    monkeypatch.setattr("vlafuzz.corpus.provenance.commit", lambda: "another")
+    monkeypatch.setattr("vlafuzz.conditions.provenance.commit", lambda: "another")
     told = complaint(capsys, "run", "--resume", "--store", "a.db")
     assert "run 1 was made by another version: its commit differs (" in told
     assert "another now)" in told
@@ -171,7 +171,7 @@ def test_a_second_run_in_a_store_is_told_at_once_who_writes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
-    with Corpus.open(Path("a.db"), "write"):
+    with Store.open(Path("a.db"), "write"):
         told = complaint(capsys, "run", *IDLE, "--store", "a.db")
     assert "is writing to it" in told
     assert "give another store" in told

@@ -5,20 +5,21 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Gone, Raising, scene
-from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS
-from vlafuzz import desk, launch
+from tests.triage.runners import PlantedRunner
+from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
 
-IDLE = ("--subject", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
 NAMES = ["failed", "passed", "invalid", "error"]
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator: in the dark, subjects fail."""
+    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
@@ -36,8 +37,8 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
     assert list(summary["verdicts"]) == NAMES
     assert 0 < summary["search_seconds"] + summary["store_seconds"] < summary["seconds"]
     assert summary["findings"] == summary["verdicts"]["failed"] >= summary["clusters"] > 0
-    with Corpus.open(Path(summary["store"])) as corpus:
-        assert len(corpus.findings(summary["run"])) == summary["findings"]
+    with Store.open(Path(summary["store"])) as store:
+        assert len(store.findings(summary["run"])) == summary["findings"]
 
 
 def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pytest.CaptureFixture[str]):
@@ -45,8 +46,8 @@ def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pyt
     shown = capsys.readouterr().out
     assert re.search(r"failure share\W+\d+\.\d%, 95 % interval \d+\.\d% to \d+\.\d%", shown)
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
-    with Corpus.open(Path(store)) as corpus:
-        assert corpus.scene(digest) in [found.scene for found in corpus.findings()]
+    with Store.open(Path(store)) as opened:
+        assert opened.scene(digest) in [found.scene for found in opened.findings()]
 
 
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):
@@ -57,8 +58,8 @@ def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: P
         )
     proposed = []
     for name in ("a.db", "b.db"):
-        with Corpus.open(folder / name) as corpus:
-            proposed.append([trial.scene for trial in corpus.trials(1)])
+        with Store.open(folder / name) as store:
+            proposed.append([trial.scene for trial in store.trials(1)])
     assert proposed[0] == proposed[1]
 
 
@@ -67,8 +68,8 @@ def test_the_default_store_is_named_after_the_run_and_gets_one_run_more(folder: 
         assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0
     (store,) = (folder / "runs").iterdir()
     assert store.name == "pick-up-python-tests.doubles-make_idle-surrogate-7.db"
-    with Corpus.open(store) as corpus:
-        assert [run.manifest.seed for run in corpus.runs()] == [7, 7]
+    with Store.open(store) as opened:
+        assert [run.manifest.seed for run in opened.runs()] == [7, 7]
 
 
 def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
@@ -86,8 +87,8 @@ def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
             "3",
         ]
     )
-    with Corpus.open(folder / "a.db") as corpus:
-        made = corpus.runs()[0].manifest
+    with Store.open(folder / "a.db") as store:
+        made = store.runs()[0].manifest
     assert json.loads(made.operators)["varied"] == ["light", "target-position"]
     assert json.loads(made.spec)["name"] == "idle"
     assert (made.repeats, made.min_distance, made.criteria) == (3, 0.15, "strict")
@@ -137,13 +138,13 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
     assert "error: no scene could be judged" in shown.err
 
 
-def test_a_run_whose_subject_goes_away_says_how_to_go_on(
+def test_a_run_whose_policy_goes_away_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 2
     assert capsys.readouterr().err.splitlines() == [
-        "error: 8 scenes in a row had no answer: subject: connect: refused",
+        "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: when it is back, go on with `vlafuzz run --resume --store a.db`",
     ]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
@@ -189,7 +190,7 @@ def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(
         (folder / "of_mine.py").write_text(code + version)
         asked = [
             "run",
-            "--subject",
+            "--policy",
             "python:of_mine:make",
             "--unchecked",
             "--store",
@@ -236,7 +237,7 @@ def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (["--seed", "-1"], "--seed: expected at least 0, got -1"),
         (["--seed", "9223372036854775808"], "--seed: expected at most 9223372036854775807"),
         (["--task", "pick_up"], "unknown task 'pick_up'"),
-        (["--subject", "pinhol"], "unknown subject 'pinhol'"),
+        (["--policy", "pinhol"], "unknown policy 'pinhol'"),
         (["--strategy", "radnom"], "unknown strategy 'radnom'"),
         (["--criteria", "strickt"], "unknown criteria 'strickt'"),
         (["--vary", "lihgt"], "unknown operator 'lihgt'"),
@@ -272,7 +273,9 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
 def test_triage_follows_a_run_when_so_wished(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: PlantedDesk([CONDITIONS["light"][0]]))
+    monkeypatch.setattr(
+        runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([CONDITIONS["light"][0]])
+    )
     assert main(["run", *IDLE, "--budget", "8", "--triage", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["findings"] == printed["triage"]["triaged"] > 0

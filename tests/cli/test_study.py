@@ -8,14 +8,14 @@ import pytest
 
 from tests.doubles import Always, ClosedForm, Gone, failed, passed, rollout
 from tests.packs import box, write_pack
-from vlafuzz import launch
+from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Camera, Scene
+from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import TASKS
 
-SMALL = ("--subject", "python:tests.doubles:make_idle", "--scenes", "6", "--out", "out")
+SMALL = ("--policy", "python:tests.doubles:make_idle", "--scenes", "6", "--out", "out")
 
 
 @pytest.fixture(autouse=True)
@@ -30,8 +30,8 @@ def study(*flags: str) -> None:
 
 
 def runs(folder: Path) -> list[tuple[str, str]]:
-    with Corpus.open(folder / "study.db") as corpus:
-        return [(run.manifest.task, run.status) for run in corpus.runs()]
+    with Store.open(folder / "study.db") as store:
+        return [(run.manifest.task, run.status) for run in store.runs()]
 
 
 def test_rq1_has_a_run_of_every_task_and_the_papers_figures(
@@ -69,8 +69,8 @@ def test_an_interrupted_study_goes_on(folder: Path, monkeypatch: pytest.MonkeyPa
     assert runs(folder) == [("pick-up", "finished")]
 
 
-def test_several_subjects_stand_in_one_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    study("rq1", "--task", "pick-up", "--subject", "expert")
+def test_several_policies_stand_in_one_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study("rq1", "--task", "pick-up", "--policy", "expert")
     shown = capsys.readouterr().out
     assert "expert" in shown
     assert "make_idle" in (folder / "rq1.md").read_text()
@@ -124,14 +124,14 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
         assert "pick-up, 4 confounders: pick-up: no room for" in " ".join(said.split())
 
 
-def test_a_subject_that_is_gone_ends_it_and_the_same_command_goes_on(
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
     flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
     assert main(["study", *flags]) == 2
     assert capsys.readouterr().err.splitlines()[-2:] == [
-        "error: 8 scenes in a row had no answer: subject: connect: refused",
+        "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: when it is back, the same command goes on",
     ]
     assert not (folder / "rq1.json").exists()
@@ -140,7 +140,7 @@ def test_a_subject_that_is_gone_ends_it_and_the_same_command_goes_on(
     assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
 
 
-@pytest.mark.parametrize("flag", ["--task", "--subject", "--robot", "--operators"])
+@pytest.mark.parametrize("flag", ["--task", "--policy", "--robot", "--operators"])
 def test_what_chooses_runs_goes_with_none_that_are_there(
     flag: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -209,8 +209,8 @@ def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys: pytest.CaptureFixtur
 def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (kept,) = found(capsys, "rq4", "--task", "pick-up")["kept"]
     assert (kept["default"], kept["mutated"]["count"]) == (6, 18)
-    with Corpus.open(folder / "study.db") as corpus:
-        scenes = [trial.scene for trial in corpus.trials(2)]
+    with Store.open(folder / "study.db") as store:
+        scenes = [trial.scene for trial in store.trials(2)]
     assert {each.light.intensity for each in scenes} == {1.0}
     assert len({each.camera for each in scenes}) == 1 + 18
     assert all(each.camera == Camera() for each in scenes[::4])
@@ -230,7 +230,7 @@ def test_studies_with_one_folder_share_its_runs_and_go_on(
     assert [status for _, status in runs(folder)] == ["finished"] * 3
 
 
-def test_rq5_tests_over_three_subjects_and_over_scenes_with_fewer(
+def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     using(Literal, monkeypatch)
@@ -243,10 +243,10 @@ def test_rq5_tests_over_three_subjects_and_over_scenes_with_fewer(
     assert (one["relative"], one["points"], one["low"]) == (-1.0, -1.0, None)
     assert (one["transfer_seen"], one["transfer_unseen"]) == ([1, 1, 1], [1, 0, None])
     assert (alone["packs"], alone["tests"]) == (["mine"], [])
-    assert "With less than 3 subjects there is no test" in (folder / "rq5.md").read_text()
-    several = found(capsys, *flags, "--subject", "frozen", "--subject", "random")
+    assert "With less than 3 policies there is no test" in (folder / "rq5.md").read_text()
+    several = found(capsys, *flags, "--policy", "frozen", "--policy", "random")
     (test,) = several["tests"]
-    assert (test["subjects"], test["p"]) == (3, None)  # all three differ by as much
+    assert (test["policies"], test["p"]) == (3, None)  # all three differ by as much
 
 
 def test_rq6_says_every_scene_in_ten_other_ways(
@@ -273,8 +273,8 @@ def test_prompts_tell_two_steps_at_once_and_one_by_one(
         each["prompt"]: each["stages"][-1]["share"] for each in made["prompts"] if each["task"] == "put-in"
     }
     assert shares == {"plain": 1.0, "two-step": 0.0, "step-by-step": 1.0}
-    with Corpus.open(folder / "study.db") as corpus:
-        last = list(corpus.trials(len(corpus.runs())))[-1].scene
+    with Store.open(folder / "study.db") as store:
+        last = list(store.trials(len(store.runs())))[-1].scene
     assert last.instruction.startswith("pick up ")
     assert [each.split()[0] for each in last.then] == ["put"]
 

@@ -4,26 +4,26 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest
-from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS, Planted
-from vlafuzz import desk
+from tests.triage.runners import PlantedRunner
 from vlafuzz.cli import main
-from vlafuzz.corpus.records import Trial
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.scene import write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
 
 TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Three findings of a subject that fails where the camera is tilted; there is no simulator."""
+    """Three findings of a policy that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: PlantedDesk([TILTED]))
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run = corpus.begin(manifest())
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([TILTED]))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        run = opened.begin(manifest())
         for seed in range(3):
-            corpus.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+            opened.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
     return tmp_path / "a.db"
 
 
@@ -33,7 +33,7 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
     assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
-    assert {crop["bucket"] for crop in printed["crops"]} == {"minimal"}
+    assert {finding["bucket"] for finding in printed["crops"]} == {"minimal"}
     assert printed["crops"][0]["causes"] == ["camera-orientation: fails from yaw 2.6° on"]
 
 
@@ -53,26 +53,26 @@ def test_it_goes_on_where_it_ended(capsys: pytest.CaptureFixture[str]):
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], store: Path
 ):
-    class Interrupted(PlantedDesk):
+    class Interrupted(PlantedRunner):
         def renew(self) -> None:
             super().renew()
             if self.renewed == 2:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: Interrupted([TILTED]))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Interrupted([TILTED]))
     assert main(["triage", "a.db"]) == 130
     assert "hint: go on with `vlafuzz triage a.db`" in capsys.readouterr().err
-    with Corpus.open(store) as corpus:
-        assert len(corpus.triaged()) == 1
+    with Store.open(store) as opened:
+        assert len(opened.triaged()) == 1
 
 
 def test_findings_of_another_version_are_said_to_be_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    class Newer(PlantedDesk):
+    class Newer(PlantedRunner):
         changed = ("commit", "simulator")
 
-    monkeypatch.setattr(desk, "SimulatorDesk", lambda store, run, **_: Newer([TILTED]))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Newer([TILTED]))
     assert main(["triage", "a.db"]) == 0
     assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
 

@@ -5,17 +5,17 @@ import pytest
 from tests.doubles import failed, manifest, scene
 from vlafuzz.compare.evidence import choose, evidence, findings
 from vlafuzz.compare.solvable import Sampled
-from vlafuzz.corpus.records import Triaged, Trial
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.store.records import Triaged, Trial
+from vlafuzz.store.store import Store
 
 SCENES = [scene(x=number / 100) for number in range(4)]
 SAMPLED = [Sampled(each, run=1) for each in SCENES]
 
 
 @pytest.fixture
-def corpus(tmp_path: Path):
+def store(tmp_path: Path):
     """All four failed in run 1, and the first of them again in run 2, of the same seed."""
-    with Corpus.open(tmp_path / "a.db", "write") as opened:
+    with Store.open(tmp_path / "a.db", "write") as opened:
         for its in (SCENES, SCENES[:1]):
             run = opened.begin(manifest())
             for proposal, each in enumerate(its):
@@ -24,7 +24,7 @@ def corpus(tmp_path: Path):
 
 
 def triaged(number: int, bucket: str = "minimal", signature: str | None = None) -> Triaged:
-    return Triaged(SCENES[number], manifest().subject_key, bucket, 1, 1, (), signature=signature)  # type: ignore[arg-type]
+    return Triaged(SCENES[number], manifest().policy_key, bucket, 1, 1, (), signature=signature)  # type: ignore[arg-type]
 
 
 def test_those_that_the_expert_solves_come_first_in_the_order_of_the_sample():
@@ -33,26 +33,26 @@ def test_those_that_the_expert_solves_come_first_in_the_order_of_the_sample():
     assert choose(SAMPLED, solved, 0) == []
 
 
-def test_a_finding_is_one_whichever_run_saw_it_first(corpus: Corpus):
-    found = findings(corpus, [SAMPLED[0], Sampled(SCENES[0], run=2)])
+def test_a_finding_is_one_whichever_run_saw_it_first(store: Store):
+    found = findings(store, [SAMPLED[0], Sampled(SCENES[0], run=2)])
     assert len(found) == 2
     assert len(set(found.values())) == 1
 
 
-def test_bugs_are_counted_once_and_those_at_nominal_not_at_all(corpus: Corpus):
+def test_bugs_are_counted_once_and_those_at_nominal_not_at_all(store: Store):
     made = [
         triaged(0, signature="dark"),
         triaged(1, "witnessed", "dark"),
         triaged(2, "base", "pick-up|grasp|base"),
         triaged(3, "flaky"),
     ]
-    told = evidence(findings(corpus, SAMPLED), made)
+    told = evidence(findings(store, SAMPLED), made)
     assert told is not None
     assert (told.triaged, told.confirmed, told.minimal, told.signatures) == (4, 3, 1, 1)
 
 
-def test_what_is_not_triaged_does_not_count(corpus: Corpus):
-    told = evidence(findings(corpus, SAMPLED[:2]), [triaged(1, signature="dark"), triaged(3)])
+def test_what_is_not_triaged_does_not_count(store: Store):
+    told = evidence(findings(store, SAMPLED[:2]), [triaged(1, signature="dark"), triaged(3)])
     assert told is not None
     assert told.triaged == 1
-    assert evidence(findings(corpus, SAMPLED), []) is None
+    assert evidence(findings(store, SAMPLED), []) is None

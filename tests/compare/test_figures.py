@@ -12,7 +12,7 @@ from vlafuzz.compare.figures import (
     qd_score,
     sparseness,
 )
-from vlafuzz.corpus.records import Run
+from vlafuzz.store.records import Run
 
 
 def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Failure:

@@ -4,9 +4,9 @@ import pytest
 
 from tests.doubles import ClosedForm, manifest
 from vlafuzz.compare.runs import Job, jobs, stored, todo, work_through
-from vlafuzz.corpus.records import Run
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.store.records import Run
 
 STORE = Path("a.db")
 ASKED = jobs(["random", "nsga2"], 2, 7)
@@ -36,7 +36,7 @@ def test_of_equal_runs_the_one_that_is_over_counts():
     ("change", "says"),
     [
         ({"budget": 9}, "run 5 is of other conditions: budget 9, not 20"),
-        ({"subject": "other"}, "run 5 is of other conditions: subject other, not idle"),
+        ({"policy": "other"}, "run 5 is of other conditions: policy other, not idle"),
         ({"operators_digest": "x"}, "run 5 is of other conditions: other operators, or other ranges"),
         ({"commit": "x"}, "run 5 was made by another version than is here: its commit differs"),
     ],

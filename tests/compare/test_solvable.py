@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 
 from tests.doubles import manifest, scene
-from tests.triage.desks import PlantedDesk
+from tests.triage.runners import PlantedRunner
 from vlafuzz.compare.failures import Failure, Found
 from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
-from vlafuzz.corpus.records import Run
+from vlafuzz.store.records import Run
 
 SCENES = [scene(x=number / 100) for number in range(6)]
 
@@ -17,8 +17,8 @@ def found(seed: int, *xs: int) -> Found:
     return Found(Run(seed, manifest(seed=seed), "finished", ""), failures=failures)
 
 
-def desk(solvable: int = 3) -> PlantedDesk:
-    return PlantedDesk([], solvable=lambda scene: scene.targets[0].x * 100 < solvable)
+def runner(solvable: int = 3) -> PlantedRunner:
+    return PlantedRunner([], solvable=lambda scene: scene.targets[0].x * 100 < solvable)
 
 
 def test_a_sample_takes_from_every_run_and_no_scene_twice():
@@ -31,20 +31,20 @@ def test_a_sample_takes_from_every_run_and_no_scene_twice():
 
 def test_what_the_expert_solves_is_kept_and_not_tried_again(tmp_path: Path):
     witnesses = Witnesses(tmp_path / "w.jsonl", manifest())
-    witnesses.find([*SCENES[2:4], SCENES[2]], desk(), lambda done, of: None)
+    witnesses.find([*SCENES[2:4], SCENES[2]], runner(), lambda done, of: None)
     again = Witnesses(tmp_path / "w.jsonl", manifest())
     assert again.solved == {SCENES[2].digest: True, SCENES[3].digest: False}
     assert again.missing(SCENES[2:5]) == [SCENES[4]]
 
 
 def test_under_other_conditions_it_is_tried_again(tmp_path: Path):
-    Witnesses(tmp_path / "w.jsonl", manifest()).find(SCENES[:1], desk(), lambda done, of: None)
+    Witnesses(tmp_path / "w.jsonl", manifest()).find(SCENES[:1], runner(), lambda done, of: None)
     assert Witnesses(tmp_path / "w.jsonl", manifest(criteria="published")).missing(SCENES[:1]) == SCENES[:1]
 
 
 def test_a_line_that_was_cut_short_is_passed_over(tmp_path: Path):
     path = tmp_path / "w.jsonl"
-    Witnesses(path, manifest()).find(SCENES[:2], desk(), lambda done, of: None)
+    Witnesses(path, manifest()).find(SCENES[:2], runner(), lambda done, of: None)
     path.write_text(path.read_text()[:-20] + "\n" + json.dumps([1]) + "\n")
     assert Witnesses(path, manifest()).missing(SCENES[:2]) == SCENES[1:2]
 

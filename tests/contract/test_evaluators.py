@@ -8,10 +8,10 @@ import pytest
 from tests.doubles import ClosedForm, scene
 from tests.sim.scenes import CATALOGUE
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.controls import Random
 from vlafuzz.scene import Placement
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.controls import Random
 
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "closed form": ClosedForm,

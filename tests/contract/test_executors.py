@@ -6,7 +6,7 @@ from functools import partial
 import pytest
 
 from tests.doubles import Always, ClosedForm, Raising, passed, scene
-from vlafuzz.errors import PrerequisiteError, SubjectError
+from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
@@ -75,10 +75,10 @@ class TestExecutor:
         assert got == {0: [Verdict.FAILED, Verdict.PASSED], 1: [Verdict.INVALID], 2: []}
 
     def test_an_evaluator_that_raises_is_an_error_and_the_rest_goes_on(self, make):
-        evaluator = Raising(SubjectError("no answer within 10 s"), after=1)
+        evaluator = Raising(PolicyError("no answer within 10 s"), after=1)
         results = dict(make(evaluator).run(enumerate([[DARK], [DARK, BRIGHT], [FAR]])))
         assert [outcome.verdict for outcome in results[0]] == [Verdict.FAILED]
-        assert [outcome.detail for outcome in results[1]] == ["SubjectError: no answer within 10 s"] * 2
+        assert [outcome.detail for outcome in results[1]] == ["PolicyError: no answer within 10 s"] * 2
         assert [outcome.verdict for outcome in results[2]] == [Verdict.ERROR]
 
     def test_an_evaluator_that_loses_a_scene_is_an_error(self, make):

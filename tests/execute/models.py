@@ -1,4 +1,4 @@
-"""Subjects that workers share. They keep something for each rollout, as models do that remember."""
+"""Policies that workers share. They keep something for each rollout, as models do that remember."""
 
 import os
 import time
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from vlafuzz.errors import UsageError
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
-from vlafuzz.subjects.pinhole import Pinhole
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.pinhole import Pinhole
 
 
 class Own(Pinhole):
@@ -47,7 +47,7 @@ class Counter:
     shared = True
 
     def __init__(self, max_batch: int = 8) -> None:
-        self.spec = SubjectSpec("counter", max_batch=max_batch)
+        self.spec = PolicySpec("counter", max_batch=max_batch)
         self.batches: list[int] = []
         self.finished: list[str] = []
         self._asked: dict[str, int] = {}

@@ -8,8 +8,7 @@ import pytest
 
 from tests.doubles import STAGES, ClosedForm, TinySpace, manifest
 from tests.execute.test_processes import TROUBLES, Treacherous, same
-from vlafuzz.campaign import fuzz
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
@@ -17,6 +16,7 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.search.random import Random
 from vlafuzz.sim.base import Evaluator
+from vlafuzz.store.store import Store
 
 SPACE = TinySpace()
 FATAL = next(
@@ -46,14 +46,14 @@ def on_ray(evaluator: Evaluator, **options: float) -> Executor:
 
 
 def stored(path: Path, executor: Executor) -> Sequence[tuple[int, str, Verdict]]:
-    with Corpus.open(path, "write") as corpus:
+    with Store.open(path, "write") as store:
         about = manifest(budget=20, batch=8)
         strategy = Random(SPACE, 0)
         summary = fuzz(
-            manifest=about, stages=STAGES, space=SPACE, strategy=strategy, executor=executor, corpus=corpus
+            manifest=about, stages=STAGES, space=SPACE, strategy=strategy, executor=executor, store=store
         )
         executor.close()
-        trials = list(corpus.trials(summary.run))
+        trials = list(store.trials(summary.run))
     assert (summary.rollouts, summary.proposals) == (20, len(trials))
     assert sum(summary.verdicts.values()) == len({trial.scene for trial in trials})
     assert summary.verdicts["error"] == 1

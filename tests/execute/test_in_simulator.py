@@ -4,20 +4,20 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz import config, launch
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign import config, launch
+from vlafuzz.store.store import Store
 
 
 def trials(
-    store: Path, workers: int, subject: str = "pinhole", executor: str | None = None
+    store: Path, workers: int, policy: str = "pinhole", executor: str | None = None
 ) -> list[tuple[object, ...]]:
-    flags = {"subject": subject, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
+    flags = {"policy": policy, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
     summary = launch.start(
         config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)),
         lambda tally: None,
     )
     assert summary.rollouts == 12
-    with Corpus.open(store) as corpus:
+    with Store.open(store) as opened:
         return sorted(
             (
                 trial.proposal,
@@ -26,7 +26,7 @@ def trials(
                 trial.outcome.progress,
                 *(rollout.states_hash for rollout in trial.outcome.rollouts),
             )
-            for trial in corpus.trials(summary.run)
+            for trial in opened.trials(summary.run)
         )
 
 

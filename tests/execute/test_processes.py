@@ -73,7 +73,7 @@ def broken() -> Evaluator:
 
 
 def missing() -> Evaluator:
-    raise UsageError("'mimi': no such subject", hint="did you mean 'mini'?")
+    raise UsageError("'mimi': no such policy", hint="did you mean 'mini'?")
 
 
 @pytest.fixture
@@ -119,7 +119,7 @@ def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(execut
 
 
 def test_what_the_user_has_to_mend_first_is_raised_as_it_is(executor):
-    with pytest.raises(UsageError, match="'mimi': no such subject") as caught:
+    with pytest.raises(UsageError, match="'mimi': no such policy") as caught:
         list(executor(missing).run([(0, [DARK])]))
     assert caught.value.hint == "did you mean 'mini'?"
 

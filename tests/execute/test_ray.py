@@ -17,8 +17,8 @@ from vlafuzz.execute.ray import RayExecutor
 from vlafuzz.execute.registry import Place
 from vlafuzz.execute.shared import share
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.sim.base import Evaluator
-from vlafuzz.subjects.base import EpisodeStart, Observation, Subject
 
 pytestmark = pytest.mark.usefixtures("connected")
 MODELS = "python:tests.execute.models"
@@ -109,21 +109,21 @@ def test_nobody_is_left_when_it_is_closed(executor, tmp_path):
 
 
 class Asking(ClosedForm):
-    """Asks a subject once for each scene."""
+    """Asks a policy once for each scene."""
 
-    def __init__(self, subject: Subject) -> None:
+    def __init__(self, policy: Policy) -> None:
         super().__init__()
-        self._subject = subject
+        self._policy = policy
 
     def outcome(self, scene: object) -> Outcome:
-        self._subject.reset([EpisodeStart("one", "move", "pick-up", 0)])
-        (chunk,) = self._subject.act([Observation("one", 0, "move")])
+        self._policy.reset([EpisodeStart("one", "move", "pick-up", 0)])
+        (chunk,) = self._policy.act([Observation("one", 0, "move")])
         return Outcome.error(f"asked {chunk.actions[0, 0]:g} times")
 
 
-def test_actors_share_a_subject_too(executor):
-    subject = share(f"{MODELS}:{Counter.__name__}", everywhere=True)
-    got = dict(executor(Asking(subject), after=subject.close).run([(0, [DARK]), (1, [BRIGHT])]))
+def test_actors_share_a_policy_too(executor):
+    policy = share(f"{MODELS}:{Counter.__name__}", everywhere=True)
+    got = dict(executor(Asking(policy), after=policy.close).run([(0, [DARK]), (1, [BRIGHT])]))
     assert [outcome.detail for (outcome,) in got.values()] == ["asked 1 times"] * 2
 
 

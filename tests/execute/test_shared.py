@@ -1,4 +1,4 @@
-"""A subject that all workers share: one process, the same outcomes, and what comes of a death."""
+"""A policy that all workers share: one process, the same outcomes, and what comes of a death."""
 
 import os
 import signal
@@ -11,13 +11,13 @@ import pytest
 
 from tests.execute.models import Counter, Sleeper, deadly, refused, unmade
 from tests.execute.test_in_simulator import trials
-from vlafuzz.errors import SubjectError, UsageError
-from vlafuzz.execute.crew import Lost
-from vlafuzz.execute.host import Host
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.execute.policy_process import PolicyProcess
 from vlafuzz.execute.shared import Shared, share
-from vlafuzz.subjects.base import EpisodeStart, Observation
-from vlafuzz.subjects.harness import Harness
-from vlafuzz.subjects.registry import is_shared
+from vlafuzz.execute.worker_pool import Lost
+from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.harness import Harness
+from vlafuzz.policies.registry import is_shared
 
 MODELS = "python:tests.execute.models"
 
@@ -25,10 +25,10 @@ MODELS = "python:tests.execute.models"
 @pytest.fixture
 def hosted() -> Iterator[Callable[..., Callable[[], Shared]]]:
     """``hosted(make)()``: somebody who shares what that makes."""
-    hosts: list[Host] = []
+    hosts: list[PolicyProcess] = []
 
     def host(make: Callable[[], Counter], **options: float) -> Callable[[], Shared]:
-        hosts.append(Host("counter", make, **options))  # type: ignore[arg-type]
+        hosts.append(PolicyProcess("counter", make, **options))  # type: ignore[arg-type]
         return partial(Shared, "counter", hosts[-1].address, hosts[-1].key, hosts[-1].spec)
 
     yield host
@@ -44,8 +44,8 @@ def seen(name: str = "scene", instruction: str = "move") -> Observation:
     return Observation(name, 0, instruction)
 
 
-def ask(subject: Shared, name: str = "scene", instruction: str = "move") -> float:
-    return float(subject.act([seen(name, instruction)])[0].actions[0, 0])
+def ask(policy: Shared, name: str = "scene", instruction: str = "move") -> float:
+    return float(policy.act([seen(name, instruction)])[0].actions[0, 0])
 
 
 @pytest.fixture(scope="module")
@@ -76,28 +76,28 @@ def test_rollouts_of_several_workers_do_not_meet(hosted):
 
 
 def test_a_rollout_that_begins_anew_counts_from_the_beginning(hosted):
-    subject = hosted(Counter)()
-    old = Harness(subject, start())
-    assert [ask(subject), ask(subject)] == [1, 2]
-    new = Harness(subject, start())
+    policy = hosted(Counter)()
+    old = Harness(policy, start())
+    assert [ask(policy), ask(policy)] == [1, 2]
+    new = Harness(policy, start())
     old.finish()
-    assert [ask(subject), ask(subject)] == [1, 2]
+    assert [ask(policy), ask(policy)] == [1, 2]
     new.finish()
 
 
 def test_an_error_is_the_same_as_without_a_host_and_the_rollout_goes_on(hosted):
-    subject = hosted(Counter)()
-    subject.reset([start()])
-    with pytest.raises(SubjectError, match="counter raised ValueError: cannot jump") as caught:
-        ask(subject, instruction="jump")
+    policy = hosted(Counter)()
+    policy.reset([start()])
+    with pytest.raises(PolicyError, match="counter raised ValueError: cannot jump") as caught:
+        ask(policy, instruction="jump")
     assert caught.value.cause == "remote"
-    assert ask(subject) == 1
+    assert ask(policy) == 1
 
 
-def ask_and_die(subject: Shared) -> None:
-    subject.reset([start("gone")])
-    subject._ask = lambda asked: (subject._pipe.send(asked), os.kill(os.getpid(), signal.SIGKILL))
-    subject.act([seen("gone")])
+def ask_and_die(policy: Shared) -> None:
+    policy.reset([start("gone")])
+    policy._ask = lambda asked: (policy._pipe.send(asked), os.kill(os.getpid(), signal.SIGKILL))
+    policy.act([seen("gone")])
 
 
 def test_a_worker_that_is_killed_while_it_waits_leaves_the_others_alone(hosted):
@@ -125,10 +125,10 @@ def test_a_host_that_is_killed_loses_its_rollouts_and_is_there_again(hosted):
 
 
 def test_a_model_that_never_answers_is_lost_not_waited_for(hosted, capfd):
-    subject = hosted(Sleeper, longest=1.0)()
-    subject.reset([start()])
+    policy = hosted(Sleeper, longest=1.0)()
+    policy.reset([start()])
     with pytest.raises(Lost, match="the process of counter died"):
-        ask(subject)
+        ask(policy)
     assert "Timeout" in capfd.readouterr().err
 
 
@@ -136,13 +136,13 @@ def test_a_model_that_never_answers_is_lost_not_waited_for(hosted, capfd):
     ("make", "kind", "says"),
     [
         (refused, UsageError, "no weights"),
-        (unmade, UsageError, "the subject cannot be made: OSError: no device"),
-        (deadly, SubjectError, "counter: the process that was to make it ended with exit code 4"),
+        (unmade, UsageError, "the policy cannot be made: OSError: no device"),
+        (deadly, PolicyError, "counter: the process that was to make it ended with exit code 4"),
     ],
 )
 def test_a_model_that_cannot_be_made_is_one_sentence(make, kind, says):
     with pytest.raises(kind, match=f"^{says}$"):
-        Host("counter", make)
+        PolicyProcess("counter", make)
     assert active_children() == []
 
 

@@ -5,21 +5,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.corpus.bundles import bundle, case
+from tests.regression.corpora import case, make_corpus
 from tests.sim.scenes import nominal
-from vlafuzz.corpus.folder import write_bundle
-from vlafuzz.desk import SimulatorDesk
 from vlafuzz.outcome import Verdict
+from vlafuzz.regression.folder import write_corpus
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes that the expert solves; the witness of the first is its solution."""
-    from tests.test_desk import run
+    from tests.triage.test_scene_runner import run
 
-    desk = SimulatorDesk(Path("a.db"), run("make_frozen"))
-    solved = desk.solve(nominal(), 0)
-    desk.close()
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+    solved = runner.solve(nominal(), 0)
+    runner.close()
     assert solved.verdict is Verdict.PASSED
     first = case()
     first = replace(
@@ -28,5 +28,5 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
         witness=replace(first.witness, actions=solved.rollouts[0].actions),
     )
     folder = tmp_path_factory.mktemp("corpus") / "a"
-    write_bundle(bundle(first, case(1)), folder)
+    write_corpus(make_corpus(first, case(1)), folder)
     return folder

@@ -18,8 +18,8 @@ from PIL import Image
 
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.corpus.folder import read_bundle
 from vlafuzz.integrations.demonstrations import Demonstration
+from vlafuzz.regression.folder import read_corpus
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
@@ -141,7 +141,7 @@ def test_witnesses_of_a_corpus_are_played_and_what_fails_is_left_out(
     assert "1 demonstrations written" in told
     assert "left out: 1: its witness no longer solves it" in told
     frames = parquet.read_table(out / FRAMES.format(0)).to_pylist()
-    witness = read_bundle(corpus).cases[0].witness.actions
+    witness = read_corpus(corpus).cases[0].witness.actions
     assert np.array_equal([row["action"] for row in frames], witness[: len(frames)])
     moved = np.array([row["observation.state"] for row in frames])
     assert moved[-1, 2] > moved[:, 2].min() + 0.01  # it was lifted

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from vlafuzz.corpus.folder import read_bundle
+from vlafuzz.regression.folder import read_corpus
 
 ID = "vlafuzz.integrations.gym:vlafuzz/Corpus-v0"
 STAY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
@@ -21,7 +21,7 @@ def made(corpus: Path, count: int, **more: object) -> VectorEnv:
 
 
 def witness(corpus: Path) -> np.ndarray:
-    return read_bundle(corpus).cases[0].witness.actions.astype(np.float64)
+    return read_corpus(corpus).cases[0].witness.actions.astype(np.float64)
 
 
 def test_cases_are_spread_over_the_environments_and_a_seed_begins_again(corpus: Path):

@@ -13,16 +13,16 @@ import pytest
 import vla_eval
 
 from vlafuzz.cli import main
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.errors import SubjectError, UsageError
-from vlafuzz.integrations.vla_eval import Corpus
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.integrations.vla_eval import Store
 from vlafuzz.objects import load_catalogue
-from vlafuzz.regress.pairs import probes
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.registry import make_policy
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.pairs import probes
+from vlafuzz.serving.serve import serving
 from vlafuzz.shipped import corpus_dir
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.base import ActionChunk, ActionSpec, EpisodeStart, Observation, SubjectSpec
-from vlafuzz.subjects.registry import make_subject
-from vlafuzz.subjects.serving.serve import serving
 
 NAME = "vlafuzz.integrations.vla_eval:Corpus"
 
@@ -31,7 +31,7 @@ class Follower:
     """Follows a course, whatever it sees: four actions at a time, three of them executed. Notes its seeds."""
 
     def __init__(self, course: np.ndarray) -> None:
-        self.spec = SubjectSpec("follower", action=ActionSpec(relative_to="current"), state=True, execute=3)
+        self.spec = PolicySpec("follower", action=ActionSpec(relative_to="current"), state=True, execute=3)
         self.course, self.seeds = course.astype(np.float64), []
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -50,7 +50,7 @@ class Follower:
 
 @pytest.fixture
 def follower(corpus: Path) -> Follower:
-    return Follower(read_bundle(corpus).cases[0].witness.actions)
+    return Follower(read_corpus(corpus).cases[0].witness.actions)
 
 
 def evaluated(url: str, corpus: Path, **more: object) -> dict[str, list[dict[str, object]]]:
@@ -72,11 +72,11 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
 
 
 def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, said):
-    bundle = read_bundle(corpus)
-    (run,) = bundle.runs
+    corpus = read_corpus(corpus)
+    (run,) = corpus.runs
     with serving(follower, "vla-eval") as name:
         found = evaluated(url(name), corpus, episodes_per_task=2)
-    asked = {probe.scene.digest: probe.scene for probe in probes(bundle)}
+    asked = {probe.scene.digest: probe.scene for probe in probes(corpus)}
     apart, fresh = run.min_distance, Follower(follower.course)
     with closing(
         ManiSkillEvaluator(run.task, fresh, load_catalogue(), min_distance=apart, seed=run.seed, repeats=2)
@@ -101,7 +101,7 @@ def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, s
 def test_a_suite_alone(corpus: Path, follower: Follower):
     with serving(follower, "vla-eval") as name:
         found = evaluated(url(name), corpus, tasks=["failing"])
-    assert list(found) == [case.scene.digest for case in read_bundle(corpus).cases]
+    assert list(found) == [case.scene.digest for case in read_corpus(corpus).cases]
 
 
 def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follower: Follower, said):
@@ -120,16 +120,16 @@ def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follo
 )
 def test_options_that_there_are_not(corpus: Path, params: dict[str, object], says: str):
     with pytest.raises(UsageError, match=says):
-        Corpus(str(corpus), **params)
+        Store(str(corpus), **params)
 
 
 def test_what_is_no_action_is_an_error_and_the_next_episode_is_fine(corpus: Path):
-    benchmark = Corpus(str(corpus), camera=0)
+    benchmark = Store(str(corpus), camera=0)
     task = benchmark.get_tasks()[0]
     assert (task["suite"], task["instruction"]) == ("failing", "pick up pepsi can")
     for action in ({}, {"actions": ["a"]}, {"actions": [[0.0] * 6]}, {"actions": [float("nan")] * 7}):
         benchmark.reset(dict(task))
-        with pytest.raises(SubjectError):
+        with pytest.raises(PolicyError):
             benchmark.step(action)
     benchmark.reset(dict(task))
     assert not benchmark.step({"actions": np.zeros(7)}).done
@@ -152,7 +152,7 @@ benchmarks:
 def test_vla_eval_run_of_a_shipped_corpus_agrees_with_regress_scene_by_scene(
     corpus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    with closing(make_subject("mini")) as mini, serving(mini, "vla-eval") as name:
+    with closing(make_policy("mini")) as mini, serving(mini, "vla-eval") as name:
         told = CONFIG.format(url=url(name), folder=tmp_path, benchmark=NAME, corpus=corpus)
         (tmp_path / "corpus.yaml").write_text(told)
         asked = [sys.executable, "-m", "vla_eval.cli.main", "run", "--config", str(tmp_path / "corpus.yaml")]
@@ -163,6 +163,6 @@ def test_vla_eval_run_of_a_shipped_corpus_agrees_with_regress_scene_by_scene(
         task["task"]: [each["metrics"]["success"] for each in task["episodes"]]
         for task in json.loads(written.read_text())["tasks"]
     }
-    assert main(["regress", str(corpus_dir() / corpus), "--subject", "mini", "--json"]) == 0
+    assert main(["regress", str(corpus_dir() / corpus), "--policy", "mini", "--json"]) == 0
     here = json.loads(capsys.readouterr().out)["scenes"]
-    assert there == {each["scene"]: [each["subject passed"] == "1 of 1"] for each in here}
+    assert there == {each["scene"]: [each["policy passed"] == "1 of 1"] for each in here}

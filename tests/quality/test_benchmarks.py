@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vlafuzz.corpus.vlatest import write_vlatest
+from vlafuzz.formats.vlatest.write import write_vlatest
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace, load_operators
 

@@ -7,45 +7,46 @@ import imageio.v3 as imageio
 import numpy as np
 
 from tests.doubles import failed, manifest, passed
-from tests.triage.desks import PlantedDesk
 from tests.triage.planted import CONDITIONS, SPACE, Planted
-from vlafuzz.corpus.ranges import operators_json
-from vlafuzz.corpus.records import Manifest, Trial
-from vlafuzz.corpus.store import Corpus
+from tests.triage.runners import PlantedRunner
+from vlafuzz.conditions.operators import operators_json
 from vlafuzz.evidence import Actions
-from vlafuzz.findings import triage
 from vlafuzz.report.store import view_of_store
-from vlafuzz.report.view import Film, View
+from vlafuzz.report.view import View
 from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Film
+from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import triage
 
 PLANTED = {name: CONDITIONS[name][0] for name in ("camera-orientation", "light")}
 MANIFEST = manifest(operators=operators_json(SPACE.operators))
 
 
-def store(path: Path, *, findings: int = 3, triaged: int | None = None, subject: str = "idle") -> Path:
-    """Of each planted subject so many findings, the first one of those is triaged where asked for."""
-    with Corpus.open(path, "write") as corpus:
+def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: str = "idle") -> Path:
+    """Of each planted policy so many findings, the first one of those is triaged where asked for."""
+    with Store.open(path, "write") as opened:
         for seed, condition in enumerate(PLANTED.values()):
-            run = corpus.begin(manifest(operators=MANIFEST.operators, seed=seed, subject=subject))
+            run = opened.begin(manifest(operators=MANIFEST.operators, seed=seed, policy=policy))
             planted = Planted([condition])
             for number in range(findings):
                 cell = "grasp|light|x0y0"
-                corpus.add(run, Trial(number, planted.finding(number), failed(), 1.0, cell=cell))
-            corpus.add(run, Trial(findings, SPACE.nominal(), passed(), 0.0))
-            corpus.finish(run, "finished", 12.0)
+                opened.add(run, Trial(number, planted.finding(number), failed(), 1.0, cell=cell))
+            opened.add(run, Trial(findings, SPACE.nominal(), passed(), 0.0))
+            opened.finish(run, "finished", 12.0)
         if triaged != 0:
             conditions = list(PLANTED.values())
-            triage(corpus, lambda run: PlantedDesk([conditions[run.manifest.seed]]), limit=triaged)
+            triage(opened, lambda run: PlantedRunner([conditions[run.manifest.seed]]), limit=triaged)
     return path
 
 
 def view(path: Path) -> View:
-    with Corpus.open(path) as corpus:
-        return view_of_store(corpus)
+    with Store.open(path) as store:
+        return view_of_store(store)
 
 
 class MadeUpFilms:
-    """A grey film for everything; ``asked`` says of what. The subject passes in ``passing``."""
+    """A grey film for everything; ``asked`` says of what. The policy passes in ``passing``."""
 
     def __init__(self, passing: int = 0) -> None:
         self.asked: list[tuple[Manifest, Scene, Actions | None]] = []
@@ -58,5 +59,5 @@ class MadeUpFilms:
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film:
         self.asked.append((run, scene, actions))
-        subjects = sum(actions is None for _, _, actions in self.asked)
-        return Film(self._video, self._still, actions is None and subjects > self._passing)
+        policies = sum(actions is None for _, _, actions in self.asked)
+        return Film(self._video, self._still, actions is None and policies > self._passing)

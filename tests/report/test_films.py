@@ -7,16 +7,16 @@ import pytest
 
 from tests.report.stores import MANIFEST
 from tests.sim.scenes import nominal
-from vlafuzz.desk import SimulatorDesk
-from vlafuzz.report.view import SPEED, Film
+from vlafuzz.sim.base import FILM_SPEED, Film
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 
 @pytest.mark.render
 def test_a_film_shows_the_scene_the_failure_and_what_the_witness_does(tmp_path: Path):
-    desk = SimulatorDesk(Path("a.db"), replace(MANIFEST, subject="frozen"))
-    solved = desk.solve(nominal(), 0)
-    films = [desk.film(nominal(), actions) for actions in (None, solved.rollouts[0].actions, None)]
-    desk.close()
+    runner = SimulatorSceneRunner(Path("a.db"), replace(MANIFEST, policy="frozen"))
+    solved = runner.solve(nominal(), 0)
+    films = [runner.film(nominal(), actions) for actions in (None, solved.rollouts[0].actions, None)]
+    runner.close()
     failure, solution, again = (frames_of(film, tmp_path) for film in films if film is not None)
     assert [film.failed for film in films if film is not None] == [True, False, True]
     assert np.abs(failure[0] - failure[-1]).mean() < 2  # it never moves
@@ -29,7 +29,7 @@ def frames_of(film: Film, folder: Path) -> np.ndarray:
     """Its frames, as numbers that can be subtracted."""
     (folder / "film.mp4").write_bytes(film.video)
     video = cv2.VideoCapture(str(folder / "film.mp4"))
-    assert video.get(cv2.CAP_PROP_FPS) == 5 * SPEED
+    assert video.get(cv2.CAP_PROP_FPS) == 5 * FILM_SPEED
     frames = [frame for read, frame in iter(video.read, (False, None)) if read]
     video.release()
     assert cv2.imdecode(np.frombuffer(film.still, np.uint8), cv2.IMREAD_COLOR).shape == frames[0].shape

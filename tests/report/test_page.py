@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.corpus.bundles import bundle
+from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import UsageError
 from vlafuzz.report.exported import view_of_bundle
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import check_place, render, write_page
+from vlafuzz.store.store import Store
 
 HOSTILE = "</script><script>alert('x')</script><b title=\"&amp;\">"
 
@@ -69,21 +69,21 @@ def test_filters_offer_what_the_cards_have(page: Page):
 
 
 def test_foreign_text_stays_text(tmp_path: Path):
-    made = page_of(store(tmp_path / "a.db", subject=HOSTILE), films=True)
+    made = page_of(store(tmp_path / "a.db", policy=HOSTILE), films=True)
     assert len(made.all("script")) == 1
     assert HOSTILE in made.text
     assert "b" not in {name for name, attributes in made.tags if "title" in attributes}
 
 
 def test_every_picture_has_a_description():
-    made = bundle()
+    made = make_corpus()
     made.runs[0] = MANIFEST
     (picture,) = Page(render(view_of_bundle(Path("dark"), made))).all("img")
     assert picture["alt"] == "The scene before anything moves: pick up green cube"
 
 
 def test_an_empty_store_gives_a_page_that_says_so(tmp_path: Path):
-    Corpus.open(tmp_path / "a.db", "write").close()
+    Store.open(tmp_path / "a.db", "write").close()
     made = page_of(tmp_path / "a.db")
     assert "there is no failure to show" in made.text
     assert made.all("select") == []

@@ -2,16 +2,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.corpus.bundles import bundle, case
+from tests.regression.corpora import case, make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.triage.planted import SPACE
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.report.exported import view_of_bundle
 from vlafuzz.report.films import filmed
 from vlafuzz.report.scenes import deviations
 from vlafuzz.report.view import Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.store.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
     assert only.fails_from == "fails from yaw 2.6° on"
     assert card.role("camera-orientation") == "necessary, sufficient alone"
     assert card.witness is not None
-    assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --subject idle")
+    assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --policy idle")
 
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
@@ -77,14 +77,14 @@ def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
         view(store(tmp_path / "a.db", findings=0)).headline
         == "No scene failed: all 2 that were judged passed."
     )
-    Corpus.open(tmp_path / "b.db", "write").close()
+    Store.open(tmp_path / "b.db", "write").close()
     empty = view(tmp_path / "b.db")
     assert (empty.title, empty.headline, empty.cards) == ("no run yet", "No scene was judged.", ())
 
 
 def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     cases = [case(0), case(1)]
-    made = bundle(*cases)
+    made = make_corpus(*cases)
     for run in range(len(made.runs)):
         made.runs[run] = MANIFEST
     shown = view_of_bundle(Path("dark"), made)
@@ -93,7 +93,7 @@ def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
     assert shown.headline == "2 minimal failing scenes, 1 bug, each solved by the expert; of 9 findings."
     assert [card.replay for card in shown.cards] == [
-        f"vlafuzz replay dark/scenes.jsonl {each.scene.digest[:12]} --subject idle" for each in cases
+        f"vlafuzz replay dark/scenes.jsonl {each.scene.digest[:12]} --policy idle" for each in cases
     ]
     assert shown.cards[0].picture == b"png"
 
@@ -137,7 +137,7 @@ def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: 
     assert seen[-1] == (5, 5)
 
 
-def test_films_in_which_the_subject_passes_are_owned_up_to(triaged: View):
+def test_films_in_which_the_policy_passes_are_owned_up_to(triaged: View):
     made = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
     (note,) = made.notes
-    assert note.startswith("In 2 of 6 films the subject passes:")
+    assert note.startswith("In 2 of 6 films the policy passes:")

@@ -10,25 +10,25 @@ import pytest
 from tests.doubles import STAGES, manifest
 from tests.search import climb
 from tests.search.worlds import space, toy
-from vlafuzz.campaign import fuzz
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.search.base import Proposal, about
 from vlafuzz.search.own import Own
 from vlafuzz.search.registry import strategy_factory
+from vlafuzz.store.store import Store
 
 
 def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
     strategy = strategy_factory("python:tests.search.climb:make")(space(), 0, 60)
-    with Corpus.open(tmp_path / "own.db", "write") as corpus:
+    with Store.open(tmp_path / "own.db", "write") as store:
         summary = fuzz(
             manifest=manifest(strategy="python:tests.search.climb:make", budget=60),
             stages=STAGES,
             space=space(),
             strategy=strategy,
             executor=LocalExecutor(toy(share=0.1)),
-            corpus=corpus,
+            store=store,
         )
     assert (summary.rollouts, summary.proposals) == (60, 60)
     assert summary.findings > 10

@@ -6,9 +6,10 @@ import pytest
 
 from tests.search.test_surrogate import dark
 from tests.search.worlds import sampled, space
-from vlafuzz.config import RunConfig, plan
+from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.errors import UsageError
-from vlafuzz.scene import Scene, write_scenes
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Source, about
 from vlafuzz.search.registry import STRATEGIES
@@ -48,7 +49,7 @@ def test_it_takes_the_nearest_scene_that_is_not_used_yet():
     pool = sampled(20)
     selection = Selection(Wishes(pool[3], pool[3], pool[7]), space(), pool, 0)
     first, second, third = indices(selection.ask(3))
-    points = np.array([space().meaningful(scene) for scene in pool])
+    points = np.array([space().embed(scene) for scene in pool])
     distances = np.linalg.norm(points - points[3], axis=1)
     assert (first, third) == (3, 7)
     assert second == np.argsort(distances)[1]
@@ -105,7 +106,7 @@ def test_it_says_how_large_the_pool_is():
 def test_a_run_chooses_from_a_file(tmp_path: Path):
     pool = sampled(30)
     write_scenes(tmp_path / "pool.jsonl", pool)
-    made = plan(RunConfig(pool=tmp_path / "pool.jsonl", strategy="feedback", subject="frozen", budget=20))
+    made = plan(RunConfig(pool=tmp_path / "pool.jsonl", strategy="feedback", policy="frozen", budget=20))
     asked = made.strategy.ask(16)
     assert len({made.space.decode(proposal.genome) for proposal in asked} & set(pool)) == 16
     assert (made.manifest.strategy, made.manifest.budget) == ("feedback", 20)
@@ -114,4 +115,4 @@ def test_a_run_chooses_from_a_file(tmp_path: Path):
 def test_a_file_is_run_in_order_or_chosen_from_but_not_both(tmp_path: Path):
     write_scenes(tmp_path / "pool.jsonl", sampled(3))
     with pytest.raises(UsageError, match="--scenes and --pool"):
-        plan(RunConfig(pool=tmp_path / "pool.jsonl", scenes=tmp_path / "pool.jsonl", subject="frozen"))
+        plan(RunConfig(pool=tmp_path / "pool.jsonl", scenes=tmp_path / "pool.jsonl", policy="frozen"))

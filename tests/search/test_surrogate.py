@@ -5,7 +5,7 @@ import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.outcome import Verdict
-from vlafuzz.robots import rig
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scoring import Score, site
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.random import Random
@@ -16,7 +16,7 @@ FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
 
 
 def dark(proposal: Proposal) -> Score:
-    """The subject fails in the dark."""
+    """The policy fails in the dark."""
     return FAILED if space().decode(proposal.genome).light.intensity < 1 else PASSED
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, space
 from vlafuzz.scene import Scene
-from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
@@ -37,10 +37,10 @@ def mutated(scene: Scene, *operators: str, seed: int = 0) -> Scene:
 @given(seed=seeds)
 def test_children_are_fair_and_on_the_grid_once_repaired(task: str, seed: int):
     one, rng = space(task), np.random.default_rng(seed)
-    variation, nursery = Variation(one.genes), Nursery(one)
+    variation, proposals = Variation(one.genes), ProposalFactory(one)
     mother, father = (one.encode(drawn(seed + add, task)) for add in (0, 1))
     child = variation.cross(mother, father, rng)
-    child = nursery.fair(variation.mutate(child, variation.operators(child), rng), rng)
+    child = proposals.fair(variation.mutate(child, variation.operators(child), rng), rng)
     scene = one.decode(child)
     assert check_static(scene, CATALOGUE, 0.15) is None
     assert one.encode(scene).tolist() == child.tolist()

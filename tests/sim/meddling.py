@@ -1,4 +1,4 @@
-"""A sound subject with something done to its answers, and the two scenes that it is tried in."""
+"""A sound policy with something done to its answers, and the two scenes that it is tried in."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,10 +8,10 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, STILL, nominal, put
 from vlafuzz.outcome import Outcome
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
+from vlafuzz.policies.expert import Expert
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, Subject
-from vlafuzz.subjects.expert import Expert
 
 NOMINAL = nominal()
 ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")
@@ -62,9 +62,9 @@ def is_lifted(observation: Observation) -> bool:
     return bool(observation.privileged.state.positions[0, 2] > 0.0615 + 0.025)
 
 
-def evaluate(subject: Subject, *scenes: Scene, **options: object) -> list[Outcome]:
+def evaluate(policy: Policy, *scenes: Scene, **options: object) -> list[Outcome]:
     evaluator = ManiSkillEvaluator(
-        **{"task": scenes[0].task, "min_distance": 0.15} | options, subject=subject, catalogue=CATALOGUE
+        **{"task": scenes[0].task, "min_distance": 0.15} | options, policy=policy, catalogue=CATALOGUE
     )
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()

@@ -18,14 +18,14 @@ from tests.sim.scenes import (
     random_scene,
     states_hash,
 )
-from vlafuzz.subjects.base import CameraRequest
+from vlafuzz.policies.base import CameraRequest
 
 # No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.
 CHILD = """
 import json
 from tests.sim.scenes import CATALOGUE, make_env, nominal, states_hash
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.expert import Expert
+from vlafuzz.policies.expert import Expert
 evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.15)
 outcome = evaluator.evaluate([nominal()])[0]
 hashes = [rollout.states_hash for rollout in outcome.rollouts]

@@ -9,10 +9,10 @@ from tests.sim.meddling import ANOTHER, AT_START, NOMINAL, Meddled, evaluate, is
 from tests.sim.scenes import STILL, nominal, put
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.policies.expert import Expert
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.subjects.base import ActionChunk, Observation
-from vlafuzz.subjects.controls import Frozen, Random
-from vlafuzz.subjects.expert import Expert
 from vlafuzz.tasks.tabletop import TASKS
 
 
@@ -66,9 +66,9 @@ def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_
     ],
     ids=["unknown object", "another task", "off the workspace", "too close", "leaning"],
 )
-def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_subject(scene, check, says):
-    subject = Meddled(lambda *_: pytest.fail("asked"))
-    (outcome,) = evaluate(subject, scene, task="pick-up")
+def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_policy(scene, check, says):
+    policy = Meddled(lambda *_: pytest.fail("asked"))
+    (outcome,) = evaluate(policy, scene, task="pick-up")
     assert (outcome.verdict, outcome.check, outcome.rollouts) == (Verdict.INVALID, check, ())
     assert says in outcome.detail
 
@@ -141,11 +141,11 @@ def test_one_failed_repeat_fails_the_scene_with_the_worst_progress():
 
 
 def test_every_rollout_has_an_episode_name_of_its_own_and_hears_the_instruction():
-    subject = Meddled(lambda _, a: [ActionChunk(a)])
-    evaluate(subject, NOMINAL, ANOTHER, repeats=2, seed=3)
-    assert len({start.episode for start in subject.started}) == 4
-    assert [start.seed for start in subject.started] == [3, 4, 3, 4]
-    assert [start.instruction for start in subject.started] == [NOMINAL.instruction] * 2 + [
+    policy = Meddled(lambda _, a: [ActionChunk(a)])
+    evaluate(policy, NOMINAL, ANOTHER, repeats=2, seed=3)
+    assert len({start.episode for start in policy.started}) == 4
+    assert [start.seed for start in policy.started] == [3, 4, 3, 4]
+    assert [start.instruction for start in policy.started] == [NOMINAL.instruction] * 2 + [
         "pick up sponge"
     ] * 2
 
@@ -170,7 +170,7 @@ def test_a_scaled_object_is_judged_at_its_own_size():
 @pytest.mark.parametrize("task", TASKS)
 def test_crashes_of_many_rollouts_never_reach_the_others(task):
     rng = np.random.default_rng(0)
-    subject = Meddled(lambda _, a: [ActionChunk(a * (np.nan if rng.random() < 0.05 else 1.0))], episodes=20)
-    outcomes = evaluate(subject, *[nominal(task)] * 30)
+    policy = Meddled(lambda _, a: [ActionChunk(a * (np.nan if rng.random() < 0.05 else 1.0))], episodes=20)
+    outcomes = evaluate(policy, *[nominal(task)] * 30)
     assert {outcome.verdict for outcome in outcomes[20:]} == {Verdict.PASSED}
     assert len({outcome.rollouts[0].states_hash for outcome in outcomes if outcome.rollouts}) == 1

@@ -1,4 +1,4 @@
-"""Subjects and simulators that break: an ERROR, and nothing of it in the next scene."""
+"""Policies and simulators that break: an ERROR, and nothing of it in the next scene."""
 
 from collections.abc import Callable
 
@@ -7,24 +7,24 @@ import pytest
 
 from tests.sim.meddling import ANOTHER, NOMINAL, Meddle, Meddled, evaluate, is_lifted
 from tests.sim.scenes import CATALOGUE, put
-from vlafuzz.errors import Cause, SubjectError
+from vlafuzz.clients import wire
+from vlafuzz.errors import Cause, PolicyError
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.sim.maniskill.world import World
-from vlafuzz.subjects import wire
-from vlafuzz.subjects.base import ActionChunk, Observation
-from vlafuzz.subjects.expert import Expert
 
 
 @pytest.fixture(scope="module")
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
-    """NOMINAL with a broken subject, then ANOTHER with a sound one, in the same evaluator."""
-    subject = Meddled(raising)
-    evaluator = ManiSkillEvaluator("pick-up", subject, CATALOGUE, min_distance=0.15)
+    """NOMINAL with a broken policy, then ANOTHER with a sound one, in the same evaluator."""
+    policy = Meddled(raising)
+    evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
 
     def play(meddle: Meddle) -> list[Outcome]:
-        subject.become(meddle, episodes=1)
+        policy.become(meddle, episodes=1)
         return evaluator.evaluate([NOMINAL, ANOTHER])
 
     yield play
@@ -37,7 +37,7 @@ def raising(*_: object) -> None:
 
 def failing(cause: Cause) -> Meddle:
     def refuse(*_: object) -> None:
-        raise SubjectError("no answer within 10 s", cause=cause)
+        raise PolicyError("no answer within 10 s", cause=cause)
 
     return refuse
 
@@ -69,10 +69,10 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("meddle", "says"), BROKEN.values(), ids=BROKEN)
-def test_a_subject_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_first, known, meddle, says):
+def test_a_policy_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_first, known, meddle, says):
     broken, sound = broken_first(meddle)
     assert (broken.verdict, broken.rollouts, broken.lost_stage) == (Verdict.ERROR, (), None)
-    assert broken.detail.startswith(f"subject: {says}")
+    assert broken.detail.startswith(f"policy: {says}")
     assert sound.verdict is Verdict.PASSED
     assert sound.rollouts[0].states_hash == known[1]
 
@@ -81,16 +81,16 @@ def test_a_subject_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_
 @pytest.mark.parametrize("lost", [1, 2, 3])
 def test_a_rollout_whose_server_is_lost_is_begun_again_twice_at_most(known, monkeypatch, caplog, cause, lost):
     monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
-    subject = Meddled(failing(cause), episodes=lost)
-    (outcome,) = evaluate(subject, NOMINAL)
-    assert len(subject.started) == min(lost + 1, 3)
+    policy = Meddled(failing(cause), episodes=lost)
+    (outcome,) = evaluate(policy, NOMINAL)
+    assert len(policy.started) == min(lost + 1, 3)
     assert len(caplog.records) == min(lost, 2)
     if lost < 3:
         assert [rollout.states_hash for rollout in outcome.rollouts] == known[:1]
     else:
         assert (outcome.verdict, outcome.detail) == (
             Verdict.ERROR,
-            f"subject: {cause}: no answer within 10 s",
+            f"policy: {cause}: no answer within 10 s",
         )
 
 
@@ -104,7 +104,7 @@ def test_of_a_rollout_that_is_begun_again_nothing_stays_recorded(monkeypatch):
     assert [seen.step for seen in recording.observations] == list(range(len(outcome.rollouts[0].actions)))
 
 
-def test_a_subject_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(broken_first, known):
+def test_a_policy_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(broken_first, known):
     def breaks_while_holding(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
         return [ActionChunk(actions * (np.nan if is_lifted(observation) else 1.0))]
 

@@ -7,16 +7,16 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
 from vlafuzz.errors import SimulatorError
-from vlafuzz.rig import camera_pose
-from vlafuzz.robots import PANDA
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.policies.expert import Expert
+from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.video import Recording
-from vlafuzz.subjects.base import CameraRequest
-from vlafuzz.subjects.expert import Expert
 
 pytestmark = pytest.mark.render
 SIZE = 160
@@ -161,15 +161,15 @@ class Watching(Expert):
         return super().act(observations)
 
 
-def test_the_subject_sees_the_scene_and_a_recording_every_step():
-    subject, recording = Watching(), Recording(64)
+def test_the_policy_sees_the_scene_and_a_recording_every_step():
+    policy, recording = Watching(), Recording(64)
     evaluator = ManiSkillEvaluator(
-        "pick-up", subject, CATALOGUE, min_distance=0.15, recording=recording, stop_early=True
+        "pick-up", policy, CATALOGUE, min_distance=0.15, recording=recording, stop_early=True
     )
     (rollout,) = evaluator.evaluate([ORANGE])[0].rollouts
     evaluator.close()
-    assert centroid(subject.seen[0]) == pytest.approx(projected(*SPOT), abs=1.5 * PIXEL)
-    assert len(subject.seen) == len(recording.observations) == rollout.steps
+    assert centroid(policy.seen[0]) == pytest.approx(projected(*SPOT), abs=1.5 * PIXEL)
+    assert len(policy.seen) == len(recording.observations) == rollout.steps
     assert len(recording.frames) == rollout.steps + 1
 
 

@@ -10,13 +10,13 @@ from tests.sim.scenes import CATALOGUE, make_env, play
 from vlafuzz import assets
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Verdict
-from vlafuzz.rig import camera_pose
-from vlafuzz.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
+from vlafuzz.policies.expert import Expert
+from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.stills import Stills
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.subjects.expert import Expert
 from vlafuzz.validity import check_static
 
 GIVEN = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
@@ -59,11 +59,11 @@ def test_what_is_too_wide_for_a_hand_is_no_target_of_it():
 
 
 def test_the_google_robot_leans_the_more_the_farther_and_the_higher_its_hand_is():
-    leans = [GOOGLE.hand.stoop(*at) for at in ((0.5, 0.02), (0.7, 0.02), (0.7, 0.12), (0.8, 0.2))]
+    leans = [GOOGLE.hand.lean(*at) for at in ((0.5, 0.02), (0.7, 0.02), (0.7, 0.12), (0.8, 0.2))]
     assert leans == sorted(leans)
     assert leans[0] == 0.0
     assert leans[-1] == pytest.approx(0.55)
-    assert PANDA.hand.stoop(0.8, 0.2) == 0.0
+    assert PANDA.hand.lean(0.8, 0.2) == 0.0
 
 
 @pytest.mark.parametrize("robot", GUESTS)

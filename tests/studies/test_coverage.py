@@ -7,13 +7,13 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, scene
 from tests.report.stores import MANIFEST
-from vlafuzz.corpus.interchange import read_vlatest
-from vlafuzz.corpus.records import Trial
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.formats.vlatest.read import read_vlatest
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.space import load_operators
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
 from vlafuzz.studies import published
 from vlafuzz.studies.coverage import Area, Covered, covered, place, tracks_of_scenes, tracks_of_store
 
@@ -86,12 +86,12 @@ def test_the_papers_table_comes_out_exactly() -> None:
 def test_a_run_has_cells_of_what_it_did_and_of_its_failures(tmp_path: Path) -> None:
     outcomes = [failed(), failed(), passed(), Outcome.invalid("geometry", "too close"), failed()]
     lights = [1.0, 1.0, 1.0, 1.0, 16.0]
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run = corpus.begin(replace(manifest(), operators=MANIFEST.operators))
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run = store.begin(replace(manifest(), operators=MANIFEST.operators))
         for number, (light, outcome) in enumerate(zip(lights, outcomes, strict=True)):
             shown = replace(scene(x=0.001 * number), light=Light(light))
-            corpus.add(run, Trial(number, shown, outcome, 0.0))
-    with Corpus.open(tmp_path / "a.db") as corpus:
-        (track,) = tracks_of_store(corpus)
+            store.add(run, Trial(number, shown, outcome, 0.0))
+    with Store.open(tmp_path / "a.db") as store:
+        (track,) = tracks_of_store(store)
     (found,) = covered(track)
     assert (found.scenes, found.sites, found.cells, found.failures) == (4, 2, 3, 2)

@@ -39,7 +39,7 @@ def test_a_scene_comes_as_it_is_and_in_mutants_that_differ(study: str, scenes: l
         assert (each.scene.camera == Camera()) or study == "rq4"
 
 
-def test_subjects_that_passed_the_same_scene_get_the_same_mutants_of_it(scenes: list[Scene]) -> None:
+def test_policies_that_passed_the_same_scene_get_the_same_mutants_of_it(scenes: list[Scene]) -> None:
     all_of_them, the_last = mutants(space("rq3"), scenes, 0), mutants(space("rq3"), scenes[-1:], 0)
     assert [each.scene for each in all_of_them[-4:]] == [each.scene for each in the_last]
     assert all_of_them[1].scene.light != all_of_them[5].scene.light

@@ -6,8 +6,8 @@ from vlafuzz.shipped import published_dir
 from vlafuzz.studies import published
 from vlafuzz.tasks.tabletop import TASKS
 
-PASSED = {(row.task, row.subject): row.passed for row in published.passed()}
-MUTATED = {(row.study, row.task, row.subject): row for row in published.mutated()}
+PASSED = {(row.task, row.policy): row.passed for row in published.passed()}
+MUTATED = {(row.study, row.task, row.policy): row for row in published.mutated()}
 
 
 @pytest.mark.parametrize("path", sorted(published_dir().glob("*.csv")), ids=lambda path: path.stem)
@@ -21,7 +21,7 @@ def test_coverage_has_three_sizes_of_every_task() -> None:
     assert len(published.coverage()) == 12
 
 
-def test_seven_subjects_passed_1434_scenes() -> None:
+def test_seven_policies_passed_1434_scenes() -> None:
     assert len(PASSED) == 28
     assert sum(PASSED.values()) == 1434
     by_task = [sum(passed for (of, _), passed in PASSED.items() if of == task) for task in TASKS]
@@ -36,15 +36,15 @@ def test_scenes_and_executions_add_up_to_the_papers_totals_without_its_last_stud
 
 
 def test_a_mutation_starts_from_what_was_passed() -> None:
-    for (_, task, subject), row in MUTATED.items():
-        if "all" not in (task, subject):
-            assert row.default == PASSED[task, subject]
+    for (_, task, policy), row in MUTATED.items():
+        if "all" not in (task, policy):
+            assert row.default == PASSED[task, policy]
 
 
 def test_the_mean_of_what_was_passed_is_the_printed_mean() -> None:
     for row in published.success():
-        if row.subject == "mean":
-            mean = sum(PASSED[task, subject] for task, subject in PASSED if task == row.task) / 7000
+        if row.policy == "mean":
+            mean = sum(PASSED[task, policy] for task, policy in PASSED if task == row.task) / 7000
             assert min(abs(mean - share) for share in (row.share, row.as_well) if share) < 1e-3
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene
-from vlafuzz.corpus.records import Status, Trial
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.store.records import Status, Trial
+from vlafuzz.store.store import Store
 from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
 from vlafuzz.studies.similar import Similarity, adjusted, is_similar, similarity
 from vlafuzz.studies.stages import in_paper, standing
@@ -26,11 +26,11 @@ def lost_after(*reached: str) -> Outcome:
     return Outcome.of((rollout(0.5, reached),), STAGES)
 
 
-def run_of(corpus: Corpus, *trials: tuple[Scene, Outcome], status: Status = "finished") -> None:
-    run = corpus.begin(manifest())
+def run_of(store: Store, *trials: tuple[Scene, Outcome], status: Status = "finished") -> None:
+    run = store.begin(manifest())
     for number, (shown, outcome) in enumerate(trials):
-        corpus.add(run, Trial(number, shown, outcome, 0.0))
-    corpus.finish(run, status, 1.0)
+        store.add(run, Trial(number, shown, outcome, 0.0))
+    store.finish(run, status, 1.0)
 
 
 def with_confounder(name: str, x: float) -> Scene:
@@ -41,9 +41,9 @@ def with_confounder(name: str, x: float) -> Scene:
 def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: Path) -> None:
     outcomes = [passed(), lost_after("grasp"), lost_after("grasp", "lift"), failed()]
     outcomes += [Outcome.invalid("geometry", "too close"), Outcome.error("broke")]
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run_of(corpus, *((scene(x=0.001 * number), each) for number, each in enumerate(outcomes)))
-        found = standing(corpus, corpus.runs()[0])
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run_of(store, *((scene(x=0.001 * number), each) for number, each in enumerate(outcomes)))
+        found = standing(store, store.runs()[0])
     assert [(each.stage, each.count, each.of) for each in found.stages] == [
         ("grasp", 3, 4), ("lift", 2, 4), ("success", 1, 4),
     ]  # fmt: skip
@@ -53,25 +53,25 @@ def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: P
 
 @pytest.mark.parametrize(("status", "said"), [("finished", False), ("stopped", True)])
 def test_a_run_that_ended_early_is_said(tmp_path: Path, status: Status, said: bool) -> None:
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run_of(corpus, (scene(), passed()), status=status)
-        found = Staged("rq1", ["idle"], [], [standing(corpus, corpus.runs()[0])], [], [])
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run_of(store, (scene(), passed()), status=status)
+        found = Staged("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
     assert ("Ended before all scenes: pick-up, idle." in found.sheet().notes) is said
 
 
 def test_of_several_rollouts_all_must_reach_a_stage(tmp_path: Path) -> None:
     mixed = Outcome.of((rollout(), rollout(0.4, ("grasp",))), STAGES)
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run_of(corpus, (scene(), mixed))
-        found = standing(corpus, corpus.runs()[0])
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run_of(store, (scene(), mixed))
+        found = standing(store, store.runs()[0])
     assert [each.count for each in found.stages] == [1, 0, 0]
 
 
 def test_the_papers_success_of_a_task() -> None:
     found = in_paper("pick-up")
     assert (found.mean, found.as_well) == (0.124, 0.128)
-    assert len(found.subjects) == 7
-    assert found.subjects["rt-1-400k"] == 0.344
+    assert len(found.policies) == 7
+    assert found.policies["rt-1-400k"] == 0.344
 
 
 def test_like_the_target_is_what_is_called_alike() -> None:
@@ -85,9 +85,9 @@ def test_like_the_target_is_what_is_called_alike() -> None:
 def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
     similar = [(with_confounder("yellow_cube", 0.001 * number), failed(0.1)) for number in range(8)]
     others = [(with_confounder("apple", 0.001 * number), failed(0.6)) for number in range(8)]
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run_of(corpus, *similar, *others, (scene(), passed()))
-        found = similarity(corpus, corpus.runs(), CATALOGUE)
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run_of(store, *similar, *others, (scene(), passed()))
+        found = similarity(store, store.runs(), CATALOGUE)
     assert (found.similar, found.other, found.a12) == (8, 8, 0.0)
     assert found.p == pytest.approx(2 / 12870)
     alone = Similarity("put-in", "idle", 0, 3, None, 0.5, None, None)
@@ -110,20 +110,20 @@ def test_the_operators_of_a_part_give_its_number_of_confounders(count: int) -> N
 
 def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path) -> None:
     path = tmp_path / "a.db"
-    with Corpus.open(path, "write") as corpus:
+    with Store.open(path, "write") as store:
         for status in ("finished", "interrupted"):
-            corpus.finish(corpus.begin(manifest()), status, 1.0)
-        found = stored(corpus, manifest())
+            store.finish(store.begin(manifest()), status, 1.0)
+        found = stored(store, manifest())
         assert found
         assert (found.id, found.status) == (1, "finished")
-        assert stored(corpus, manifest(seed=9)) is None
+        assert stored(store, manifest(seed=9)) is None
         with pytest.raises(UsageError, match="run 1 was made by another version than is here: its commit"):
-            stored(corpus, manifest(commit="abc"))
+            stored(store, manifest(commit="abc"))
 
 
 def test_a_run_of_given_scenes_is_of_these_or_of_the_first_of_them(tmp_path: Path) -> None:
     given = [scene(x=0.001 * number) for number in range(3)]
-    with Corpus.open(tmp_path / "a.db", "write") as corpus:
-        run_of(corpus, *((each, passed()) for each in given[:2]))
-        assert stored(corpus, manifest(), given)
-        assert stored(corpus, manifest(), given[1:]) is None
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run_of(store, *((each, passed()) for each in given[:2]))
+        assert stored(store, manifest(), given)
+        assert stored(store, manifest(), given[1:]) is None

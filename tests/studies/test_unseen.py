@@ -7,10 +7,10 @@ from vlafuzz.studies.stages import Reached, Standing
 from vlafuzz.studies.unseen import difference, paired_tests, transfers
 
 
-def standing(*counts: int, of: int = 10, subject: str = "a", task: str = "pick-up") -> Standing:
+def standing(*counts: int, of: int = 10, policy: str = "a", task: str = "pick-up") -> Standing:
     shares = [Share.counted([True] * count + [False] * (of - count)) for count in counts]
     stages = [Reached(*vars(each).values(), stage=f"stage {number}") for number, each in enumerate(shares)]
-    return Standing(task, subject, None, of, 0, 0, 0.5, False, tuple(stages))
+    return Standing(task, policy, None, of, 0, 0, 0.5, False, tuple(stages))
 
 
 def test_a_transfer_rate_is_the_share_of_those_that_came_so_far() -> None:
@@ -31,20 +31,20 @@ def test_what_nobody_passed_has_no_relative_difference_and_no_interval() -> None
     assert (found.relative, found.points, found.low) == (None, 0.0, None)
 
 
-def test_three_subjects_are_tested_and_two_are_not() -> None:
+def test_three_policies_are_tested_and_two_are_not() -> None:
     pairs = [("a", 8, 4), ("b", 6, 3), ("c", 9, 7)]
-    found = [difference(standing(was, subject=name), standing(now, subject=name)) for name, was, now in pairs]
+    found = [difference(standing(was, policy=name), standing(now, policy=name)) for name, was, now in pairs]
     (test,) = paired_tests(found)
-    assert (test.task, test.subjects) == ("pick-up", 3)
+    assert (test.task, test.policies) == ("pick-up", 3)
     assert test.t == pytest.approx(-0.3 / (0.1 / 3**0.5))
     assert test.d == pytest.approx(-3.0)
     assert test.p == pytest.approx(0.0351, abs=1e-4)
     assert paired_tests(found[:2]) == []
 
 
-def test_over_all_tasks_the_means_of_each_subject_are_compared() -> None:
+def test_over_all_tasks_the_means_of_each_policy_are_compared() -> None:
     found = [
-        difference(standing(was, subject=name, task=task), standing(now, subject=name, task=task))
+        difference(standing(was, policy=name, task=task), standing(now, policy=name, task=task))
         for task in ("pick-up", "put-on")
         for name, was, now in (("a", 8, 4), ("b", 6, 3), ("c", 9, 7))
     ]

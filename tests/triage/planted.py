@@ -1,4 +1,4 @@
-"""Subjects that fail exactly when planted conditions hold, judged without a simulator."""
+"""Policies that fail exactly when planted conditions hold, judged without a simulator."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -10,8 +10,8 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.operators import OPERATORS
-from vlafuzz.triage.bench import Bench, Judged
-from vlafuzz.triage.way import GROUPS
+from vlafuzz.triage.oracle import BudgetedOracle, Judged
+from vlafuzz.triage.path import GROUPS
 from vlafuzz.validity import check_static
 
 STAGES = ("grasp", "lift", "success")
@@ -71,8 +71,8 @@ class Planted:
     def fails(self, scene: Scene) -> bool:
         return all(condition(scene) for condition in self.conditions)
 
-    def bench(self, scene: Scene, most: int = 200) -> Bench:
-        return Bench(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), most=most)
+    def oracle(self, scene: Scene, most: int = 200) -> BudgetedOracle:
+        return BudgetedOracle(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), most=most)
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

@@ -6,15 +6,15 @@ from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Pl
 from vlafuzz.evidence import Causes, Threshold, signature
 from vlafuzz.outcome import Verdict
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.shrink import Shrunk, shrink
 
 
 def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
     judge = Planted(conditions)
     found = judge.finding(seed)
-    bench = judge.bench(found)
-    return attribute(shrink(found, bench, SPACE), bench, SPACE), judge
+    oracle = judge.oracle(found)
+    return attribute(shrink(found, oracle, SPACE), oracle, SPACE), judge
 
 
 @pytest.mark.parametrize(
@@ -48,9 +48,9 @@ def test_there_is_no_threshold_beside_what_is_not_fair():
             Judged(Verdict.INVALID) if not planted.fails(each) else planted.judged(each) for each in scenes
         ]
 
-    bench = Bench(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), most=200)
+    oracle = BudgetedOracle(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), most=200)
     shrunk = Shrunk(scene, "grasp", ("light",))
-    assert attribute(shrunk, bench, SPACE).thresholds == ()
+    assert attribute(shrunk, oracle, SPACE).thresholds == ()
 
 
 def test_several_values_of_an_operator_have_a_share_of_the_way():

@@ -23,7 +23,7 @@ def repeats(*verdicts: Verdict, deterministic: bool = False) -> Confirmation:
         (INVALID, Confirmation(0, 0, False)),
     ],
 )
-def test_a_deterministic_subject_must_fail_once_more(verdict, expected):
+def test_a_deterministic_policy_must_fail_once_more(verdict, expected):
     assert repeats(verdict, deterministic=True) == expected
 
 

@@ -8,14 +8,14 @@ import pytest
 from tests.triage.planted import CATALOGUE, CONDITIONS, EDGES, SPACE, STAGES, Planted
 from tests.triage.test_shrink import CASES
 from vlafuzz.cli import main
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
-from vlafuzz.scene import write_scenes
+from vlafuzz.policies.base import ActionChunk
+from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.subjects.base import ActionChunk
-from vlafuzz.subjects.expert import Expert
+from vlafuzz.store.store import Store
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.bench import Bench, Judged
+from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Player
 
@@ -35,9 +35,9 @@ class Afraid(Expert):
 
 
 def make_tilted(**_):
-    subject = Afraid()
-    subject.conditions = CONDITIONS["camera-orientation"][:1]
-    return subject
+    policy = Afraid()
+    policy.conditions = CONDITIONS["camera-orientation"][:1]
+    return policy
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def evaluator():
 
 def triaged(evaluator, conditions, seed):
     """(operators, necessary, thresholds, rollouts) of a random scene in which the conditions hold."""
-    evaluator._subject.conditions = conditions
+    evaluator._policy.conditions = conditions
     rng = np.random.default_rng(seed)
     holds = Planted(conditions).fails
     while True:
@@ -63,10 +63,10 @@ def triaged(evaluator, conditions, seed):
     def judge(scenes):
         return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
 
-    bench = Bench(judge, STAGES, (found, judged), most=100)
-    shrunk = shrink(found, bench, SPACE)
-    causes = attribute(shrunk, bench, SPACE)
-    return set(shrunk.operators), set(causes.necessary), causes.thresholds, bench.spent
+    oracle = BudgetedOracle(judge, STAGES, (found, judged), most=100)
+    shrunk = shrink(found, oracle, SPACE)
+    causes = attribute(shrunk, oracle, SPACE)
+    return set(shrunk.operators), set(causes.necessary), causes.thresholds, oracle.spent
 
 
 QUICK = [("camera-orientation",), ("confounders",), ("light", "camera-position")]
@@ -87,12 +87,12 @@ def test_a_threshold_is_where_it_was_planted(evaluator):
 
 def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    subject = "python:tests.triage.test_in_simulator:make_tilted"
+    policy = "python:tests.triage.test_in_simulator:make_tilted"
     write_scenes(tmp_path / "scenes.jsonl", [Planted(CONDITIONS["camera-orientation"][:1]).finding(4)])
-    assert main(["run", "--scenes", "scenes.jsonl", "--subject", subject, "--store", "a.db", "--json"]) == 0
+    assert main(["run", "--scenes", "scenes.jsonl", "--policy", policy, "--store", "a.db", "--json"]) == 0
     assert main(["triage", "a.db"]) == 0
-    with Corpus.open(tmp_path / "a.db") as corpus:
-        (found,) = corpus.triaged()
+    with Store.open(tmp_path / "a.db") as store:
+        (found,) = store.triaged()
     assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
     assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
     player = Player(Expert().spec)

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.triage.planted import CONDITIONS, SPACE, Planted, fair
 from vlafuzz.outcome import Verdict
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.bench import Judged
+from vlafuzz.triage.oracle import Judged
+from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.shrink import shrink
-from vlafuzz.triage.way import GROUPS
 
 SINGLES = [((name,), (condition,)) for name, several in CONDITIONS.items() for condition in several]
 PAIRS = [
@@ -30,10 +30,10 @@ def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_4
     for seed, (operators, conditions) in enumerate(CASES):
         judge = Planted(conditions)
         found = judge.finding(seed)
-        bench = judge.bench(found)
-        shrunk = shrink(found, bench, SPACE)
-        causes = attribute(shrunk, bench, SPACE)
-        spent.append(bench.spent)
+        oracle = judge.oracle(found)
+        shrunk = shrink(found, oracle, SPACE)
+        causes = attribute(shrunk, oracle, SPACE)
+        spent.append(oracle.spent)
         enough = operators if len(operators) == 1 else ()
         if (set(shrunk.operators), causes.necessary, causes.sufficient) != (
             set(operators),
@@ -50,8 +50,8 @@ def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_4
 def test_what_is_left_fails_is_fair_is_milder_and_takes_every_operator(case, seed):
     judge = Planted(case[1])
     found = judge.finding(seed)
-    bench = judge.bench(found)
-    shrunk = shrink(found, bench, SPACE)
+    oracle = judge.oracle(found)
+    shrunk = shrink(found, oracle, SPACE)
     assert judge.fails(shrunk.scene)
     assert fair(shrunk.scene)
     assert SPACE.severity(shrunk.scene) <= SPACE.severity(found) + 1e-9
@@ -67,10 +67,10 @@ def test_what_is_left_fails_is_fair_is_milder_and_takes_every_operator(case, see
 def test_the_bound_on_rollouts_holds_and_the_best_so_far_is_kept(case, seed, most):
     judge = Planted(case[1])
     found = judge.finding(seed)
-    bench = judge.bench(found, most)
-    shrunk = shrink(found, bench, SPACE)
-    attribute(shrunk, bench, SPACE)
-    assert judge.rollouts == bench.spent <= most
+    oracle = judge.oracle(found, most)
+    shrunk = shrink(found, oracle, SPACE)
+    attribute(shrunk, oracle, SPACE)
+    assert judge.rollouts == oracle.spent <= most
     assert judge.fails(shrunk.scene)
     assert SPACE.severity(shrunk.scene) <= SPACE.severity(found) + 1e-9
 
@@ -79,18 +79,18 @@ def test_the_bound_on_rollouts_holds_and_the_best_so_far_is_kept(case, seed, mos
 def test_what_a_bound_cuts_short_is_shown_to_take_its_operators_all_the_same(most):
     judge = Planted(PAIRS[-1][1])
     found = judge.finding(3)
-    bench = judge.bench(found, most)
-    shrunk = shrink(found, bench, SPACE)
+    oracle = judge.oracle(found, most)
+    shrunk = shrink(found, oracle, SPACE)
     assert {*shrunk.counterparts} == {*shrunk.operators} - {*shrunk.unresolved}
     assert shrunk.minimal or most < 16
-    assert bench.spent <= most
+    assert oracle.spent <= most
 
 
 def test_no_scene_is_asked_for_twice():
     judge = Planted(PAIRS[3][1])
     found = judge.finding(1)
-    bench = judge.bench(found)
-    attribute(shrink(found, bench, SPACE), bench, SPACE)
+    oracle = judge.oracle(found)
+    attribute(shrink(found, oracle, SPACE), oracle, SPACE)
     assert len(judge.asked) == len(set(judge.asked))
 
 
@@ -98,23 +98,23 @@ def test_a_value_stops_two_steps_past_its_threshold():
     judge = Planted([lambda scene: scene.camera.yaw > 2.5])
     found = judge.finding(4)
     assert found.camera.yaw > 2.8
-    shrunk = shrink(found, judge.bench(found), SPACE)
+    shrunk = shrink(found, judge.oracle(found), SPACE)
     assert (shrunk.scene.camera.yaw, shrunk.operators) == (2.8, ("camera-orientation",))
 
 
 def test_where_even_the_nominal_scene_fails_nothing_is_attributed():
     judge = Planted([lambda scene: True])
     found = judge.finding(0)
-    bench = judge.bench(found)
-    shrunk = shrink(found, bench, SPACE)
-    assert (shrunk.base, shrunk.operators, shrunk.minimal, bench.spent) == (True, (), False, 1)
+    oracle = judge.oracle(found)
+    shrunk = shrink(found, oracle, SPACE)
+    assert (shrunk.base, shrunk.operators, shrunk.minimal, oracle.spent) == (True, (), False, 1)
 
 
 def test_of_two_causes_either_of_which_is_enough_one_is_left():
     dark, tilted = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
     both = Planted([dark, tilted]).finding(0)
     judge = Planted([lambda scene: dark(scene) or tilted(scene)])
-    shrunk = shrink(both, judge.bench(both), SPACE)
+    shrunk = shrink(both, judge.oracle(both), SPACE)
     assert shrunk.minimal
     assert len(shrunk.operators) == 1
 
@@ -132,7 +132,7 @@ class Later(Planted):
 def test_a_loss_at_a_later_stage_is_neither_the_same_failure_nor_a_pass():
     judge = Later([CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]])
     found = judge.finding(0)
-    shrunk = shrink(found, judge.bench(found), SPACE)
+    shrunk = shrink(found, judge.oracle(found), SPACE)
     assert shrunk.operators == ("light", "camera-orientation")
     assert shrunk.unresolved == {"light": "fails at lift"}
     assert not shrunk.minimal
@@ -143,10 +143,10 @@ def test_what_is_not_fair_or_crashes_counts_as_not_failing(verdict):
     judge = Planted([CONDITIONS["light"][0]])
     judge.judged = lambda scene: Judged(verdict, None, int(verdict is Verdict.ERROR))
     found = Planted([CONDITIONS["light"][0]]).finding(0)
-    bench = judge.bench(found)
-    shrunk = shrink(found, bench, SPACE)
+    oracle = judge.oracle(found)
+    shrunk = shrink(found, oracle, SPACE)
     assert (shrunk.scene, shrunk.counterparts) == (found, {})
-    assert bench.spent == (len(judge.asked) if verdict is Verdict.ERROR else 0)
+    assert oracle.spent == (len(judge.asked) if verdict is Verdict.ERROR else 0)
 
 
 @pytest.mark.parametrize(("confounded", "tilted", "seed"), [(0, 0, 7), (0, 1, 1), (1, 0, 7), (1, 1, 5)])
@@ -154,5 +154,5 @@ def test_a_target_and_a_confounder_that_block_each_other_are_moved_together(conf
     operators = ("confounders", "camera-orientation")
     judge = Planted([CONDITIONS[operators[0]][confounded], CONDITIONS[operators[1]][tilted]])
     found = judge.finding(seed)
-    shrunk = shrink(found, judge.bench(found), SPACE)
+    shrunk = shrink(found, judge.oracle(found), SPACE)
     assert (shrunk.operators, shrunk.minimal) == (operators, True)

@@ -6,8 +6,8 @@ import pytest
 from tests.doubles import STAGES, failed, passed, rollout, scene
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.subjects.base import Observation
-from vlafuzz.subjects.expert import Expert
+from vlafuzz.policies.base import Observation
+from vlafuzz.policies.expert import Expert
 from vlafuzz.triage.witness import Player, find_witness
 
 

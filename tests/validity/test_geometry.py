@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.objects import load_catalogue
-from vlafuzz.robots import PANDA
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.validity import check_geometry, check_static
 

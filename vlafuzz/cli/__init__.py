@@ -20,26 +20,26 @@ BUG = 70  # the exit code of a traceback
 
 # What each command is called, where it is, and what it does in a line.
 COMMANDS = {
-    "run": ("vlafuzz.cli.run:command", "Fuzz a subject: find scenes in which it fails."),
+    "run": ("vlafuzz.cli.run:command", "Fuzz a policy: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
-    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with a subject."),
+    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with a policy."),
     "triage": ("vlafuzz.cli.triage:command", "Say which failures can be trusted, and what they are due to."),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
     "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),
     "coverage": ("vlafuzz.cli.coverage:command", "Say how much of the space scenes or runs cover."),
     "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
     "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
-    "regress": ("vlafuzz.cli.regress:command", "Say whether a subject got worse in an exported corpus."),
+    "regress": ("vlafuzz.cli.regress:command", "Say whether a policy got worse in an exported corpus."),
     "report": ("vlafuzz.cli.report:command", "Write what was found as one HTML page."),
     "merge": ("vlafuzz.cli.merge:command", "Write one store with the runs of several."),
     "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),
     "strategies": ("vlafuzz.cli.strategies:command", "List the strategies that propose scenes."),
-    "subjects": ("vlafuzz.cli.subjects:command", "List the subjects that can be tested."),
-    "serve": ("vlafuzz.cli.serve:command", "Serve a subject, so that others' clients can drive it."),
+    "policies": ("vlafuzz.cli.policies:command", "List the policies that can be tested."),
+    "serve": ("vlafuzz.cli.serve:command", "Serve a policy, so that others' clients can drive it."),
     "doctor": (
         "vlafuzz.cli.doctor:doctor",
-        "Check this machine, or with --subject a subject: does it see, hear, work?",
+        "Check this machine, or with --policy a policy: does it see, hear, work?",
     ),
 }
 
@@ -58,7 +58,7 @@ _WrongUsage: Any = typer.BadParameter.__base__
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; the exit code. An error raised on purpose is a sentence, a bug a traceback."""
     try:
-        given = list(sys.argv[1:] if arguments is None else arguments)
+        given = _renamed(sys.argv[1:] if arguments is None else arguments)
         _check_filled(given)
         ended = app(args=given or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
@@ -77,6 +77,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         return BUG
     return ended if isinstance(ended, int) else 0
+
+
+def _renamed(arguments: Sequence[str]) -> list[str]:
+    """The arguments under today's names: a policy was called a subject up to version 0.1."""
+    given = ["policies" if (place, word) == (0, "subjects") else word for place, word in enumerate(arguments)]
+    return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in given]
 
 
 def _check_filled(given: Sequence[str]) -> None:

@@ -25,14 +25,14 @@ def command(
         str, typer.Option(help="What to compare, with commas; the others are set against the first.")
     ] = "random,nsga2,feedback",
     task: Annotated[str, typer.Option(help="What the robot is told to do.")] = "pick-up",
-    subject: Annotated[
+    policy: Annotated[
         str | None,
         typer.Option(
             help="The policy under test, or python:pkg.mod:factory.",
             show_default="mini, or pinhole where nothing renders",
         ),
     ] = None,
-    budget: Annotated[int, typer.Option(help="Subject rollouts of every run.")] = 100,
+    budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,
     repeats: Annotated[int, typer.Option(help="Runs of every strategy.")] = 10,
     seed: Annotated[int, typer.Option(help="Of the first run of every strategy; the others count on.")] = 0,
     operators: OperatorsFlag = None,
@@ -61,16 +61,16 @@ def command(
     No run learns from another one's rollouts. All are kept in one store; the same command goes on where it
     was interrupted, and with more --repeats, --strategies or --triage-sample it does what is missing.
     """
-    from vlafuzz import config
+    from vlafuzz.campaign import config
     from vlafuzz.cli.comparing import Sizes, compare
 
     names, sizes = _names(strategies), Sizes(solvable, triage_sample)
     _check(names, repeats, seed, sizes, sum((json, csv, markdown)))
-    name = f"compare-{config.default_store(task, subject or config.default_subject(), '', 0).stem[:-3]}"
+    name = f"compare-{config.default_store(task, policy or config.default_policy(), '', 0).stem[:-3]}"
     where = store or Path("runs") / f"{name}.db"
     asked = config.RunConfig(
         task=task,
-        subject=subject or config.default_subject(),
+        policy=policy or config.default_policy(),
         strategy=names[0],
         budget=budget,
         seed=seed,
@@ -110,7 +110,7 @@ def _names(strategies: str) -> list[str]:
 
 def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int) -> None:
     """What can be known to be wrong before anything is planned."""
-    from vlafuzz import config
+    from vlafuzz.campaign import config
     from vlafuzz.search.registry import strategy_factory
 
     for flag, value, least in (

@@ -45,7 +45,7 @@ NOTE = (
 
 def tables(compared: Comparison) -> dict[str, list[Row]]:
     """Rows by title."""
-    shared = f"{compared.task}, {compared.subject}, {compared.budget} rollouts, {compared.repeats} repeats"
+    shared = f"{compared.task}, {compared.policy}, {compared.budget} rollouts, {compared.repeats} repeats"
     together = [
         {
             "strategy": each.strategy,

@@ -35,7 +35,7 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     runs = f"{plural(compared.repeats, 'run')} of each, {compared.budget} rollouts each"
     store = shlex.quote(compared.store)
     sheet = Sheet(
-        title=f"{compared.subject} on {compared.task}: strategies compared",
+        title=f"{compared.policy} on {compared.task}: strategies compared",
         source=compared.store,
         headline=f"{', '.join(names)}: {runs}, with the same seeds.",
         said=tuple(sentences(compared)),

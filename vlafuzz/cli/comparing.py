@@ -12,15 +12,15 @@ from vlafuzz.cli.output import progress, stderr
 from vlafuzz.errors import UsageError, VlafuzzError
 
 if TYPE_CHECKING:
+    from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.compare.compare import Comparison
     from vlafuzz.compare.evidence import Evidence
     from vlafuzz.compare.failures import Found
     from vlafuzz.compare.runs import Job
     from vlafuzz.compare.solvable import Sampled
-    from vlafuzz.config import Plan, RunConfig
-    from vlafuzz.corpus.records import Manifest, Run
-    from vlafuzz.corpus.store import Corpus
     from vlafuzz.execute.base import Executor
+    from vlafuzz.store.records import Manifest, Run
+    from vlafuzz.store.store import Store
 
 
 class Sizes(NamedTuple):
@@ -50,25 +50,25 @@ def compare(asked: RunConfig, names: list[str], repeats: int, sizes: Sizes, fold
 
 def _count(asked: RunConfig, names: list[str], repeats: int, folder: Path) -> dict[str, list[Found]]:
     """Run what is missing: by strategy, what its runs found."""
-    from vlafuzz import config
+    from vlafuzz.campaign import config
     from vlafuzz.compare.failures import found
     from vlafuzz.compare.runs import jobs, stored, todo
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.store.store import Store
 
     first = config.plan(asked)
     assert asked.store
     wanted = jobs(names, repeats, asked.seed)
     if asked.store.exists():  # looked into before it is opened to write, which may make it newer
-        with Corpus.open(asked.store) as corpus:
-            stored(asked.store, corpus.runs(), first.manifest, wanted)
+        with Store.open(asked.store) as store:
+            stored(asked.store, store.runs(), first.manifest, wanted)
     _make_folder(folder)
-    with Corpus.open(asked.store, "write") as corpus:
-        there = stored(asked.store, corpus.runs(), first.manifest, wanted)
-        _run(asked, corpus, todo(wanted, there), there, first.manifest.commit)
-        there = stored(asked.store, corpus.runs(), first.manifest, wanted)
+    with Store.open(asked.store, "write") as store:
+        there = stored(asked.store, store.runs(), first.manifest, wanted)
+        _run(asked, store, todo(wanted, there), there, first.manifest.commit)
+        there = stored(asked.store, store.runs(), first.manifest, wanted)
         counted: dict[str, list[Found]] = {name: [] for name in names}
         for job in wanted:
-            counted[job.strategy].append(found(corpus, there[job], first.meaningful))
+            counted[job.strategy].append(found(store, there[job], first.embed))
     return counted
 
 
@@ -81,14 +81,14 @@ def _make_folder(folder: Path) -> None:
 
 
 def _run(
-    asked: RunConfig, corpus: Corpus, missing: list[Job], there: dict[Job, Run], commit: str | None
+    asked: RunConfig, store: Store, missing: list[Job], there: dict[Job, Run], commit: str | None
 ) -> None:
     """Do the runs that are missing, with a bar.
 
     Args:
         commit: of the code that is loaded: what is committed in the meantime makes no other version of it.
     """
-    from vlafuzz import config, launch
+    from vlafuzz.campaign import config, launch
     from vlafuzz.cli.pace import Pace
     from vlafuzz.compare.runs import work_through
 
@@ -101,13 +101,13 @@ def _run(
             if job not in there:
                 made = config.plan(replace(asked, strategy=job.strategy, seed=job.seed))
                 return replace(made, manifest=replace(made.manifest, commit=commit))
-            flags: dict[str, object] = {"task": asked.task, "subject": asked.subject, "budget": asked.budget}
+            flags: dict[str, object] = {"task": asked.task, "policy": asked.policy, "budget": asked.budget}
             flags |= {"store": asked.store, "batch": asked.batch, "workers": asked.workers}
             flags |= {"executor": asked.executor, "address": asked.address}
             return config.resume(flags | job._asdict())
 
         def fuzz(planned: Plan, executor: Executor) -> None:
-            summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
+            summary = launch.fuzz(planned, store, executor, pace, alone=True)
             if not summary.verdicts["passed"] + summary.verdicts["failed"]:
                 raise VlafuzzError(
                     f"no scene could be judged: {summary.last_error or summary.stopped}",
@@ -121,14 +121,14 @@ def _run(
 
 def _solve(store: Path, run: Run, sampled: dict[str, list[Sampled]], folder: Path) -> dict[str, bool]:
     """Whether the expert solves the sampled failures, with a bar."""
-    from vlafuzz import desk
     from vlafuzz.compare.solvable import Witnesses
+    from vlafuzz.triage import scene_runner as runner
 
     manifest: Manifest = run.manifest
     scenes = [each.scene for its in sampled.values() for each in its]
     witnesses = Witnesses(folder / "witnesses.jsonl", manifest)
     if witnesses.missing(scenes):
-        with closing(desk.SimulatorDesk(store, manifest)) as tools, progress() as bar:
+        with closing(runner.SimulatorSceneRunner(store, manifest)) as tools, progress() as bar:
             task = bar.add_task("failures tried by the expert", total=None)
             witnesses.find(scenes, tools, lambda done, of: bar.update(task, completed=done, total=of))
     return dict(witnesses.solved)
@@ -140,22 +140,22 @@ def _triage(
     """What triage makes of some of the sampled failures, with a bar; the store keeps it."""
     from vlafuzz.cli.triage import make_desk
     from vlafuzz.compare.evidence import choose, evidence, findings
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.findings import triage
+    from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import triage
 
     assert asked.store
-    with Corpus.open(asked.store, "write") as corpus, progress() as bar:
+    with Store.open(asked.store, "write") as store, progress() as bar:
         task = bar.add_task("sampled failures triaged", total=None)
-        chosen = {name: findings(corpus, choose(its, solved, size)) for name, its in sampled.items()}
+        chosen = {name: findings(store, choose(its, solved, size)) for name, its in sampled.items()}
         unjudged = triage(
-            corpus,
+            store,
             partial(make_desk, asked.store),
             findings=list(dict.fromkeys(each for its in chosen.values() for each in its.values())),
             workers=asked.workers,
             watch=lambda now: bar.update(task, completed=now.done, total=now.findings),
         )
-        triaged = corpus.triaged()
+        triaged = store.triaged()
     if unjudged:
         told = f"{unjudged} of the sampled failures could not be judged"
-        stderr().print(f"{told}: the subject broke, or they are no longer fair", soft_wrap=True)
+        stderr().print(f"{told}: the policy broke, or they are no longer fair", soft_wrap=True)
     return {name: evidence(its, triaged) for name, its in chosen.items()}

@@ -10,11 +10,11 @@ import typer
 
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_rows, progress, stderr
-from vlafuzz.corpus.sources import is_store, read_source
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import check_number
+from vlafuzz.formats.sources import is_store, read_source
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.space import OperatorSet, load_operators
+from vlafuzz.store.store import Store
 from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
 
 
@@ -44,7 +44,7 @@ def command(
     positions: the share of 10 x 10 cells of the box, from which positions are drawn, that have the first
     object of one of the scenes; published is what VLATest's paper has. It grows with the number of scenes,
     whatever is in them. sites: different sets of operators far from nominal, with the target's place. Of
-    runs also cells: sites with the stage at which the subject was lost; failures: those of its failures.
+    runs also cells: sites with the stage at which the policy was lost; failures: those of its failures.
     """
     sizes = first or list(SIZES)
     for size in sizes:
@@ -60,8 +60,8 @@ def command(
 
 def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame) -> list[Track]:
     if is_store(path):
-        with Corpus.open(path) as corpus:
-            return tracks_of_store(corpus)
+        with Store.open(path) as store:
+            return tracks_of_store(store)
     source = read_source(path, catalogue, frame.value)
     if source.left_out:
         stderr().print(f"{path}: {source.left_out} scenes with objects that we do not have are left out")

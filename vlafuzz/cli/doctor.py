@@ -1,4 +1,4 @@
-"""``vlafuzz doctor``: what this machine has, or a subject is, and what follows from it."""
+"""``vlafuzz doctor``: what this machine has, or a policy is, and what follows from it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from typing import Annotated
 import typer
 
 from vlafuzz import __version__, renderer, shipped
-from vlafuzz.checkup.check import Check, Rating
 from vlafuzz.cli.examining import examine
 from vlafuzz.cli.flags import OperatorsFlag
 from vlafuzz.cli.output import print_rows
 from vlafuzz.cli.packs import PackFlag, opened
+from vlafuzz.diagnostics.check import Check, Rating
 from vlafuzz.errors import UsageError
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
@@ -44,12 +44,12 @@ for name in sys.argv[1:]:
 
 
 def doctor(
-    subject: Annotated[
+    policy: Annotated[
         str | None,
-        typer.Option(help="Check this subject, or python:pkg.mod:factory.", show_default="this machine"),
+        typer.Option(help="Check this policy, or python:pkg.mod:factory.", show_default="this machine"),
     ] = None,
     task: Annotated[
-        str | None, typer.Option(help="What the subject is told to do.", show_default="pick-up")
+        str | None, typer.Option(help="What the policy is told to do.", show_default="pick-up")
     ] = None,
     robot: Annotated[str | None, typer.Option(help="Whose hand it is.", show_default="panda")] = None,
     operators: OperatorsFlag = None,
@@ -59,13 +59,13 @@ def doctor(
     ] = None,
     n: Annotated[
         int | None,
-        typer.Option("--n", help="Nominal scenes that the subject is to solve.", show_default="10"),
+        typer.Option("--n", help="Nominal scenes that the policy is to solve.", show_default="10"),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """Check this machine, or a subject: what is there, whether it works, and what follows from it.
+    """Check this machine, or a policy: what is there, whether it works, and what follows from it.
 
-    A subject is looked at in the simulator: whether it sees, hears, repeats itself and can do the task;
+    A policy is looked at in the simulator: whether it sees, hears, repeats itself and can do the task;
     where it fails, whether something is the wrong way round. Exit code 3: put something right first.
     """
     asked = {
@@ -76,9 +76,9 @@ def doctor(
         "seed": seed,
     }
     given = {name: value for name, value in asked.items() if value is not None}
-    if subject is None and (given or n is not None):
-        raise UsageError("nothing but --json goes without --subject", hint="name the subject to be checked")
-    made = machine() if subject is None else examine(subject, given, 10 if n is None else n)
+    if policy is None and (given or n is not None):
+        raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
+    made = machine() if policy is None else examine(policy, given, 10 if n is None else n)
     checks, ended = _until_interrupted(made)
     if checks:
         print_rows([check._asdict() for check in checks], json=json)
@@ -89,7 +89,7 @@ def doctor(
 
 
 def _until_interrupted(made: Iterator[Check]) -> tuple[list[Check], bool]:
-    """The checks, and whether they came to their end: a slow subject may be asked for many minutes."""
+    """The checks, and whether they came to their end: a slow policy may be asked for many minutes."""
     checks: list[Check] = []
     try:
         for check in made:
@@ -152,7 +152,7 @@ def check_renderer(found: renderer.Renderer) -> Check:
         software = "llvmpipe" in (found.device or "")
         speed = "in software: pictures cost more than physics" if software else ""
         return Check("renderer", found.name, "ok", speed)
-    follows = "subjects without camera (expert, pinhole) run; pictures, videos and subjects that see do not"
+    follows = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
     return Check("renderer", found.problem or "", "warn", f"{follows}; hint: {renderer.HINT}")
 
 

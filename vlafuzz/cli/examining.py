@@ -1,4 +1,4 @@
-"""How commands check a subject: all of it for ``vlafuzz doctor``, in seconds before ``vlafuzz run``."""
+"""How commands check a policy: all of it for ``vlafuzz doctor``, in seconds before ``vlafuzz run``."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from vlafuzz.checkup.check import Check
 from vlafuzz.cli.output import progress, stderr
+from vlafuzz.diagnostics.check import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.config import Plan
-    from vlafuzz.subjects.base import Subject
+    from vlafuzz.campaign.config import Plan
+    from vlafuzz.policies.base import Policy
 
 MOST = 1000
 UNCHECKED = "unchecked"
 
 
 def examine(name: str, given: Mapping[str, Any], n: int) -> Iterator[Check]:
-    """All checks of a subject, up to the first that is refused, with a bar.
+    """All checks of a policy, up to the first that is refused, with a bar.
 
     Args:
         given: fields of a ``RunConfig``.
@@ -32,11 +32,11 @@ def examine(name: str, given: Mapping[str, Any], n: int) -> Iterator[Check]:
     if isinstance(made, Check):
         yield made
         return
-    from vlafuzz import config
-    from vlafuzz.checkup.exam import Exam
+    from vlafuzz.campaign import config
+    from vlafuzz.diagnostics.exam import Exam
 
     with closing(made):
-        manifest = config.plan(config.RunConfig(subject=name, **given), subject=made).manifest
+        manifest = config.plan(config.RunConfig(policy=name, **given), policy=made).manifest
         said = f"{n} rollouts; where they fail, some dozens more, with corrections"
         stderr().print(f"{name}: a few seconds of questions, then {said}", soft_wrap=True)
         with closing(Exam(manifest, made)) as exam, progress() as bar:
@@ -47,31 +47,31 @@ def examine(name: str, given: Mapping[str, Any], n: int) -> Iterator[Check]:
 
 
 def looked_at(plan: Plan, *, unchecked: bool) -> Plan:
-    """A run whose label says what is wrong with its subject, as far as seconds tell.
+    """A run whose label says what is wrong with its policy, as far as seconds tell.
 
-    Subjects that come along are not asked: their tests have, and to load the simulator for it takes as long
+    Policies that come along are not asked: their tests have, and to load the simulator for it takes as long
     as a hundred rollouts of theirs. A run that is gone on with keeps its label,
     and is not asked where it was not.
 
     Raises:
         PrerequisiteError: it is nothing that could be run.
     """
-    from vlafuzz.subjects.registry import SUBJECTS
+    from vlafuzz.policies.registry import POLICIES
 
     known = plan.manifest
-    if known.subject in SUBJECTS or known.checkup == UNCHECKED:
+    if known.policy in POLICIES or known.checkup == UNCHECKED:
         return plan
     label = UNCHECKED if unchecked else _label(plan)
     return plan if plan.resume is not None else replace(plan, manifest=replace(known, checkup=label))
 
 
 def _label(plan: Plan) -> str:
-    from vlafuzz.checkup.exam import Exam
+    from vlafuzz.diagnostics.exam import Exam
 
-    name = plan.manifest.subject
-    with closing(Exam(plan.manifest, plan.subject)) as exam, progress() as bar:
+    name = plan.manifest.policy
+    with closing(Exam(plan.manifest, plan.policy)) as exam, progress() as bar:
         checks = list(bar.track(exam.quick(), description="checkup"))
-    closer = shlex.join(["vlafuzz", "doctor", "--subject", name])
+    closer = shlex.join(["vlafuzz", "doctor", "--policy", name])
     for check in checks:
         if check.verdict == "refuse":
             raise PrerequisiteError(
@@ -83,16 +83,16 @@ def _label(plan: Plan) -> str:
     return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok"
 
 
-def _make(name: str) -> Subject | Check:
-    """The subject, or what keeps it from being there.
+def _make(name: str) -> Policy | Check:
+    """The policy, or what keeps it from being there.
 
     Raises:
-        UsageError: no such subject.
+        UsageError: no such policy.
     """
-    from vlafuzz.subjects.registry import make_subject
+    from vlafuzz.policies.registry import make_policy
 
     try:
-        return make_subject(name)
+        return make_policy(name)
     except UsageError:
         raise
     except VlafuzzError as error:

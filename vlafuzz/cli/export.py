@@ -13,9 +13,9 @@ from vlafuzz.cli.output import progress, stderr
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
-    from vlafuzz.corpus.bundle import Bundle
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.regression.corpus import Corpus
     from vlafuzz.scene import Scene
+    from vlafuzz.store.store import Store
 
 
 FILES = (".jsonl", ".json")  # of scenes: there is no run and no verdict in them
@@ -64,7 +64,7 @@ def command(
     holds is written. `vlafuzz regress` and `vlafuzz report` read the folder.
 
     With --format lerobot the expert's solutions of failed scenes are played once more and written as
-    episodes, with the pictures that the subject sees: demonstrations to train it with.
+    episodes, with the pictures that the policy sees: demonstrations to train it with.
     """
     if minimal and (verdict is not Wanted.failed or format_ is not Format.vlafuzz):
         raise UsageError(
@@ -83,17 +83,17 @@ def command(
         written = _write(out, _of_file(store, run), format_)
         stderr().print(f"{written} scenes written to {out}")
         return
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.store.store import Store
 
-    with Corpus.open(store) as corpus:
-        scenes = _scenes(corpus, run, verdict)
+    with Store.open(store) as opened:
+        scenes = _scenes(opened, run, verdict)
     written = _write(out, scenes, format_)
     stderr().print(f"{written} {'' if verdict is Wanted.all else verdict + ' '}scenes written to {out}")
 
 
 def _of_file(path: Path, run: int | None) -> list[Scene]:
     """All scenes of a file; VLATest's as they are."""
-    from vlafuzz.corpus.sources import read_source
+    from vlafuzz.formats.sources import read_source
     from vlafuzz.objects import load_catalogue
 
     if run is not None:
@@ -104,29 +104,29 @@ def _of_file(path: Path, run: int | None) -> list[Scene]:
 def _export(store: Path, out: Path, run: int | None) -> None:
     """The minimal failures, checked once more, with a bar."""
     from vlafuzz.cli.triage import make_desk
-    from vlafuzz.corpus.folder import check_new, write_bundle
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.export import export
+    from vlafuzz.regression.export import export
+    from vlafuzz.regression.folder import check_new, write_corpus
+    from vlafuzz.store.store import Store
     from vlafuzz.triage.confirm import MOST
 
     check_new(out)
-    with Corpus.open(store) as corpus, progress() as bar:
+    with Store.open(store) as opened, progress() as bar:
         task = bar.add_task("minimal findings checked", total=None)
-        bundle = export(
-            corpus,
+        corpus = export(
+            opened,
             partial(make_desk, store, later=MOST),  # triage chose by the seeds before
             name=out.name,
             run=run,
             watch=lambda done, of: bar.update(task, completed=done, total=of),
         )
-    write_bundle(bundle, out)
-    _tell(bundle, out)
+    write_corpus(corpus, out)
+    _tell(corpus, out)
 
 
 def _demonstrate(source: Path, out: Path, run: int | None) -> None:
     """The witnesses of failures, played once more, with a bar."""
-    from vlafuzz.corpus.folder import whole
-    from vlafuzz.export import UNSOLVED
+    from vlafuzz.regression.export import UNSOLVED
+    from vlafuzz.regression.folder import whole
 
     try:
         from vlafuzz.integrations.lerobot import write_dataset
@@ -146,20 +146,20 @@ def _demonstrate(source: Path, out: Path, run: int | None) -> None:
         stderr().print(f"left out: {left}: {UNSOLVED}")
 
 
-def _tell(bundle: Bundle, out: Path) -> None:
-    bugs = len({case.signature for case in bundle.cases})
-    stderr().print(f"{len(bundle.cases)} minimal failures ({bugs} signatures) written to {out}")
-    for reason, count in bundle.evidence.left_out.items():
+def _tell(corpus: Corpus, out: Path) -> None:
+    bugs = len({case.signature for case in corpus.cases})
+    stderr().print(f"{len(corpus.cases)} minimal failures ({bugs} signatures) written to {out}")
+    for reason, count in corpus.evidence.left_out.items():
         stderr().print(f"left out: {count}: {reason}")
 
 
 def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
     """How many could be written."""
-    from vlafuzz.corpus.original import as_original
-    from vlafuzz.corpus.vlatest import write_vlatest
+    from vlafuzz.formats.scene_lines import write_scenes
+    from vlafuzz.formats.vlatest.original import as_original
+    from vlafuzz.formats.vlatest.write import write_vlatest
     from vlafuzz.objects import load_catalogue
     from vlafuzz.objects.packs import packs_of
-    from vlafuzz.scene import write_scenes
 
     try:
         if format_ is Format.vlafuzz:
@@ -178,12 +178,12 @@ def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
     return len(scenes) - sum(unsaid.values())
 
 
-def _scenes(corpus: Corpus, run: int | None, wanted: Wanted) -> list[Scene]:
+def _scenes(store: Store, run: int | None, wanted: Wanted) -> list[Scene]:
     if wanted is Wanted.failed:
-        found = [finding.scene for finding in corpus.findings(run)]
+        found = [finding.scene for finding in store.findings(run)]
     else:
-        runs = [run] if run is not None else [each.id for each in corpus.runs()]
-        trials = (trial for each in runs for trial in corpus.trials(each))
+        runs = [run] if run is not None else [each.id for each in store.runs()]
+        trials = (trial for each in runs for trial in store.trials(each))
         found = [
             trial.scene for trial in trials if wanted in (Wanted.all, trial.outcome.verdict.name.lower())
         ]

@@ -10,10 +10,10 @@ from typing import Annotated
 import typer
 
 from vlafuzz.cli.output import print_json, print_rows, progress, stderr, table
-from vlafuzz.corpus.interchange import Imported, read_vlatest
 from vlafuzz.errors import UsageError
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.formats.vlatest.read import Imported, read_vlatest
 from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.scene import write_scenes
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 

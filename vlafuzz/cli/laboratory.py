@@ -8,15 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from vlafuzz import config, launch
+from vlafuzz.campaign import config, launch
+from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.cli.pace import Pace
-from vlafuzz.config import Plan, RunConfig
-from vlafuzz.corpus.records import UNFINISHED, Run
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.errors import CorpusError, UsageError, VlafuzzError
+from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.objects import Pack
-from vlafuzz.scene import Scene, write_scenes
+from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
+from vlafuzz.store.records import UNFINISHED, Run
+from vlafuzz.store.store import Store
 from vlafuzz.studies.parts import Part, operators_of, stored
 from vlafuzz.studies.variants import Variant
 
@@ -29,12 +30,12 @@ class _Job(NamedTuple):
     plan: Plan
     scenes: Sequence[Scene] = ()
 
-    def there(self, corpus: Corpus) -> Run | None:
-        return stored(corpus, self.plan.manifest, self.scenes)
+    def there(self, store: Store) -> Run | None:
+        return stored(store, self.plan.manifest, self.scenes)
 
 
 @dataclass(frozen=True)
-class Lab:
+class StudyRunner:
     """Does runs in the store of a folder.
 
     Attributes:
@@ -45,7 +46,7 @@ class Lab:
 
     asked: RunConfig
     operators: OperatorSet
-    corpus: Corpus
+    store: Store
     folder: Path
     commit: str | None
     left_out: list[str] = field(default_factory=list)
@@ -72,7 +73,7 @@ class Lab:
         return self._done(jobs)
 
     def _own(self, part: Part, **changes: object) -> RunConfig:
-        own = replace(self.asked, task=part.task, subject=part.subject, store=self.corpus.path)
+        own = replace(self.asked, task=part.task, policy=part.policy, store=self.store.path)
         return replace(own, **changes)  # type: ignore[arg-type]
 
     def _plan(self, own: RunConfig, operators: OperatorSet, strategy: str) -> Plan:
@@ -82,15 +83,15 @@ class Lab:
     def _file(self, part: Part) -> Path:
         folder = self.folder / "scenes"
         folder.mkdir(exist_ok=True)
-        name = "-".join(filter(None, (part.arm, part.task, part.subject)))
+        name = "-".join(filter(None, (part.arm, part.task, part.policy)))
         return folder / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".jsonl")
 
     def _done(self, jobs: Mapping[Part, _Job]) -> dict[Part, Run]:
-        there = {part: job.there(self.corpus) for part, job in jobs.items()}
+        there = {part: job.there(self.store) for part, job in jobs.items()}
         early = {part: run for part, run in there.items() if run is None or run.status in UNFINISHED}
         problem = self._work(jobs, early, [run for run in there.values() if run]) if early else None
-        runs = {part: job.there(self.corpus) for part, job in jobs.items()}
-        done = {part: run for part, run in runs.items() if run and self.corpus.count(run.id)}
+        runs = {part: job.there(self.store) for part, job in jobs.items()}
+        done = {part: run for part, run in runs.items() if run and self.store.count(run.id)}
         if not done and problem:
             raise problem
         return done
@@ -104,7 +105,7 @@ class Lab:
             for part, run in early.items():
                 pace.begin(str(part))
                 try:
-                    _fuzz(jobs[part].plan, run, self.corpus, pace)
+                    _fuzz(jobs[part].plan, run, self.store, pace)
                 except CorpusError:
                     raise
                 except UsageError as error:  # boxes of the paper have no room for all of its confounders
@@ -114,15 +115,15 @@ class Lab:
         return problem
 
 
-def _fuzz(plan: Plan, early: Run | None, corpus: Corpus, pace: Pace) -> None:
+def _fuzz(plan: Plan, early: Run | None, store: Store, pace: Pace) -> None:
     """Begin a run, or go on with it."""
     planned = replace(plan, manifest=early.manifest, resume=early.id) if early else plan
     with closing(launch.make_executor(planned)) as executor:
-        summary = launch.fuzz(planned, corpus, executor, pace, alone=True)
+        summary = launch.fuzz(planned, store, executor, pace, alone=True)
     if summary.stopped:
         pace.say(f"{summary.task} stopped: {summary.stopped}")
     if summary.verdicts["error"] and not summary.verdicts["passed"] + summary.verdicts["failed"]:
         raise VlafuzzError(
             f"no scene could be judged: {summary.last_error}",
-            hint="`vlafuzz doctor` checks this machine and `vlafuzz doctor --subject` the subject",
+            hint="`vlafuzz doctor` checks this machine and `vlafuzz doctor --policy` the policy",
         )

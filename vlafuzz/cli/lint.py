@@ -15,12 +15,12 @@ from vlafuzz.cli.flags import PlacementFlag
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_json, print_rows, progress, stderr
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.corpus.sources import Source, is_vlatest, read_source
 from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.formats.sources import Source, is_vlatest, read_source
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.robots import RIGS
+from vlafuzz.rigs.robots import RIGS
 from vlafuzz.scene import PLACEMENTS, Scene, check_placement
-from vlafuzz.space.catalogue import load_operators
+from vlafuzz.space.operator_set import load_operators
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import CHECKS, check_static
 from vlafuzz.validity.crowding import Crowding, crowding, is_known, share, share_closer, share_overlapping

@@ -17,10 +17,10 @@ def command(
 ) -> None:
     """Write one store with all runs, trials and findings of several.
 
-    Runs are numbered anew, in the order given. A scene that fails for one subject in several stores is one
+    Runs are numbered anew, in the order given. A scene that fails for one policy in several stores is one
     finding. A run that is in two of the stores is in the new one twice.
     """
-    from vlafuzz.corpus.merge import merge
+    from vlafuzz.store.merge import merge
 
     twice = next((store for number, store in enumerate(stores) if store in stores[:number]), None)
     if twice is not None:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from vlafuzz.cli.output import print_rows
-from vlafuzz.space.catalogue import load_operators
+from vlafuzz.space.operator_set import load_operators
 from vlafuzz.tasks.tabletop import task as task_named
 
 

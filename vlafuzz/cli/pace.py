@@ -6,9 +6,9 @@ import time
 from collections.abc import Sequence
 from typing import Self
 
+from vlafuzz.campaign.tally import Tally
 from vlafuzz.cli.output import progress, stderr
-from vlafuzz.corpus.records import UNFINISHED, Run
-from vlafuzz.corpus.tally import Tally
+from vlafuzz.store.records import UNFINISHED, Run
 
 _FIRST = 20  # rollouts after which the rest can be estimated
 

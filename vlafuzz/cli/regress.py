@@ -13,11 +13,11 @@ from vlafuzz.cli.output import Row, print_json, print_rows, progress, stderr, st
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
-    from vlafuzz.corpus.bundle import Bundle, Share
-    from vlafuzz.corpus.records import Manifest
-    from vlafuzz.desk import SimulatorDesk
-    from vlafuzz.regress.pairs import Compared, Group, Probe, Tally
-    from vlafuzz.regress.regress import Comparison, Rerun, Side
+    from vlafuzz.regression.corpus import Corpus, Share
+    from vlafuzz.regression.pairs import Compared, Group, Probe, Tally
+    from vlafuzz.regression.regress import Comparison, Rerun, Side
+    from vlafuzz.store.records import Manifest
+    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 _GROUPS: dict[Group, str] = {
     "failing": "failing scenes",
@@ -25,11 +25,11 @@ _GROUPS: dict[Group, str] = {
     "nominal": "nominal scenes",
 }
 _STANDINGS = {
-    "better": "solved: only the subject passes",
+    "better": "solved: only the policy passes",
     "worse": "broken: only the baseline passes",
     "passes": "both pass",
     "fails": "both fail",
-    "error": "errors: a subject or the simulator broke",
+    "error": "errors: a policy or the simulator broke",
     "invalid": "invalid: no longer fair",
     "not run": "not run",
 }
@@ -37,37 +37,37 @@ _STANDINGS = {
 
 def command(
     corpus: Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")],
-    subject: Annotated[str, typer.Option(help="The policy under test, or python:pkg.mod:factory.")],
+    policy: Annotated[str, typer.Option(help="The policy under test, or python:pkg.mod:factory.")],
     baseline: Annotated[
         str | None,
-        typer.Option(help="Roll out this subject, too.", show_default="what the corpus recorded of its own"),
+        typer.Option(help="Roll out this policy, too.", show_default="what the corpus recorded of its own"),
     ] = None,
     alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
     max_rollouts: Annotated[
         int | None,
-        typer.Option(help="Most rollouts of the subject.", show_default="one a scene; stochastic: five"),
+        typer.Option(help="Most rollouts of the policy.", show_default="one a scene; stochastic: five"),
     ] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML, a test case a scene.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Say whether a subject got worse: exit code 1 when it did.
+    """Say whether a policy got worse: exit code 1 when it did.
 
     It is shown the failing scenes of a corpus and, as controls, their counterparts and nominal scenes. All
     scenes are paired with the baseline's; a sequential test decides, and ends as soon as it can.
     """
-    _check(subject, baseline, alpha, max_rollouts, junit)
-    from vlafuzz.corpus.folder import read_bundle
-    from vlafuzz.regress.junit import write_junit
+    _check(policy, baseline, alpha, max_rollouts, junit)
+    from vlafuzz.regression.folder import read_corpus
+    from vlafuzz.regression.junit import write_junit
 
-    bundle = read_bundle(corpus)
-    found = _compare(corpus, bundle, subject, baseline, alpha, max_rollouts)
+    exported = read_corpus(corpus)
+    found = _compare(corpus, exported, policy, baseline, alpha, max_rollouts)
     if junit:
         write_junit(found, junit)
         stderr().print(f"written: {junit}", soft_wrap=True)
     if json:
-        print_json(_as_json(found, bundle))
+        print_json(_as_json(found, exported))
     else:
-        _print(found, bundle)
+        _print(found, exported)
     if found.alarm:
         raise typer.Exit(1)
     if not found.tells:
@@ -76,10 +76,10 @@ def command(
 
 
 def _check(
-    subject: str, baseline: str | None, alpha: float, max_rollouts: int | None, junit: Path | None
+    policy: str, baseline: str | None, alpha: float, max_rollouts: int | None, junit: Path | None
 ) -> None:
     """What can be known to be wrong before anything is run."""
-    from vlafuzz.subjects.registry import check_subject_name
+    from vlafuzz.policies.registry import check_policy_name
 
     if not 0 < alpha < 1:
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
@@ -91,18 +91,18 @@ def _check(
         raise UsageError(
             f"--junit: {junit}: no place for a file", hint="name a file in a folder that is there"
         )
-    for name in filter(None, (subject, baseline)):
-        check_subject_name(name)
+    for name in filter(None, (policy, baseline)):
+        check_policy_name(name)
 
 
 def _compare(
-    corpus: Path, bundle: Bundle, subject: str, baseline: str | None, alpha: float, max_rollouts: int | None
+    folder: Path, corpus: Corpus, policy: str, baseline: str | None, alpha: float, max_rollouts: int | None
 ) -> Comparison:
     """Do it, with a bar."""
-    from vlafuzz.regress import regress
-    from vlafuzz.regress.pairs import probes
+    from vlafuzz.regression import regress
+    from vlafuzz.regression.pairs import probes
 
-    asked = probes(bundle)
+    asked = probes(corpus)
     with ExitStack() as stack, progress() as bar:
         task = bar.add_task("scenes", total=None)
 
@@ -110,41 +110,41 @@ def _compare(
             said = f"rollouts, {now.worse} worse, {now.better} better"
             bar.update(task, completed=now.done, total=now.most, description=said)
 
-        new = stack.enter_context(closing(_rerun(corpus, bundle, subject)))
-        if baseline is None and not (new.deterministic and regress.records_hold(bundle)):
-            baseline = bundle.subject
+        new = stack.enter_context(closing(_rerun(folder, corpus, policy)))
+        if baseline is None and not (new.deterministic and regress.records_hold(corpus)):
+            baseline = corpus.policy
             _note(
-                "a stochastic subject cannot be compared fairly with recorded outcomes, which were selected; "
+                "a stochastic policy cannot be compared fairly with recorded outcomes, which were selected; "
                 f"{baseline} rolls out beside it, as the baseline"
             )
-        old: Side = regress.Recorded(f"{bundle.subject} as recorded")
+        old: Side = regress.Recorded(f"{corpus.policy} as recorded")
         if baseline is not None:
-            old = stack.enter_context(closing(_rerun(corpus, bundle, baseline)))
-        _estimate(bundle, asked, new, old, max_rollouts)
+            old = stack.enter_context(closing(_rerun(folder, corpus, baseline)))
+        _estimate(corpus, asked, new, old, max_rollouts)
         return regress.compare(asked, new, old, alpha=alpha, max_rollouts=max_rollouts, watch=watch)
 
 
-def _rerun(corpus: Path, bundle: Bundle, subject: str) -> Rerun:
-    """A subject that rolls out; says when the conditions are no longer those of the corpus."""
-    from vlafuzz import desk
-    from vlafuzz.regress.regress import Rerun
+def _rerun(folder: Path, corpus: Corpus, policy: str) -> Rerun:
+    """A policy that rolls out; says when the conditions are no longer those of the corpus."""
+    from vlafuzz.regression.regress import Rerun
+    from vlafuzz.triage import scene_runner as runner
 
     changed: dict[str, None] = {}
 
-    def make(run: Manifest) -> SimulatorDesk:
-        made = desk.SimulatorDesk(corpus, run, subject)
-        # That a corpus is older than this commit is no news, nor that another subject's spec is another.
-        known = {"commit"} | ({"spec"} if subject != run.subject else set())
+    def make(run: Manifest) -> SimulatorSceneRunner:
+        made = runner.SimulatorSceneRunner(folder, run, policy)
+        # That a corpus is older than this commit is no news, nor that another policy's spec is another.
+        known = {"commit"} | ({"spec"} if policy != run.policy else set())
         changed.update(dict.fromkeys(name for name in made.changed if name not in known))
-        if made.renderer is not None and bundle.renderer not in (None, made.renderer):
+        if made.renderer is not None and corpus.renderer not in (None, made.renderer):
             changed["renderer"] = None
         return made
 
-    made = Rerun(subject, bundle.runs, make)
+    made = Rerun(policy, corpus.runs, make)
     if changed:
-        hint = f"`--baseline {bundle.subject}` runs both under the same"
+        hint = f"`--baseline {corpus.policy}` runs both under the same"
         _note(
-            f"{subject} runs under other conditions than the corpus: its {', '.join(changed)} differ; {hint}"
+            f"{policy} runs under other conditions than the corpus: its {', '.join(changed)} differ; {hint}"
         )
     return made
 
@@ -153,26 +153,26 @@ def _note(text: str) -> None:
     stderr().print(f"note: {text}", soft_wrap=True)
 
 
-def _estimate(bundle: Bundle, asked: list[Probe], new: Side, old: Side, most: int | None) -> None:
+def _estimate(corpus: Corpus, asked: list[Probe], new: Side, old: Side, most: int | None) -> None:
     """How long it may take, from what the corpus says of its own rollouts."""
-    from vlafuzz.regress.regress import Recorded, most_rollouts
+    from vlafuzz.regression.regress import Recorded, most_rollouts
 
     sides = 1 if isinstance(old, Recorded) else 2
     rollouts = sides * most_rollouts(asked, new, old, most)
-    evidence = bundle.evidence
+    evidence = corpus.evidence
     known = evidence.triage_rollouts + evidence.expert_rollouts
     took = f", about {rollouts * evidence.seconds / known:.0f} s at the corpus's own speed" if known else ""
     stderr().print(f"{len(asked)} scenes, at most {rollouts} rollouts{took}", soft_wrap=True)
 
 
-def _print(found: Comparison, bundle: Bundle) -> None:
+def _print(found: Comparison, corpus: Corpus) -> None:
     rows = [_row(said, found.tally(group), len(found.of(group))) for group, said in _GROUPS.items()]
-    print_rows([*rows, _row("all", found.total, len(found.compared))], title=bundle.name)
+    print_rows([*rows, _row("all", found.total, len(found.compared))], title=corpus.name)
     standings = [
         {"scenes": said} | {name: _count(found.of(group), standing) for group, name in _GROUPS.items()}
         for standing, said in _STANDINGS.items()
     ]
-    print_rows(standings, title="how the subject stands")
+    print_rows(standings, title="how the policy stands")
     worse = [each for each in found.compared if each.standing == "worse"]
     if worse:
         print_rows([_scene(each) for each in worse], title="got worse")
@@ -185,7 +185,7 @@ def _row(group: str, tally: Tally, scenes: int) -> Row:
         "group": group,
         "scenes": scenes,
         "baseline passed": _share(tally.baseline),
-        "subject passed": _share(tally.subject),
+        "policy passed": _share(tally.policy),
         "worse": tally.worse,
         "better": tally.better,
     }
@@ -207,16 +207,16 @@ def _scene(each: Compared) -> Row:
         "group": each.probe.group,
         "what": each.probe.what,
         "baseline passed": f"{each.baseline_passed} of {judged}",
-        "subject passed": f"{each.subject_passed} of {judged}",
+        "policy passed": f"{each.policy_passed} of {judged}",
         "why": each.detail,
     }
 
 
-def _as_json(found: Comparison, bundle: Bundle) -> dict[str, Any]:
+def _as_json(found: Comparison, corpus: Corpus) -> dict[str, Any]:
     total = found.total
-    names = ("subject", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
+    names = ("policy", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
     return {
-        "corpus": bundle.name,
+        "corpus": corpus.name,
         **{name: getattr(found, name) for name in names},
         "pairs": found.tried,
         "judged": total.baseline.of,

@@ -15,12 +15,12 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.corpus.records import Manifest
-    from vlafuzz.corpus.store import Corpus
     from vlafuzz.objects import Pack
     from vlafuzz.outcome import Rollout
     from vlafuzz.scene import Scene
     from vlafuzz.sim.maniskill.video import Recording
+    from vlafuzz.store.records import Manifest
+    from vlafuzz.store.store import Store
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class _Wanted:
     """A scene, and how it was run before, if it was: ``states_hash`` of its first rollout."""
 
     scene: Scene
-    subject: str
+    policy: str
     seed: int = 0
     criteria: str = "strict"
     placement: str = "resting"
@@ -45,11 +45,11 @@ def command(
     first_failure: Annotated[
         bool, typer.Option("--first-failure", help="The store's first finding.")
     ] = False,
-    subject: Annotated[str | None, typer.Option(help="Another subject than the store's.")] = None,
+    policy: Annotated[str | None, typer.Option(help="Another policy than the store's.")] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
-    seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the subject saw at first.")] = None,
+    seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the policy saw at first.")] = None,
     trace: Annotated[
         Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")
     ] = None,
@@ -66,7 +66,7 @@ def command(
     from vlafuzz.sim.maniskill.video import Recording, write_picture
 
     recording = Recording(480 if filmed else 0)
-    report, rollout, hz = _roll_out(wanted, subject or wanted.subject, recording, looks=seen is not None)
+    report, rollout, hz = _roll_out(wanted, policy or wanted.policy, recording, looks=seen is not None)
     if video:
         recording.write_video(video, hz)
     if picture:
@@ -93,7 +93,7 @@ def _find(source: Path, digest: str | None) -> _Wanted:
 
 
 def _find_in_file(source: Path, digest: str | None) -> _Wanted:
-    from vlafuzz.scene import load_scenes
+    from vlafuzz.formats.scene_lines import load_scenes
 
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
@@ -102,37 +102,37 @@ def _find_in_file(source: Path, digest: str | None) -> _Wanted:
 
 
 def _find_in_store(source: Path, digest: str | None) -> _Wanted:
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.store.store import Store
 
-    with Corpus.open(source) as corpus:
+    with Store.open(source) as store:
         if digest is None:
-            findings = corpus.findings()
+            findings = store.findings()
             if not findings:
-                raise UsageError(f"{source}: no scene failed", hint=_one_that_passed(corpus))
+                raise UsageError(f"{source}: no scene failed", hint=_one_that_passed(store))
             scene = findings[0].scene
         else:
-            scene = corpus.scene(digest)
-        for run in reversed(corpus.runs()):
-            for trial in corpus.trials(run.id):
+            scene = store.scene(digest)
+        for run in reversed(store.runs()):
+            for trial in store.trials(run.id):
                 if trial.scene.digest == scene.digest and trial.outcome.rollouts:
                     return _as_in(run.manifest, scene, trial.outcome.rollouts[0].states_hash)
         made_by = {
-            triaged.subject_key
-            for triaged in corpus.triaged()
+            triaged.policy_key
+            for triaged in store.triaged()
             if scene in (triaged.shrunk, *triaged.counterparts.values())
         }
-        for run in reversed(corpus.runs()):
-            if run.manifest.subject_key in made_by:
+        for run in reversed(store.runs()):
+            if run.manifest.policy_key in made_by:
                 return _as_in(run.manifest, scene)
     return _never_run(scene)
 
 
 def _as_in(manifest: Manifest, scene: Scene, states_hash: str | None = None) -> _Wanted:
-    from vlafuzz.corpus.packs import stored_packs
+    from vlafuzz.conditions.packs import stored_packs
 
     return _Wanted(
         scene,
-        manifest.subject,
+        manifest.policy,
         manifest.seed,
         manifest.criteria,
         manifest.placement,
@@ -142,19 +142,19 @@ def _as_in(manifest: Manifest, scene: Scene, states_hash: str | None = None) -> 
     )
 
 
-def _one_that_passed(corpus: Corpus) -> str:
+def _one_that_passed(store: Store) -> str:
     """Which scene to ask for."""
-    trials = (trial for run in corpus.runs() for trial in corpus.trials(run.id) if trial.outcome.rollouts)
+    trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
     one = next((trial.scene.digest[:12] for trial in trials), None)
     return f"give the digest of one that passed: {one}" if one else "no scene of it was run"
 
 
 def _never_run(scene: Scene) -> _Wanted:
-    from vlafuzz.config import default_subject
+    from vlafuzz.campaign.config import default_policy
     from vlafuzz.objects.packs import packs_of
 
     named = (placement.object for placement in scene.placements)
-    return _Wanted(scene, default_subject(), packs=packs_of(named))
+    return _Wanted(scene, default_policy(), packs=packs_of(named))
 
 
 def _check_renderer() -> None:
@@ -168,19 +168,19 @@ def _check_renderer() -> None:
 
 
 def _roll_out(
-    wanted: _Wanted, subject: str, recording: Recording, *, looks: bool
+    wanted: _Wanted, policy: str, recording: Recording, *, looks: bool
 ) -> tuple[dict[str, Any], Rollout | None, int]:
-    """``looks``: what the subject sees is asked for, so that it has to see something."""
+    """``looks``: what the policy sees is asked for, so that it has to see something."""
     from vlafuzz.objects import load_catalogue
     from vlafuzz.outcome import Verdict
-    from vlafuzz.robots import rig
+    from vlafuzz.policies.registry import make_policy
+    from vlafuzz.rigs.robots import rig
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.subjects.registry import make_subject
 
-    made, scene = make_subject(subject), wanted.scene
+    made, scene = make_policy(policy), wanted.scene
     if looks and not made.spec.cameras and not made.spec.silhouettes:
         made.close()
-        raise UsageError(f"subject {subject!r} asks for no pictures", hint="leave --seen out")
+        raise UsageError(f"policy {policy!r} asks for no pictures", hint="leave --seen out")
     evaluator = ManiSkillEvaluator(
         scene.task,
         made,
@@ -202,21 +202,21 @@ def _roll_out(
         "scene": scene.digest,
         "task": scene.task,
         "instruction": " / ".join(scene.instructions),
-        "subject": subject,
+        "policy": policy,
         "verdict": outcome.verdict.name.lower(),
         "lost stage": outcome.lost_stage,
         "reached": list(rollout.reached) if rollout else [],
         "progress": round(outcome.progress, 4),
         "steps": rollout.steps if rollout else 0,
         "success at end": rollout.success_at_end if rollout else None,
-        "same trajectory as stored": _same(wanted, subject, rollout),
+        "same trajectory as stored": _same(wanted, policy, rollout),
         "detail": outcome.detail,
     }
     return report, rollout, rig(scene.robot).control_hz or made.spec.action.hz
 
 
-def _same(wanted: _Wanted, subject: str, rollout: Rollout | None) -> bool | None:
-    if wanted.states_hash is None or rollout is None or subject != wanted.subject:
+def _same(wanted: _Wanted, policy: str, rollout: Rollout | None) -> bool | None:
+    if wanted.states_hash is None or rollout is None or policy != wanted.policy:
         return None
     return rollout.states_hash == wanted.states_hash
 

@@ -13,11 +13,12 @@ from vlafuzz.cli.output import progress, stderr
 from vlafuzz.errors import UsageError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.corpus.records import Manifest
-    from vlafuzz.desk import SimulatorDesk
     from vlafuzz.evidence import Actions
-    from vlafuzz.report.view import Film, View
+    from vlafuzz.report.view import View
     from vlafuzz.scene import Scene
+    from vlafuzz.sim.base import Film
+    from vlafuzz.store.records import Manifest
+    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 
 def command(
@@ -47,18 +48,18 @@ def command(
 
 
 def _view(source: Path) -> View:
-    from vlafuzz.corpus.folder import locate, read_bundle
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.regression.folder import locate, read_corpus
     from vlafuzz.report.exported import view_of_bundle
     from vlafuzz.report.store import view_of_store
+    from vlafuzz.store.store import Store
 
     source = locate(source)
     if source.is_dir():
-        return view_of_bundle(source, read_bundle(source))
+        return view_of_bundle(source, read_corpus(source))
     if not source.is_file():
         raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
-    with Corpus.open(source) as corpus:
-        return view_of_store(corpus)
+    with Store.open(source) as store:
+        return view_of_store(store)
 
 
 def _with_films(source: Path, view: View, limit: int) -> View:
@@ -93,14 +94,14 @@ class _Films:
     def __init__(self, source: Path) -> None:
         self._source = source
         self._run: Manifest | None = None
-        self._desk: SimulatorDesk | None = None
+        self._desk: SimulatorSceneRunner | None = None
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        from vlafuzz import desk
+        from vlafuzz.triage import scene_runner as runner
 
         if self._desk is None or run != self._run:
             self.close()
-            self._run, self._desk = run, desk.SimulatorDesk(self._source, run)
+            self._run, self._desk = run, runner.SimulatorSceneRunner(self._source, run)
         return self._desk.film(scene, actions)
 
     def close(self) -> None:

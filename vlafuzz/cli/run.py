@@ -13,12 +13,12 @@ import typer
 from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, RobotFlag, VaryFlag
 from vlafuzz.cli.output import print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.errors import SubjectError, VlafuzzError
+from vlafuzz.errors import PolicyError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.config import Plan
-    from vlafuzz.corpus.baseline import Beside
-    from vlafuzz.corpus.tally import Summary
+    from vlafuzz.campaign.baseline import Beside
+    from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.tally import Summary
 
 
 def command(
@@ -26,7 +26,7 @@ def command(
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
     robot: RobotFlag = None,
-    subject: Annotated[
+    policy: Annotated[
         str | None,
         typer.Option(
             help="The policy under test, or python:pkg.mod:factory.",
@@ -37,7 +37,7 @@ def command(
         str | None,
         typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="surrogate"),
     ] = None,
-    budget: Annotated[int | None, typer.Option(help="Subject rollouts.", show_default="100")] = None,
+    budget: Annotated[int | None, typer.Option(help="Policy rollouts.", show_default="100")] = None,
     seed: Annotated[
         int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
     ] = None,
@@ -80,20 +80,20 @@ def command(
         bool, typer.Option("--triage", help="Triage what the store then holds, as `vlafuzz triage` does.")
     ] = False,
     unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Do not look first whether the subject sees, hears and moves.")
+        bool, typer.Option("--unchecked", help="Do not look first whether the policy sees, hears and moves.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
     ] = False,
 ) -> None:
-    """Fuzz a subject: find scenes in which it fails.
+    """Fuzz a policy: find scenes in which it fails.
 
-    Runs are kept in a store, by default runs/<task>-<subject>-<strategy>-<seed>.db. Scenes that a store knows
-    are answered from it and cost no budget. A subject of your own is looked at first, for seconds: one
+    Runs are kept in a store, by default runs/<task>-<policy>-<strategy>-<seed>.db. Scenes that a store knows
+    are answered from it and cost no budget. A policy of your own is looked at first, for seconds: one
     that is blind, say, is not run.
     """
-    from vlafuzz import config
+    from vlafuzz.campaign import config
     from vlafuzz.cli import triage as triaging
     from vlafuzz.cli.examining import looked_at
     from vlafuzz.cli.summary import print_summary
@@ -102,7 +102,7 @@ def command(
     asked = {
         "task": task,
         "robot": robot,
-        "subject": subject,
+        "policy": policy,
         "strategy": strategy,
         "budget": budget,
         "seed": seed,
@@ -130,12 +130,12 @@ def command(
     beside, said = _beside_random(summary), about(prepared.strategy)
     if not json:
         print_summary(summary, beside, said)
-    harvest = (
+    summarise = (
         triaging.triage_store(Path(summary.store), workers=workers or 1, show=not json) if triage else None
     )
     if json:
         found = {"about": said, "random": asdict(beside) if beside else None}
-        print_json(asdict(summary) | found | ({"triage": harvest} if harvest else {}))
+        print_json(asdict(summary) | found | ({"triage": summarise} if summarise else {}))
     if summary.stopped:
         stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
@@ -154,8 +154,8 @@ def _why_not(summary: Summary) -> str:
 
 def _start(prepared: Plan) -> Summary:
     """Run it, with a bar."""
+    from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import Watch
-    from vlafuzz.launch import start
 
     again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(prepared.store)])
     with Watch(prepared.manifest.budget) as watch:
@@ -166,16 +166,16 @@ def _start(prepared: Plan) -> Summary:
             told = f"interrupted: all trials so far are stored in {prepared.store}"
             stderr().print(f"{told}\nhint: go on with `{again}`", soft_wrap=True)
             raise typer.Exit(130) from None
-        except SubjectError as error:
-            raise SubjectError(error.message, hint=f"when it is back, go on with `{again}`") from error
+        except PolicyError as error:
+            raise PolicyError(error.message, hint=f"when it is back, go on with `{again}`") from error
 
 
 def _beside_random(summary: Summary) -> Beside | None:
     """A guided run beside random generation; None for what has no share of its own to compare."""
-    from vlafuzz.corpus.baseline import beside_random
-    from vlafuzz.corpus.store import Corpus
+    from vlafuzz.campaign.baseline import beside_random
+    from vlafuzz.store.store import Store
 
     if summary.strategy in ("random", "pool"):
         return None
-    with Corpus.open(Path(summary.store)) as corpus:
-        return beside_random(corpus, summary.run)
+    with Store.open(Path(summary.store)) as store:
+        return beside_random(store, summary.run)

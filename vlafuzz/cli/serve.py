@@ -14,26 +14,26 @@ from vlafuzz.errors import check_number
 
 
 def command(
-    subject: Annotated[str, typer.Argument(help="The subject: vlafuzz subjects lists them.")],
+    policy: Annotated[str, typer.Argument(help="The policy: vlafuzz policies lists them.")],
     protocol: Annotated[str, typer.Option(help="vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
     port: Annotated[int, typer.Option(help="Where to listen; 0 for any port that is free.")] = 8000,
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
 ) -> None:
-    """Serve a subject until interrupted; prints the name under which vlafuzz finds it.
+    """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
 
-    What several clients ask for at the same time, the subject is asked in one call.
+    What several clients ask for at the same time, the policy is asked in one call.
     """
-    from vlafuzz.subjects.registry import make_subject
-    from vlafuzz.subjects.serving.serve import serving
+    from vlafuzz.policies.registry import make_policy
+    from vlafuzz.serving.serve import serving
 
     check_number("--port", port, 0, 65535)
     with (
-        closing(make_subject(subject)) as served,
+        closing(make_policy(policy)) as served,
         serving(served, protocol, host, port) as name,
         suppress(KeyboardInterrupt),
     ):
         sys.stdout.write(f"{name}\n")
         sys.stdout.flush()
-        run = shlex.join(["vlafuzz", "run", "--subject", name])
+        run = shlex.join(["vlafuzz", "run", "--policy", name])
         sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\nhint: fuzz it with `{run}`\n")
         threading.Event().wait()

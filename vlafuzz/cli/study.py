@@ -16,8 +16,8 @@ from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
 if TYPE_CHECKING:
+    from vlafuzz.campaign.config import RunConfig
     from vlafuzz.cli.studying import Wish
-    from vlafuzz.config import RunConfig
     from vlafuzz.studies.sheet import Found
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
@@ -29,7 +29,7 @@ def command(
     out: Annotated[
         Path, typer.Option(help="Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")
     ],
-    subject: Annotated[
+    policy: Annotated[
         list[str] | None,
         typer.Option(
             help="The policy under test, or python:pkg.mod:factory; may be repeated.",
@@ -67,10 +67,10 @@ def command(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Do an experiment of the VLATest paper with subjects, side by side.
+    """Do an experiment of the VLATest paper with policies, side by side.
 
     \b
-    rq1      how far a subject comes in random scenes (the paper: 1000 a task)
+    rq1      how far a policy comes in random scenes (the paper: 1000 a task)
     rq2      the same with 0, 1, 2, 3 and 4 confounders (100 a task and number)
     rq3      scenes that it passed, in other light; beside an unmutated control
     rq4      the same with the camera moved and turned
@@ -89,7 +89,7 @@ def command(
     if (study == "rq5") != bool(unseen):
         raise UsageError(
             f"{study}: --unseen {'is missing' if study == 'rq5' else 'is for rq5 only'}",
-            hint="`vlafuzz study rq5 --unseen DIR`: the pack of the objects that the subjects have not seen",
+            hint="`vlafuzz study rq5 --unseen DIR`: the pack of the objects that the policies have not seen",
         )
     check_number("--scenes", scenes, 1)
     for wanted in task or ():
@@ -97,13 +97,13 @@ def command(
             raise UsageError(f"unknown task {wanted!r}", hint=suggestion(wanted, TASKS))
     if stores and study != "rq1":
         raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
-    asks = {"--task": task, "--subject": subject, "--robot": robot, "--operators": operators, "--pack": pack}
+    asks = {"--task": task, "--policy": policy, "--robot": robot, "--operators": operators, "--pack": pack}
     if stores and (given := [flag for flag, value in asks.items() if value]):
         raise UsageError(f"{given[0]} and --from: nothing is run", hint="leave one of the two out")
 
+    from vlafuzz.campaign.config import RunConfig
     from vlafuzz.cli.studying import Wish, study_of
-    from vlafuzz.config import RunConfig
-    from vlafuzz.robots import PANDA, rig
+    from vlafuzz.rigs.robots import PANDA, rig
 
     if stores:
         _print(study_of(stores), out, json)
@@ -111,7 +111,7 @@ def command(
     wish = Wish(
         study,
         tasks=list(dict.fromkeys(task or ())),
-        subjects=[*dict.fromkeys(subject or ())] or [None],
+        policies=[*dict.fromkeys(policy or ())] or [None],
         alpha=alpha,  # type: ignore[arg-type] # one of ALPHAS
         unseen=opened(unseen),
     )

@@ -8,17 +8,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from vlafuzz.cli.laboratory import Lab
-from vlafuzz.config import RunConfig
-from vlafuzz.corpus.packs import stored_catalogue
-from vlafuzz.corpus.provenance import commit
-from vlafuzz.corpus.records import Run, Trial
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign.config import RunConfig
+from vlafuzz.cli.laboratory import StudyRunner
+from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.provenance import commit
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import Pack
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.registry import check_policy_name
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import Wording
+from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.store import Store
 from vlafuzz.studies import published, wordings
 from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, kept, mutants, mutating, points
 from vlafuzz.studies.mutants_sheet import Mutated
@@ -31,7 +32,6 @@ from vlafuzz.studies.unseen import difference, paired_tests
 from vlafuzz.studies.unseen_sheet import Unseen
 from vlafuzz.studies.variants import JUDGED, Tried, Variant, distinct, pooled, tried
 from vlafuzz.studies.wordings_sheet import Said
-from vlafuzz.subjects.registry import check_subject_name
 from vlafuzz.tasks.tabletop import TASKS
 
 STORE = "study.db"
@@ -44,21 +44,21 @@ class Wish:
 
     Attributes:
         tasks: none for all that it has.
-        subjects: None for the default one.
+        policies: None for the default one.
         alpha: how RQ3 draws the light.
         unseen: the packs of RQ5's unseen objects.
     """
 
     study: str
     tasks: Sequence[str] = ()
-    subjects: Sequence[str | None] = (None,)
+    policies: Sequence[str | None] = (None,)
     alpha: Alpha = "linear"
     unseen: Sequence[Pack] = ()
 
     def parts(self) -> list[Part]:
         """The first runs."""
         own = wordings.two_steps() if self.study == "prompts" else TASKS
-        return parts_of(self.study, list(self.tasks or own), self.subjects)
+        return parts_of(self.study, list(self.tasks or own), self.policies)
 
 
 def study(wish: Wish, asked: RunConfig, folder: Path) -> Found:
@@ -68,20 +68,20 @@ def study(wish: Wish, asked: RunConfig, folder: Path) -> Found:
         asked: the same for all runs; its ``budget`` is the number of scenes of each.
     """
     operators = load_operators(asked.operators)
-    for subject in filter(None, wish.subjects):
-        check_subject_name(subject)
+    for policy in filter(None, wish.policies):
+        check_policy_name(policy)
     _make(folder)
-    with Corpus.open(folder / STORE, "write") as corpus:
-        return STUDIES[wish.study](Lab(asked, operators, corpus, folder, commit()), wish)
+    with Store.open(folder / STORE, "write") as store:
+        return STUDIES[wish.study](StudyRunner(asked, operators, store, folder, commit()), wish)
 
 
 def study_of(stores: Sequence[Path]) -> Staged:
     """RQ1 of the runs that stores have: of random scenes, or those of a file. Others are no sample."""
     counted = []
     for path in stores:
-        with Corpus.open(path) as corpus:
-            fair = [run for run in corpus.runs() if run.manifest.strategy in SAMPLES]
-            counted += [standing(corpus, run) for run in fair if corpus.count(run.id)]
+        with Store.open(path) as store:
+            fair = [run for run in store.runs() if run.manifest.strategy in SAMPLES]
+            counted += [standing(store, run) for run in fair if store.count(run.id)]
     if not counted:
         raise UsageError(
             f"{', '.join(map(str, stores))}: no run with scenes of strategy {' or '.join(SAMPLES)}",
@@ -103,49 +103,49 @@ def write(found: Found, folder: Path) -> tuple[dict[str, Any], Sheet]:
     return told, sheet
 
 
-def _stages(lab: Lab, wish: Wish) -> Staged:
+def _stages(runner: StudyRunner, wish: Wish) -> Staged:
     """RQ1, RQ2."""
-    runs = lab.sampled(wish.parts())
-    counted = [standing(lab.corpus, run, part.confounders) for part, run in runs.items()]
-    similar = _similar(lab.corpus, list(runs.values())) if wish.study == "rq2" else []
-    return _staged(wish.study, counted, similar, lab.left_out)
+    runs = runner.sampled(wish.parts())
+    counted = [standing(runner.store, run, part.confounders) for part, run in runs.items()]
+    similar = _similar(runner.store, list(runs.values())) if wish.study == "rq2" else []
+    return _staged(wish.study, counted, similar, runner.left_out)
 
 
 def _staged(name: str, counted: list[Standing], similar: list[Similarity], left_out: list[str]) -> Staged:
     tasks = dict.fromkeys(each.task for each in counted) if name == "rq1" else ()
-    subjects = list(dict.fromkeys(each.subject for each in counted))
-    return Staged(name, subjects, left_out, counted, [in_paper(task) for task in tasks], similar)
+    policies = list(dict.fromkeys(each.policy for each in counted))
+    return Staged(name, policies, left_out, counted, [in_paper(task) for task in tasks], similar)
 
 
-def _similar(corpus: Corpus, runs: Sequence[Run]) -> list[Similarity]:
+def _similar(store: Store, runs: Sequence[Run]) -> list[Similarity]:
     groups: dict[tuple[str, str], list[Run]] = {}
     for run in runs:
-        groups.setdefault((run.manifest.subject, run.manifest.task), []).append(run)
+        groups.setdefault((run.manifest.policy, run.manifest.task), []).append(run)
     catalogue = stored_catalogue(*(run.manifest for run in runs))
-    return adjusted([similarity(corpus, its, catalogue) for its in groups.values()])
+    return adjusted([similarity(store, its, catalogue) for its in groups.values()])
 
 
-def _mutated(lab: Lab, wish: Wish) -> Mutated:
+def _mutated(runner: StudyRunner, wish: Wish) -> Mutated:
     """RQ3, RQ4."""
 
     def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
-        operators = mutating(wish.study, operators_of(part, lab.operators), wish.alpha)
+        operators = mutating(wish.study, operators_of(part, runner.operators), wish.alpha)
         space = SearchSpace(operators, stored_catalogue(run.manifest), part.task, run.manifest.robot)
         passed = [trial.scene for trial in trials if trial.outcome.verdict is Verdict.PASSED]
-        return operators, mutants(space, passed, lab.asked.seed)
+        return operators, mutants(space, passed, runner.asked.seed)
 
-    by_subject: dict[str, dict[str, list[Tried]]] = {}
-    for run, _, found in _varied(lab, wish, make):
-        by_subject.setdefault(run.manifest.subject, {})[run.manifest.task] = found
+    by_policy: dict[str, dict[str, list[Tried]]] = {}
+    for run, _, found in _varied(runner, wish, make):
+        by_policy.setdefault(run.manifest.policy, {})[run.manifest.task] = found
     rows, curves = [], []
-    for subject, by_task in by_subject.items():
+    for policy, by_task in by_policy.items():
         every = {**by_task, **({ALL: pooled(by_task.values())} if len(by_task) > 1 else {})}
-        rows += [kept(task, subject, found) for task, found in every.items()]
-        curves += points(wish.study, subject, pooled(by_task.values()))
+        rows += [kept(task, policy, found) for task, found in every.items()]
+        curves += points(wish.study, policy, pooled(by_task.values()))
     return Mutated(
         wish.study,
-        list(by_subject),
-        lab.left_out,
+        list(by_policy),
+        runner.left_out,
         wish.alpha if wish.study == "rq3" else None,
         rows,
         curves,
@@ -153,13 +153,13 @@ def _mutated(lab: Lab, wish: Wish) -> Mutated:
     )
 
 
-def _unseen(lab: Lab, wish: Wish) -> Unseen:
+def _unseen(runner: StudyRunner, wish: Wish) -> Unseen:
     """RQ5."""
     parts = {part: part._replace(arm="unseen") for part in wish.parts()}
-    seen = lab.sampled(parts)
-    unseen = lab.sampled(parts.values(), wish.unseen)
+    seen = runner.sampled(parts)
+    unseen = runner.sampled(parts.values(), wish.unseen)
     found = [
-        difference(standing(lab.corpus, seen[part]), standing(lab.corpus, unseen[other]))
+        difference(standing(runner.store, seen[part]), standing(runner.store, unseen[other]))
         for part, other in parts.items()
         if part in seen and other in unseen
     ]
@@ -167,49 +167,51 @@ def _unseen(lab: Lab, wish: Wish) -> Unseen:
         raise UsageError(
             "rq5: no task has room for both seen and unseen objects", hint="widen the --operators"
         )
-    subjects = list(dict.fromkeys(each.subject for each in found))
+    policies = list(dict.fromkeys(each.policy for each in found))
     packs = [pack.name for pack in wish.unseen]
-    return Unseen(wish.study, subjects, lab.left_out, packs, found, paired_tests(found))
+    return Unseen(wish.study, policies, runner.left_out, packs, found, paired_tests(found))
 
 
-def _said(lab: Lab, wish: Wish) -> Said:
+def _said(runner: StudyRunner, wish: Wish) -> Said:
     """RQ6, prompts."""
     study = cast(wordings.Study, wish.study)
     ways = {part.task: wordings.prompts(study, part.task) for part in wish.parts()}
 
     def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
         scenes, catalogue = [trial.scene for trial in trials], stored_catalogue(run.manifest)
-        operators = operators_of(part, lab.operators).only([Wording.name])
+        operators = operators_of(part, runner.operators).only([Wording.name])
         return operators, wordings.variants(scenes, ways[part.task], catalogue)
 
     whole, found = [], []
-    for run, trials, reworded in _varied(lab, wish, make):
-        task, subject, plain = run.manifest.task, run.manifest.subject, [trial.outcome for trial in trials]
-        whole.append(wordings.together(task, subject, plain, reworded))
-        found += wordings.compared(task, subject, plain, reworded, ways[task])
-    subjects = list(dict.fromkeys(each.subject for each in whole))
-    return Said(wish.study, subjects, lab.left_out, whole, wordings.adjusted(found))
+    for run, trials, reworded in _varied(runner, wish, make):
+        task, policy, plain = run.manifest.task, run.manifest.policy, [trial.outcome for trial in trials]
+        whole.append(wordings.together(task, policy, plain, reworded))
+        found += wordings.compared(task, policy, plain, reworded, ways[task])
+    policies = list(dict.fromkeys(each.policy for each in whole))
+    return Said(wish.study, policies, runner.left_out, whole, wordings.adjusted(found))
 
 
 def _varied(
-    lab: Lab, wish: Wish, make: Callable[[Part, Run, list[Trial]], tuple[OperatorSet, list[Variant]]]
+    runner: StudyRunner,
+    wish: Wish,
+    make: Callable[[Part, Run, list[Trial]], tuple[OperatorSet, list[Variant]]],
 ) -> list[tuple[Run, list[Trial], list[Tried]]]:
     """Each first run with its judged trials, and what came of the variants that ``make`` makes of these."""
-    runs = lab.sampled(wish.parts())
+    runs = runner.sampled(wish.parts())
     trials = {
-        part: [trial for trial in distinct(lab.corpus, run) if trial.outcome.verdict in JUDGED]
+        part: [trial for trial in distinct(runner.store, run) if trial.outcome.verdict in JUDGED]
         for part, run in runs.items()
     }
     arms = {part: part._replace(arm=wish.study) for part in runs}
     made = {arms[part]: make(part, run, trials[part]) for part, run in runs.items()}
-    done = lab.given(made)
+    done = runner.given(made)
     return [
-        (run, trials[part], tried(lab.corpus, done.get(arms[part]), made[arms[part]][1]))
+        (run, trials[part], tried(runner.store, done.get(arms[part]), made[arms[part]][1]))
         for part, run in runs.items()
     ]
 
 
-STUDIES: dict[str, Callable[[Lab, Wish], Found]] = {
+STUDIES: dict[str, Callable[[StudyRunner, Wish], Found]] = {
     "rq1": _stages,
     "rq2": _stages,
     **dict.fromkeys(MUTATED, _mutated),

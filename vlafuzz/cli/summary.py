@@ -16,11 +16,11 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from vlafuzz.campaign.baseline import Beside
+from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
-from vlafuzz.corpus.baseline import Beside
-from vlafuzz.corpus.tally import Summary, Tally
 from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import wilson
+from vlafuzz.statistics import wilson
 
 
 class Watch:
@@ -83,20 +83,20 @@ def print_summary(summary: Summary, beside: Beside | None = None, about: str = "
 
 
 def _title(summary: Summary) -> str:
-    return f"run {summary.run}: {summary.task}, {summary.subject}, {summary.strategy}, seed {summary.seed}"
+    return f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
 
 
 def _lines(summary: Summary) -> list[tuple[str, str]]:
     verdicts = summary.verdicts
     judged = verdicts["passed"] + verdicts["failed"]
     low, high = wilson(verdicts["failed"], judged)
-    lines = [("subject", summary.checkup)] if summary.checkup not in ("", "ok") else []
+    lines = [("policy", summary.checkup)] if summary.checkup not in ("", "ok") else []
     lines += [
         ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
         ("proposals", f"{summary.proposals}, {summary.duplicates} of them known already"),
         ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),
     ]
-    if summary.earlier and ":" in summary.subject:  # a model of the user's, which may be another by now
+    if summary.earlier and ":" in summary.policy:  # a model of the user's, which may be another by now
         told = f"{summary.earlier} scenes: if it is another model by now, give another --store"
         lines.append(("by earlier runs", told))
     if summary.invalid:
@@ -121,7 +121,7 @@ def _beside(summary: Summary, beside: Beside) -> str:
     """The run's share of failing scenes beside random generation's, in a sentence."""
     if not beside.random_judged:
         return (
-            "beside random: unknown, the store has no random run of this subject, task and operators; "
+            "beside random: unknown, the store has no random run of this policy, task and operators; "
             "the same command with --strategy random and "
             f"{shlex.join(['--store', summary.store])} adds one"
         )

@@ -14,10 +14,10 @@ from vlafuzz.cli.output import print_json, print_rows, progress, stderr
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.corpus.harvest import Harvest
-    from vlafuzz.corpus.records import Run
-    from vlafuzz.desk import SimulatorDesk
-    from vlafuzz.findings import Progress
+    from vlafuzz.store.records import Run
+    from vlafuzz.triage.pipeline import Progress
+    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+    from vlafuzz.triage.summary import TriageSummary
 
 
 def command(
@@ -25,8 +25,8 @@ def command(
     max_rollouts: Annotated[
         int | None,
         typer.Option(
-            help="Most subject rollouts to shrink and attribute one finding.",
-            show_default="100, of a stochastic subject 1000",
+            help="Most policy rollouts to shrink and attribute one finding.",
+            show_default="100, of a stochastic policy 1000",
         ),
     ] = None,
     limit: Annotated[
@@ -57,19 +57,21 @@ def triage_store(
     if show:
         _print(found)
     if unjudged:
-        told = f"{unjudged} findings could not be judged: the subject broke, or they are no longer fair"
+        told = f"{unjudged} findings could not be judged: the policy broke, or they are no longer fair"
         stderr().print(f"{told}\nhint: they are tried again the next time", soft_wrap=True)
     return asdict(found) | {"unjudged": unjudged}
 
 
-def _triage(store: Path, max_rollouts: int | None, limit: int | None, workers: int) -> tuple[Harvest, int]:
+def _triage(
+    store: Path, max_rollouts: int | None, limit: int | None, workers: int
+) -> tuple[TriageSummary, int]:
     """Do it, with a bar: what the store then holds, and how many findings could not be judged."""
-    from vlafuzz.corpus.harvest import harvest
-    from vlafuzz.corpus.store import Corpus
-    from vlafuzz.findings import triage
+    from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import triage
+    from vlafuzz.triage.summary import summarise
 
-    Corpus.open(store).close()  # an empty file is no store, and is not made one
-    with Corpus.open(store, "write") as corpus:
+    Store.open(store).close()  # an empty file is no store, and is not made one
+    with Store.open(store, "write") as opened:
         with progress() as bar:
             task = bar.add_task("findings", total=None)
 
@@ -79,7 +81,7 @@ def _triage(store: Path, max_rollouts: int | None, limit: int | None, workers: i
 
             try:
                 unjudged = triage(
-                    corpus,
+                    opened,
                     partial(make_desk, store),
                     max_rollouts=max_rollouts,
                     limit=limit,
@@ -91,25 +93,25 @@ def _triage(store: Path, max_rollouts: int | None, limit: int | None, workers: i
                 again = shlex.join(["vlafuzz", "triage", str(store)])
                 stderr().print(f"interrupted: what is done is stored\nhint: go on with `{again}`")
                 raise typer.Exit(130) from None
-        return harvest(corpus), unjudged
+        return summarise(opened), unjudged
 
 
-def make_desk(store: Path, run: Run, *, later: int = 0) -> SimulatorDesk:
+def make_desk(store: Path, run: Run, *, later: int = 0) -> SimulatorSceneRunner:
     """What a run's findings are worked on with; says when it is no longer what they were found with.
 
     Args:
-        later: seeds to leave out, of a stochastic subject: others have chosen by them.
+        later: seeds to leave out, of a stochastic policy: others have chosen by them.
     """
-    from vlafuzz import desk
+    from vlafuzz.triage import scene_runner as runner
 
-    made = desk.SimulatorDesk(store, run.manifest, later=later)
+    made = runner.SimulatorSceneRunner(store, run.manifest, later=later)
     if made.changed:
         told = f"note: run {run.id} was made by another version: its {', '.join(made.changed)} differ"
         stderr().print(f"{told}; what no longer fails will count as flaky", soft_wrap=True)
     return made
 
 
-def _print(found: Harvest) -> None:
+def _print(found: TriageSummary) -> None:
     shares = {name: _share(count, found.triaged) for name, count in found.buckets.items()}
     rows = {
         "findings": found.findings,
@@ -122,7 +124,7 @@ def _print(found: Harvest) -> None:
         "operators not nominal before, median": found.deviating_before,
         "operators left, median": found.deviating_after,
         "rollouts to shrink one, median": found.shrink_rollouts,
-        "subject rollouts": found.subject_rollouts,
+        "policy rollouts": found.policy_rollouts,
         "expert rollouts": found.expert_rollouts,
         "seconds": round(found.seconds, 1),
     }

@@ -66,7 +66,7 @@ class Comparison:
     """What ``vlafuzz compare`` says, the JSON of ``--json``."""
 
     task: str
-    subject: str
+    policy: str
     budget: int
     repeats: int
     seeds: tuple[int, ...]
@@ -103,7 +103,7 @@ def compare(
     of = {name: {f.cell for each in its for f in each.failures} for name, its in found.items()}
     return Comparison(
         task=manifest.task,
-        subject=manifest.subject,
+        policy=manifest.policy,
         budget=manifest.budget,
         repeats=len(found[reference]),
         seeds=tuple(each.run.manifest.seed for each in found[reference]),

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.compare.solvable import Sampled
-from vlafuzz.compare.statistics import share_interval
-from vlafuzz.corpus.records import Finding, Triaged
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.statistics import share_interval
+from vlafuzz.store.records import Finding, Triaged
+from vlafuzz.store.store import Store
 
 
 @dataclass(frozen=True)
@@ -41,17 +41,17 @@ def choose(sampled: Sequence[Sampled], solved: Mapping[str, bool], size: int) ->
     return sorted(sampled, key=lambda each: not solved.get(each.scene.digest))[:size]
 
 
-def findings(corpus: Corpus, chosen: Sequence[Sampled]) -> dict[Sampled, Finding]:
+def findings(store: Store, chosen: Sequence[Sampled]) -> dict[Sampled, Finding]:
     """What a store has of some failures: a run may have found what another had found before."""
     runs = {each.run for each in chosen}
-    known = {Sampled(each.scene, run): each for run in runs for each in corpus.findings(run)}
+    known = {Sampled(each.scene, run): each for run in runs for each in store.findings(run)}
     return {each: known[each] for each in chosen}
 
 
 def evidence(found: Mapping[Sampled, Finding], triaged: Iterable[Triaged]) -> Evidence | None:
     """What triage has made of some findings; None where it has judged none of them."""
-    known = {(each.scene, each.subject_key): each for each in triaged}
-    made = [(each.run, known.get((finding.scene, finding.subject_key))) for each, finding in found.items()]
+    known = {(each.scene, each.policy_key): each for each in triaged}
+    made = [(each.run, known.get((finding.scene, finding.policy_key))) for each, finding in found.items()]
     judged = [each for _, each in made if each]
     if not judged:
         return None

@@ -10,12 +10,12 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.corpus.dedup import Meaningful
-from vlafuzz.corpus.records import Run
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.campaign.clusters import Embed
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
 
 Vector = NDArray[np.float64]
 
@@ -45,10 +45,10 @@ class Found:
     """A run, counted.
 
     Attributes:
-        rollouts: of the subject; ``rollout_seconds`` is what they took, added up over all processes.
+        rollouts: of the policy; ``rollout_seconds`` is what they took, added up over all processes.
         judged: proposals of scenes that passed or failed, ``rejected`` of scenes that are not fair.
         rejected_scenes: distinct ones; they cost no rollout.
-        errors: proposals in which subject or simulator broke.
+        errors: proposals in which policy or simulator broke.
         failures: in the order in which they were found.
     """
 
@@ -72,12 +72,12 @@ def quality(severity: float, progress: float, operators: int) -> float:
     """What a failure is worth, in [0, 1]: 1 for one in the nominal scene, before anything was achieved.
 
     The mean of two shares: how near to nominal it is (1 - the mean severity of the operators that vary), and
-    how early the subject fails (1 - progress).
+    how early the policy fails (1 - progress).
     """
     return (max(0.0, 1.0 - severity / operators) + 1.0 - progress) / 2.0
 
 
-def found(corpus: Corpus, run: Run, meaningful: Meaningful) -> Found:
+def found(store: Store, run: Run, embed: Embed) -> Found:
     """Count what a store has of a run.
 
     Raises:
@@ -90,7 +90,7 @@ def found(corpus: Corpus, run: Run, meaningful: Meaningful) -> Found:
     spent, seconds, proposals = 0, 0.0, 0
     # In the order of proposals, a known scene may come before the trial of its batch that rolled it out.
     borrowed: dict[str, int] = {}
-    for trial in corpus.trials(run.id):
+    for trial in store.trials(run.id):
         digest, outcome = trial.scene.digest, trial.outcome
         proposals += 1
         counts[outcome.verdict] += 1
@@ -105,9 +105,9 @@ def found(corpus: Corpus, run: Run, meaningful: Meaningful) -> Found:
         if outcome.verdict is Verdict.FAILED and digest not in failures:
             worth = quality(trial.severity, outcome.progress, operators)
             failures[digest] = Failure(
-                trial.scene, trial.cell or "", trial.severity, worth, spent, meaningful(trial.scene)
+                trial.scene, trial.cell or "", trial.severity, worth, spent, embed(trial.scene)
             )
-    _check_own(corpus, run, [borrowed[digest] for digest in borrowed if digest not in own])
+    _check_own(store, run, [borrowed[digest] for digest in borrowed if digest not in own])
     judged = counts[Verdict.PASSED] + counts[Verdict.FAILED]
     return Found(
         run, spent, seconds, proposals, judged, counts[Verdict.INVALID], len(rejected),
@@ -115,10 +115,10 @@ def found(corpus: Corpus, run: Run, meaningful: Meaningful) -> Found:
     )  # fmt: skip
 
 
-def _check_own(corpus: Corpus, run: Run, borrowed: Sequence[int]) -> None:
+def _check_own(store: Store, run: Run, borrowed: Sequence[int]) -> None:
     if borrowed:
         raise UsageError(
-            f"{corpus.path}: run {run.id} was answered {len(borrowed)} scenes by other runs, at no cost",
+            f"{store.path}: run {run.id} was answered {len(borrowed)} scenes by other runs, at no cost",
             hint="compare runs that `vlafuzz compare` began, and that it went on with: give another --store",
         )
 

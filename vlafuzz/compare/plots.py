@@ -42,7 +42,7 @@ def _curves(compared: Comparison) -> Any:
         for curve in compared.curves:
             if curve.what == what:
                 _draw(axes, curve, styles[curve.strategy])
-        axes.set(xlabel="rollouts of the subject", ylabel=says, xlim=(0, compared.budget))
+        axes.set(xlabel="rollouts of the policy", ylabel=says, xlim=(0, compared.budget))
         axes.set_ylim(bottom=0)
         _plain(axes)
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -122,7 +122,7 @@ def _plain(axes: Any) -> None:
 
 
 def _title(compared: Comparison) -> str:
-    return f"{compared.task}, {compared.subject}"
+    return f"{compared.task}, {compared.policy}"
 
 
 def _repeats(compared: Comparison) -> str:

@@ -8,15 +8,15 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from vlafuzz.corpus.records import UNFINISHED, Manifest, Run
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.base import Executor
+from vlafuzz.store.records import UNFINISHED, Manifest, Run
 
 Planned = TypeVar("Planned")
 
 _ASKED = (
     "task",
-    "subject",
+    "policy",
     "budget",
     "batch",
     "repeats",

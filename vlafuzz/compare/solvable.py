@@ -13,11 +13,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from vlafuzz.compare.failures import Found
-from vlafuzz.compare.statistics import share_interval
-from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import share_interval
+from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import find_witness
 
 # What, beside the scene, decides over whether the expert solves it.
@@ -98,7 +98,7 @@ class Witnesses:
         """Those that are to be tried, each once."""
         return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self._known]
 
-    def find(self, scenes: Sequence[Scene], desk: Solver, watch: Callable[[int, int], None]) -> None:
+    def find(self, scenes: Sequence[Scene], runner: Solver, watch: Callable[[int, int], None]) -> None:
         """Try what is missing; each is kept as soon as it is done.
 
         Args:
@@ -107,7 +107,7 @@ class Witnesses:
         todo = self.missing(scenes)
         for done, scene in enumerate(todo):
             watch(done, len(todo))
-            search = find_witness(scene, desk.solve, desk.play)
+            search = find_witness(scene, runner.solve, runner.play)
             solved = self._known[scene.digest] = search.witness is not None
             if search.broken:
                 continue  # it counts as not solved, and is tried again the next time

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from vlafuzz.compare.figures import Figures
-from vlafuzz.compare.statistics import (
+from vlafuzz.statistics import (
     a12,
     holm,
     mann_whitney,

@@ -20,4 +20,4 @@ class Executor(Protocol):
         """
 
     def close(self) -> None:
-        """No more batches: let go of simulators and subjects."""
+        """No more batches: let go of simulators and policies."""

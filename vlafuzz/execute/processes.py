@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import VlafuzzError
-from vlafuzz.execute.crew import LOOK, TIMEOUT, Crew, Lost
 from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.execute.threads import single_threaded
+from vlafuzz.execute.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
@@ -45,7 +45,7 @@ class ProcessExecutor:
         after: Callable[[], None] = lambda: None,
     ) -> None:
         most = memory or share(workers)
-        self._crew = Crew(lambda: _Process(make, timeout, most), _wait, workers)
+        self._crew = WorkerPool(lambda: _Process(make, timeout, most), _wait, workers)
         self._after = after
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:

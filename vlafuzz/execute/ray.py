@@ -16,8 +16,8 @@ from ray._private import worker as driver
 from ray.exceptions import RayActorError, RayError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
-from vlafuzz.execute.crew import LOOK, TIMEOUT, TRIES, Crew, Lost
 from vlafuzz.execute.processes import ProcessExecutor, share
+from vlafuzz.execute.worker_pool import LOOK, TIMEOUT, TRIES, Lost, WorkerPool
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
@@ -57,7 +57,7 @@ class RayExecutor:
     ) -> None:
         self._ours = _connect(address, workers)
         hire = partial(_Actor, make, timeout, memory, workers)
-        self._crew, self._after = Crew(hire, _wait, workers), after
+        self._crew, self._after = WorkerPool(hire, _wait, workers), after
         room = int(ray.cluster_resources().get("CPU", 0))
         if room < workers:
             self.close()

@@ -11,13 +11,13 @@ from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor
-from vlafuzz.execute.crew import TIMEOUT
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import Shared, share
+from vlafuzz.execute.worker_pool import TIMEOUT
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.registry import is_shared, make_policy
 from vlafuzz.sim.base import Evaluator
-from vlafuzz.subjects.base import Subject
-from vlafuzz.subjects.registry import is_shared, make_subject
 
 EXECUTORS = ("local", "processes", "ray")
 
@@ -70,32 +70,32 @@ class Place:
             )
 
 
-def subject_at(place: Place, name: str) -> Subject:
-    """The subject of that name, or what stands for it where workers share it."""
+def policy_at(place: Place, name: str) -> Policy:
+    """The policy of that name, or what stands for it where workers share it."""
     if place.kind != "local" and is_shared(name):
         return share(name, everywhere=place.kind == "ray")
-    return make_subject(name)
+    return make_policy(name)
 
 
-def executor_at(place: Place, make: Callable[..., Evaluator], subject: Subject) -> Executor:
+def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) -> Executor:
     """What evaluates scenes there.
 
     Args:
-        make: makes an evaluator, of a subject or of one that it makes itself; picklable for workers.
-        subject: of ``subject_at``; closed with the executor at the latest.
+        make: makes an evaluator, of a policy or of one that it makes itself; picklable for workers.
+        policy: of ``policy_at``; closed with the executor at the latest.
 
     Raises:
         PrerequisiteError: no ray cluster answers.
     """
     if place.kind == "local":
-        return LocalExecutor(make(subject))
+        return LocalExecutor(make(policy))
     options: dict[str, Any] = {}
-    if isinstance(subject, Shared):
-        make = partial(make, subject)
+    if isinstance(policy, Shared):
+        make = partial(make, policy)
         # They may wait for each other at every step.
-        options = {"timeout": TIMEOUT * place.workers, "after": subject.close}
+        options = {"timeout": TIMEOUT * place.workers, "after": policy.close}
     else:
-        subject.close()  # each worker makes its own
+        policy.close()  # each worker makes its own
     if place.kind == "processes":
         return ProcessExecutor(make, place.workers, **options)
     from vlafuzz.execute.ray import RayExecutor  # loads ray

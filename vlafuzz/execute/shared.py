@@ -1,4 +1,4 @@
-"""Shared: what workers have in place of a subject that lives in a host."""
+"""Shared: what workers have in place of a policy that lives in a host."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from functools import partial
 from multiprocessing import connection
 from typing import Any
 
-from vlafuzz.errors import SubjectError
-from vlafuzz.execute.crew import Lost
-from vlafuzz.execute.host import Address, Host
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
-from vlafuzz.subjects.registry import make_subject
-from vlafuzz.subjects.service import Asked
+from vlafuzz.errors import PolicyError
+from vlafuzz.execute.policy_process import Address, PolicyProcess
+from vlafuzz.execute.worker_pool import Lost
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.batching import Asked
+from vlafuzz.policies.registry import make_policy
 
 PATIENCE = 20.0  # seconds for a host that died to be there again
 
-_hosts: dict[tuple[str, bool], tuple[Host, list[Shared]]] = {}
+_hosts: dict[tuple[str, bool], tuple[PolicyProcess, list[Shared]]] = {}
 
 
 class Shared:
@@ -27,7 +27,7 @@ class Shared:
     A host that dies takes the rollout along: the worker is lost, and its scenes are tried again.
     """
 
-    def __init__(self, name: str, address: Address, key: bytes, spec: SubjectSpec) -> None:
+    def __init__(self, name: str, address: Address, key: bytes, spec: PolicySpec) -> None:
         self.name, self.spec = name, spec
         self._address, self._key = address, key
         self._pipe: Any = None
@@ -39,14 +39,14 @@ class Shared:
         return self.__dict__ | {"_pipe": None}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """See ``Subject``."""
+        """See ``Policy``."""
         first, self._number = self._number, self._number + len(episodes)
         begun = [(start, f"{number}/{start.episode}") for number, start in enumerate(episodes, first)]
         self._ask(Asked(begin=[replace(start, episode=name) for start, name in begun]))
         self._live += begun
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """See ``Subject``."""
+        """See ``Policy``."""
         known = {start.episode: name for start, name in self._live}
         named = [replace(seen, episode=known.get(seen.episode, seen.episode)) for seen in observations]
         return self._ask(Asked(act=named))
@@ -76,7 +76,7 @@ class Shared:
             answer = self._pipe.recv()
         except (EOFError, OSError):
             raise Lost(f"the process of {self.name} died") from None
-        if isinstance(answer, SubjectError):
+        if isinstance(answer, PolicyError):
             raise answer
         return answer  # type: ignore[no-any-return]
 
@@ -92,7 +92,7 @@ class Shared:
 
 
 def share(name: str, *, everywhere: bool = False) -> Shared:
-    """The subject of that name in a host: the one that is there, or a new one.
+    """The policy of that name in a host: the one that is there, or a new one.
 
     Args:
         everywhere: whether workers of other machines are to reach it.
@@ -101,7 +101,10 @@ def share(name: str, *, everywhere: bool = False) -> Shared:
         VlafuzzError: it cannot be made.
     """
     if (name, everywhere) not in _hosts:
-        _hosts[name, everywhere] = (Host(name, partial(make_subject, name), everywhere=everywhere), [])
+        _hosts[name, everywhere] = (
+            PolicyProcess(name, partial(make_policy, name), everywhere=everywhere),
+            [],
+        )
     host, sharers = _hosts[name, everywhere]
     sharers.append(Shared(name, host.address, host.key, host.spec))
     return sharers[-1]

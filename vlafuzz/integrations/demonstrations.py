@@ -1,4 +1,4 @@
-"""Demonstrations: how an expert solves the scenes in which a subject failed, as the subject would see it."""
+"""Demonstrations: how an expert solves the scenes in which a policy failed, as the policy would see it."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.corpus.folder import is_bundle, read_bundle
-from vlafuzz.corpus.packs import stored_catalogue
-from vlafuzz.corpus.records import Manifest
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.clients.remote import SIDE
+from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.errors import CorpusError, UsageError
 from vlafuzz.evidence import Witness
-from vlafuzz.robots import rig
+from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.policies.expert import Expert
+from vlafuzz.regression.folder import is_corpus, read_corpus
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.subjects.base import CameraRequest, SubjectSpec
-from vlafuzz.subjects.expert import Expert
-from vlafuzz.subjects.remote import SIDE
+from vlafuzz.store.records import Manifest
+from vlafuzz.store.store import Store
 from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Demonstration:
 
     Attributes:
         images: by camera, uint8 ``(steps, height, width, 3)``, before the action.
-        states: float32 ``(steps, 7)``, as ``SubjectSpec.state``.
+        states: float32 ``(steps, 7)``, as ``PolicySpec.state``.
         actions: float32 ``(steps, 7)``, as ``Rollout.actions``, from where the hand is.
     """
 
@@ -56,7 +56,7 @@ class Demonstration:
 class Demonstrations:
     """All that are proven in a store or an exported corpus.
 
-    Pictures are those that the subject of the runs asks for; where it asks for none, 224 pixels square.
+    Pictures are those that the policy of the runs asks for; where it asks for none, 224 pixels square.
 
     Args:
         source: store, folder of a corpus, or the name of a shipped one.
@@ -71,7 +71,7 @@ class Demonstrations:
     """
 
     def __init__(self, source: Path, run: int | None = None) -> None:
-        self.proofs = _of_corpus(source, run) if is_bundle(source) else _of_store(source, run)
+        self.proofs = _of_corpus(source, run) if is_corpus(source) else _of_store(source, run)
         if not self.proofs:
             raise CorpusError(f"{source}: no failure in it has a witness", hint="`vlafuzz triage` finds them")
         kinds = {(proof.scene.robot, _cameras(proof.run)) for proof in self.proofs}
@@ -81,7 +81,7 @@ class Demonstrations:
         ((self.robot, cameras),) = kinds
         expert = Expert().spec
         self.hz = rig(self.robot).control_hz or expert.action.hz
-        self._spec = SubjectSpec("witness", action=expert.action, cameras=cameras, state=True)
+        self._spec = PolicySpec("witness", action=expert.action, cameras=cameras, state=True)
 
     def play(self) -> Iterator[Demonstration | None]:
         """One for each proof, in order; None where its witness does not solve the scene any more.
@@ -132,17 +132,17 @@ class Demonstrations:
 def _of_corpus(folder: Path, run: int | None) -> list[Proof]:
     if run is not None:
         raise UsageError(f"--run {run}: {folder} is a corpus, not a store", hint="leave out --run")
-    bundle = read_bundle(folder)
-    return [Proof(case.scene, case.witness, bundle.runs[case.run]) for case in bundle.cases]
+    corpus = read_corpus(folder)
+    return [Proof(case.scene, case.witness, corpus.runs[case.run]) for case in corpus.cases]
 
 
 def _of_store(store: Path, run: int | None) -> list[Proof]:
-    with Corpus.open(store) as corpus:
-        runs = {each.id: each.manifest for each in corpus.runs()}
-        found = {(each.scene.digest, each.subject_key): runs[each.run] for each in corpus.findings(run)}
+    with Store.open(store) as opened:
+        runs = {each.id: each.manifest for each in opened.runs()}
+        found = {(each.scene.digest, each.policy_key): runs[each.run] for each in opened.findings(run)}
         proofs: dict[Scene, Proof] = {}
-        for each in corpus.triaged():
-            manifest = found.get((each.scene.digest, each.subject_key))
+        for each in opened.triaged():
+            manifest = found.get((each.scene.digest, each.policy_key))
             if manifest and each.witness:
                 scene = each.shrunk if each.bucket == "minimal" and each.shrunk else each.scene
                 proofs.setdefault(scene, Proof(scene, each.witness, manifest))

@@ -16,14 +16,14 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
-from vlafuzz.corpus.bundle import Case
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.corpus.packs import stored_catalogue
+from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.threads import single_threaded
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.regression.corpus import Case
+from vlafuzz.regression.folder import read_corpus
 from vlafuzz.sim.maniskill.episode import proprioception
 from vlafuzz.sim.maniskill.make import make_env
-from vlafuzz.subjects.base import CameraRequest
 from vlafuzz.tasks.state import State
 
 HZ = 5
@@ -56,12 +56,12 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     render_mode = "rgb_array"
 
     def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
-        bundle = read_bundle(Path(corpus))
-        self.cases = bundle.cases
+        exported = read_corpus(Path(corpus))
+        self.cases = exported.cases
         self._camera = CameraRequest("image", size, size) if size else None
         cameras = (self._camera,) if self._camera else ()
-        catalogue, robot = stored_catalogue(*bundle.runs), self.cases[0].scene.robot
-        self._env = make_env(bundle.task, catalogue, cameras, HZ, robot, bundle.runs[0].placement)
+        catalogue, robot = stored_catalogue(*exported.runs), self.cases[0].scene.robot
+        self._env = make_env(exported.task, catalogue, cameras, HZ, robot, exported.runs[0].placement)
         said = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),

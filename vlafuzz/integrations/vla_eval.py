@@ -8,7 +8,7 @@ A file for ``vla-eval run --config FILE`` (written to vla-eval 0.8.0, installed 
         params: {corpus: mini-pick-up, camera: 128, relative_to: current}
 
 ``params`` are ``corpus`` and the options that vlafuzz's own names of vla-eval servers have; `vlafuzz serve`
-prints those of its subject. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite
+prints those of its policy. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite
 is ``failing``, ``counterpart`` or ``nominal``, and ``tasks: [failing]`` runs those alone. More than one
 episode a task is for stochastic models. A scene that is not fair any more is an error, not a failure.
 """
@@ -29,25 +29,25 @@ from vla_eval.benchmarks.base import StepBenchmark, StepResult
 from vla_eval.render import configure_sapien_render
 from vla_eval.specs import DimSpec
 
-from vlafuzz.corpus.folder import read_bundle
-from vlafuzz.corpus.packs import stored_catalogue
-from vlafuzz.corpus.records import Manifest
-from vlafuzz.errors import SceneError, SubjectError, UsageError
-from vlafuzz.regress.pairs import probes
-from vlafuzz.robots import rig
-from vlafuzz.subjects.base import Observation
-from vlafuzz.subjects.harness import Harness
-from vlafuzz.subjects.layouts import LAYOUTS
-from vlafuzz.subjects.remote import parse
-from vlafuzz.subjects.vla_eval import PROTOCOL_VERSION, VlaEval, message_of
-from vlafuzz.subjects.vla_eval_spec import (
+from vlafuzz.clients.layouts import LAYOUTS
+from vlafuzz.clients.remote import parse
+from vlafuzz.clients.vla_eval import PROTOCOL_VERSION, VlaEval, message_of
+from vlafuzz.clients.vla_eval_spec import (
     Hello,
     declared_actions,
     declared_observations,
     layout_of,
     spec_of,
 )
-from vlafuzz.subjects.wire import actions_of
+from vlafuzz.clients.wire import actions_of
+from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.errors import PolicyError, SceneError, UsageError
+from vlafuzz.policies.base import Observation
+from vlafuzz.policies.harness import Harness
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.pairs import probes
+from vlafuzz.rigs.robots import rig
+from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:  # the renderer is chosen before anything loads it
@@ -58,14 +58,14 @@ IDLE = {"batch", "deterministic", "timeout"}  # options that are vla-eval's busi
 LAVAPIPE = "VLAFUZZ_LAVAPIPE_ICD"  # names the driver for ``render: cpu`` where vla-eval does not find it
 
 
-class Corpus(StepBenchmark):
+class Store(StepBenchmark):
     """The scenes of a corpus.
 
     Args:
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
         send_state: whether proprioception is sent where the option ``state`` says nothing; most servers
             declare it, as they do ``send_wrist_image``.
-        options: how the model's cameras and actions are, as in ``vlafuzz.subjects.remote.Options``.
+        options: how the model's cameras and actions are, as in ``vlafuzz.clients.remote.Options``.
 
     Raises:
         CorpusError: it is no such folder, or is damaged.
@@ -86,7 +86,7 @@ class Corpus(StepBenchmark):
             observation_params={"send_state": send_state, "send_wrist_image": send_wrist_image},
         )
         self.spec, self._layout = spec_of(NAME, hello, said), layout_of(NAME, hello, said)
-        self._bundle = read_bundle(Path(corpus))
+        self._bundle = read_corpus(Path(corpus))
         self._probes = {probe.scene.digest: probe for probe in probes(self._bundle)}
         self._catalogue = stored_catalogue(*self._bundle.runs)
         self._player = Player(self.spec)
@@ -133,7 +133,7 @@ class Corpus(StepBenchmark):
         """Execute an action ``(7,)``, or a chunk ``(steps, 7)`` up to what the option ``execute`` says.
 
         Raises:
-            SubjectError: it is none.
+            PolicyError: it is none.
         """
         self._player.actions = _chunk(action)[: self.spec.execute]
         with self._renewed_after_errors():
@@ -214,7 +214,7 @@ def _chunk(action: Mapping[str, Any]) -> NDArray[np.float64]:
     try:
         return actions_of(action)
     except ValueError as error:
-        raise SubjectError(f"{NAME}: {error}", cause="bad_action") from None
+        raise PolicyError(f"{NAME}: {error}", cause="bad_action") from None
 
 
 def _specs(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, DimSpec]:

@@ -10,9 +10,9 @@ from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.hulls import Array, outline, triangles
 from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
-from vlafuzz.objects.rests import Solid, quaternion, settled, solid
 from vlafuzz.objects.schema import Basket, ObjectSpec, Rest
 from vlafuzz.objects.shapes import convex_parts
+from vlafuzz.objects.stable_poses import Solid, quaternion, settled, solid
 from vlafuzz.objects.surfaces import write_visual
 
 

@@ -19,12 +19,12 @@ from scipy.spatial import ConvexHull, QhullError
 
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.build import rest_pose, write_part
+from vlafuzz.objects.cavities import room_inside
 from vlafuzz.objects.hulls import Array, corners, triangles
 from vlafuzz.objects.model import Container, Fit, ObjectModel, RestPose, Role
 from vlafuzz.objects.packs import PackObject
-from vlafuzz.objects.rests import Solid, Stable, quaternion, solid, stable_turns
-from vlafuzz.objects.rooms import room_inside
 from vlafuzz.objects.shapes import PROMINENT
+from vlafuzz.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
 
 FRICTION = 0.5  # as the reference's environments have it
 MOST_CORNERS = 64  # of a part; PhysX takes 255

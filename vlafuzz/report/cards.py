@@ -5,18 +5,18 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from vlafuzz.corpus.bundle import Bundle, Case
-from vlafuzz.corpus.folder import SCENES
-from vlafuzz.corpus.packs import stored_catalogue
-from vlafuzz.corpus.ranges import stored_operators
-from vlafuzz.corpus.records import Finding, Manifest, Triaged
+from vlafuzz.conditions.operators import stored_operators
+from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
+from vlafuzz.regression.corpus import Case, Corpus
+from vlafuzz.regression.folder import SCENES
 from vlafuzz.report.scenes import deviations
 from vlafuzz.report.view import Card
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.triage.way import deviating
+from vlafuzz.store.records import Finding, Manifest, Triaged
+from vlafuzz.triage.path import deviating
 
 _DIGITS = 12  # of a digest, in a command
 
@@ -80,13 +80,13 @@ def card_of_triaged(
         causes=causes,
         witness=triaged.witness.actions if triaged.witness else None,
         detail=triaged.detail or _repeats(triaged.failures, triaged.repeats),
-        replay=_replay(store, scene, run.subject if scene != triaged.scene else None),
+        replay=_replay(store, scene, run.policy if scene != triaged.scene else None),
     )
 
 
-def card_of_case(folder: Path, bundle: Bundle, case: Case, space: SearchSpace) -> Card:
+def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -> Card:
     """A case; it is minimal."""
-    run = bundle.runs[case.run]
+    run = corpus.runs[case.run]
     return Card(
         scene=case.scene,
         found=(case.found,),
@@ -99,7 +99,7 @@ def card_of_case(folder: Path, bundle: Bundle, case: Case, space: SearchSpace) -
         causes=case.causes,
         witness=case.witness.actions,
         detail=_repeats(case.failures, case.repeats),
-        replay=_replay(folder / SCENES, case.scene, run.subject),
+        replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )
 
@@ -115,6 +115,6 @@ def _repeats(failures: int, repeats: int) -> str:
     return f"failed in {failures} of {repeats} {'repeats' if repeats > 1 else 'repeat'}"
 
 
-def _replay(source: Path, scene: Scene, subject: str | None = None) -> str:
-    named = ["--subject", subject] if subject else []
+def _replay(source: Path, scene: Scene, policy: str | None = None) -> str:
+    named = ["--policy", policy] if policy else []
     return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], *named])

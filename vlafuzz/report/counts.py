@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-from vlafuzz.corpus.bundle import Share
-from vlafuzz.corpus.records import Run, Trial
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Verdict
+from vlafuzz.regression.corpus import Share
 from vlafuzz.report.view import Chart, Measure, RunRow
+from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import task
 
 _VERDICTS = {
     Verdict.FAILED: "of the scenes that were judged",
     Verdict.PASSED: "of the scenes that were judged",
     Verdict.INVALID: "not a fair scene; of all that were proposed",
-    Verdict.ERROR: "subject or simulator broke; of all that were proposed",
+    Verdict.ERROR: "policy or simulator broke; of all that were proposed",
 }
 
 
@@ -25,9 +25,9 @@ class Counts:
     """Of a store.
 
     Attributes:
-        rollouts: of subjects, in runs.
-        last: each scene's verdict under each subject key, the last one.
-        begun: rollouts by task and subject; ``reached`` those that reached a stage.
+        rollouts: of policies, in runs.
+        last: each scene's verdict under each policy key, the last one.
+        begun: rollouts by task and policy; ``reached`` those that reached a stage.
     """
 
     rollouts: int = 0
@@ -49,22 +49,22 @@ class Counts:
     def add(self, run: Run, trial: Trial) -> None:
         """One more trial."""
         manifest, outcome = run.manifest, trial.outcome
-        key = (manifest.subject_key, trial.scene.digest)
+        key = (manifest.policy_key, trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
             self.last[key] = outcome.verdict
         if trial.duplicate:
             return
         self.rollouts += len(outcome.rollouts)
         for rollout in outcome.rollouts:
-            self.begun[manifest.task, manifest.subject] += 1
-            self.reached.update((manifest.task, manifest.subject, stage) for stage in rollout.reached)
+            self.begun[manifest.task, manifest.policy] += 1
+            self.reached.update((manifest.task, manifest.policy, stage) for stage in rollout.reached)
 
 
-def count(corpus: Corpus) -> Counts:
+def count(store: Store) -> Counts:
     """All trials of a store."""
     counts = Counts()
-    for run in corpus.runs():
-        for trial in corpus.trials(run.id):
+    for run in store.runs():
+        for trial in store.trials(run.id):
             counts.add(run, trial)
     return counts
 
@@ -84,25 +84,25 @@ def verdict_chart(counts: Counts) -> Chart:
 
 
 def funnels(counts: Counts) -> tuple[Chart, ...]:
-    """How many rollouts reached each stage: one a task and subject."""
+    """How many rollouts reached each stage: one a task and policy."""
     charts = []
-    for (name, subject), begun in counts.begun.items():
+    for (name, policy), begun in counts.begun.items():
         stages = task(name).stage_names
         measures = [
-            Measure(stage, Share.of_counts(counts.reached[name, subject, stage], begun)) for stage in stages
+            Measure(stage, Share.of_counts(counts.reached[name, policy, stage], begun)) for stage in stages
         ]
-        several = f", {name}, {subject}" if len(counts.begun) > 1 else ""
+        several = f", {name}, {policy}" if len(counts.begun) > 1 else ""
         charts.append(Chart(f"Stages reached{several}", f"Of {begun} rollouts.", tuple(measures)))
     return tuple(charts)
 
 
-def run_row(corpus: Corpus, run: Run) -> RunRow:
+def run_row(store: Store, run: Run) -> RunRow:
     """A run, with its share of failures."""
-    manifest, (failed, judged) = run.manifest, corpus.judged([run.id])
+    manifest, (failed, judged) = run.manifest, store.judged([run.id])
     return RunRow(
         run.id,
         manifest.task,
-        manifest.subject,
+        manifest.policy,
         manifest.strategy,
         manifest.seed,
         manifest.budget,

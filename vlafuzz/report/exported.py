@@ -5,60 +5,60 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from vlafuzz.corpus.bundle import Bundle, Evidence, Share
+from vlafuzz.regression.corpus import Corpus, Evidence, Share
 from vlafuzz.report.cards import Spaces, card_of_case
 from vlafuzz.report.view import SHARES, Chart, Measure, RunRow, View, in_order, operator_rows, title_of
 from vlafuzz.report.words import duration, named, plural
 from vlafuzz.tasks.tabletop import task
 
 
-def view_of_bundle(folder: Path, bundle: Bundle) -> View:
+def view_of_bundle(folder: Path, corpus: Corpus) -> View:
     """Its cases, and what triage of the stores that they are from came to."""
     spaces = Spaces(folder)
-    cases, runs = bundle.cases, tuple(bundle.runs)
+    cases, runs = corpus.cases, tuple(corpus.runs)
     return View(
         title=title_of(runs),
         source=str(folder),
-        headline=_headline(bundle),
-        facts=_facts(bundle),
+        headline=_headline(corpus),
+        facts=_facts(corpus),
         todo=(),
         runs=runs,
         run_rows=tuple(
-            RunRow(number, run.task, run.subject, run.strategy, run.seed, run.budget, "", None)
+            RunRow(number, run.task, run.policy, run.strategy, run.seed, run.budget, "", None)
             for number, run in enumerate(runs, start=1)
         ),
-        charts=(_evidence(bundle.evidence), _lost(bundle)),
+        charts=(_evidence(corpus.evidence), _lost(corpus)),
         operators=operator_rows((case.operators, case.causes) for case in cases),
         cards=in_order(
-            card_of_case(folder, bundle, case, spaces.of(bundle.runs[case.run])) for case in cases
+            card_of_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in cases
         ),
     )
 
 
-def _headline(bundle: Bundle) -> str:
-    bugs = plural(len({case.signature for case in bundle.cases}), "bug")
-    cases = plural(len(bundle.cases), "minimal failing scene")
-    return f"{cases}, {bugs}, each solved by the expert; of {plural(bundle.evidence.findings, 'finding')}."
+def _headline(corpus: Corpus) -> str:
+    bugs = plural(len({case.signature for case in corpus.cases}), "bug")
+    cases = plural(len(corpus.cases), "minimal failing scene")
+    return f"{cases}, {bugs}, each solved by the expert; of {plural(corpus.evidence.findings, 'finding')}."
 
 
-def _facts(bundle: Bundle) -> tuple[tuple[str, str], ...]:
-    evidence, runs = bundle.evidence, bundle.runs
+def _facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
+    evidence, runs = corpus.evidence, corpus.runs
     facts = [
-        ("Name", bundle.name),
-        ("Subject", named(run.subject for run in runs)),
+        ("Name", corpus.name),
+        ("Policy", named(run.policy for run in runs)),
         ("Task", named(run.task for run in runs)),
         ("Strategy", named(run.strategy for run in runs)),
         ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
         ("Search", plural(evidence.search_rollouts, "rollout")),
         (
             "Triage",
-            f"{evidence.triage_rollouts} rollouts of the subject, {evidence.expert_rollouts} of the expert, "
+            f"{evidence.triage_rollouts} rollouts of the policy, {evidence.expert_rollouts} of the expert, "
             f"{duration(evidence.seconds)}",
         ),
-        ("Distinct signatures", str(len({case.signature for case in bundle.cases}))),
+        ("Distinct signatures", str(len({case.signature for case in corpus.cases}))),
     ]
-    facts += [("Renderer", bundle.renderer)] if bundle.renderer else []
-    facts += [("Made", bundle.created)] if bundle.created else []
+    facts += [("Renderer", corpus.renderer)] if corpus.renderer else []
+    facts += [("Made", corpus.created)] if corpus.created else []
     left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
     return (*facts, *([("Minimal, but left out", left_out)] if left_out else []))
 
@@ -68,10 +68,10 @@ def _evidence(evidence: Evidence) -> Chart:
     return Chart("Evidence", "Of the findings of the stores that were triaged.", tuple(measures))
 
 
-def _lost(bundle: Bundle) -> Chart:
-    lost = Counter(case.lost_stage for case in bundle.cases)
+def _lost(corpus: Corpus) -> Chart:
+    lost = Counter(case.lost_stage for case in corpus.cases)
     measures = (
-        Measure(stage, Share.of_counts(lost[stage], len(bundle.cases)))
-        for stage in task(bundle.task).stage_names
+        Measure(stage, Share.of_counts(lost[stage], len(corpus.cases)))
+        for stage in task(corpus.task).stage_names
     )
-    return Chart("Lost stage", "The stage that the subject does not reach, of all cases.", tuple(measures))
+    return Chart("Lost stage", "The stage that the policy does not reach, of all cases.", tuple(measures))

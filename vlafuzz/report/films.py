@@ -6,18 +6,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
-from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions
-from vlafuzz.report.view import Card, Film, View
+from vlafuzz.report.view import Card, View
 from vlafuzz.report.words import plural
 from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Film
+from vlafuzz.store.records import Manifest
 
 
 class Films(Protocol):
     """Makes films."""
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        """What the run's subject does in a scene, or what given actions do; None where that broke."""
+        """What the run's policy does in a scene, or what given actions do; None where that broke."""
 
 
 def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], None]) -> View:
@@ -43,8 +44,8 @@ def _notes(cards: Sequence[Card]) -> Iterator[str]:
     passed = sum(not film.failed for film in shown)
     if passed:
         films = plural(len(shown), "film")
-        told = "subject, simulator or machine differ from those of the run, or the subject is stochastic"
-        yield f"In {passed} of {films} the subject passes: {told}."
+        told = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
+        yield f"In {passed} of {films} the policy passes: {told}."
 
 
 def _filmed(card: Card, films: Films) -> Card:

@@ -10,13 +10,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.report.sheet import Sheet
-from vlafuzz.report.view import BUCKETS, SPEED, View
+from vlafuzz.report.view import BUCKETS, View
 from vlafuzz.report.words import interval, percent
+from vlafuzz.sim.base import FILM_SPEED
 
 
 def render(view: View) -> str:
     """One HTML page, with all that it shows inside of it."""
-    return _template("page.html.j2").render(view=view, buckets=BUCKETS, speed=SPEED, version=__version__)
+    return _template("page.html.j2").render(view=view, buckets=BUCKETS, speed=FILM_SPEED, version=__version__)
 
 
 def render_sheet(sheet: Sheet) -> str:

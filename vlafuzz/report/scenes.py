@@ -18,7 +18,7 @@ from vlafuzz.space.operators import (
     TargetPosition,
     Wording,
 )
-from vlafuzz.triage.way import CONFOUNDERS, GROUPS
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS
 
 
 def deviations(space: SearchSpace, scene: Scene, causes: Causes) -> tuple[Deviation, ...]:

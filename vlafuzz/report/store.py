@@ -7,10 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from vlafuzz.corpus.bundle import Share
-from vlafuzz.corpus.harvest import Harvest, harvest
-from vlafuzz.corpus.records import Run, Triaged
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.regression.corpus import Share
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.view import (
@@ -25,70 +22,75 @@ from vlafuzz.report.view import (
     title_of,
 )
 from vlafuzz.report.words import duration, interval, named, percent, plural
+from vlafuzz.store.records import Run, Triaged
+from vlafuzz.store.store import Store
+from vlafuzz.triage.summary import TriageSummary, summarise
 
 
-def view_of_store(corpus: Corpus) -> View:
+def view_of_store(store: Store) -> View:
     """Its runs, and its findings with what triage made of them."""
-    runs, counts, crop = corpus.runs(), count(corpus), harvest(corpus)
+    runs, counts, finding = store.runs(), count(store), summarise(store)
     manifests = tuple(run.manifest for run in runs)
-    triaged = corpus.triaged()
+    triaged = store.triaged()
     return View(
         title=title_of(manifests),
-        source=str(corpus.path),
-        headline=_headline(counts, crop),
-        facts=_facts(runs, counts, crop),
-        todo=_todo(corpus.path, crop),
+        source=str(store.path),
+        headline=_headline(counts, finding),
+        facts=_facts(runs, counts, finding),
+        todo=_todo(store.path, finding),
         runs=manifests,
-        run_rows=tuple(run_row(corpus, run) for run in runs),
-        charts=_charts(counts, crop),
+        run_rows=tuple(run_row(store, run) for run in runs),
+        charts=_charts(counts, finding),
         operators=_operators(triaged),
-        cards=in_order(_merged(_cards(corpus, runs, triaged))),
+        cards=in_order(_merged(_cards(store, runs, triaged))),
     )
 
 
-def _headline(counts: Counts, crop: Harvest) -> str:
+def _headline(counts: Counts, summary: TriageSummary) -> str:
     failed = counts.failed
     if not failed.of:
         return "No scene was judged."
-    if not crop.findings:
+    if not summary.findings:
         return f"No scene failed: all {failed.of} that were judged passed."
     scenes = f"{failed.count} of {failed.of} judged scenes failed"
     sure = f"95\N{NO-BREAK SPACE}% interval {interval(failed.low, failed.high)}"
     share = f"{scenes} ({percent(failed.count / failed.of)}, {sure})"
-    if not crop.triaged:
+    if not summary.triaged:
         return f"{share}. None of the findings was triaged."
-    bugs = plural(crop.distinct_signatures, "distinct bug")
-    return f"{share}. {crop.triaged} of {plural(crop.findings, 'finding')} were triaged: {bugs}."
+    bugs = plural(summary.distinct_signatures, "distinct bug")
+    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {bugs}."
 
 
-def _facts(runs: Sequence[Run], counts: Counts, crop: Harvest) -> tuple[tuple[str, str], ...]:
+def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
     manifests = [run.manifest for run in runs]
     searched = sum(run.seconds or 0.0 for run in runs)
     facts = [
-        ("Subject", named(run.subject for run in manifests)),
+        ("Policy", named(run.policy for run in manifests)),
         ("Its checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
         ("Task", named(run.task for run in manifests)),
         ("Strategy", named(run.strategy for run in manifests)),
         ("Budget", f"{sum(run.budget for run in manifests)} rollouts in {plural(len(runs), 'run')}"),
         ("Search", f"{plural(counts.rollouts, 'rollout')}, {duration(searched)}"),
-        ("Distinct cells before triage", str(crop.distinct_cells)),
+        ("Distinct cells before triage", str(summary.distinct_cells)),
     ]
-    if crop.triaged:
-        rollouts = f"{crop.subject_rollouts} rollouts of the subject, {crop.expert_rollouts} of the expert"
+    if summary.triaged:
+        rollouts = (
+            f"{summary.policy_rollouts} rollouts of the policy, {summary.expert_rollouts} of the expert"
+        )
         facts += [
-            ("Distinct signatures after", str(crop.distinct_signatures)),
-            ("Triage", f"{rollouts}, {duration(crop.seconds)}"),
+            ("Distinct signatures after", str(summary.distinct_signatures)),
+            ("Triage", f"{rollouts}, {duration(summary.seconds)}"),
         ]
     if any(run.simulator for run in manifests):
         facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
-    if crop.deviating_before is not None:
-        said = f"{crop.deviating_before:g} before shrinking, {crop.deviating_after:g} after"
+    if summary.deviating_before is not None:
+        said = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
         facts.append(("Operators not nominal, median", said))
     return tuple((name, value) for name, value in facts if value)
 
 
-def _todo(store: Path, crop: Harvest) -> tuple[tuple[str, str], ...]:
-    left = crop.findings - crop.triaged
+def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
+    left = summary.findings - summary.triaged
     if not left:
         return ()
     command = shlex.join(["vlafuzz", "triage", str(store)])
@@ -96,15 +98,15 @@ def _todo(store: Path, crop: Harvest) -> tuple[tuple[str, str], ...]:
     return ((f"{told}. This says which can be trusted and what they are due to:", command),)
 
 
-def _charts(counts: Counts, crop: Harvest) -> tuple[Chart, ...]:
+def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
     charts = [verdict_chart(counts), *funnels(counts)]
-    if crop.triaged:
-        came = crop.buckets | {"confirmed": crop.confirmed, "witnessed": crop.witnessed}
+    if summary.triaged:
+        came = summary.buckets | {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
         measures = [
-            Measure(name, Share.of_counts(came[name], crop.triaged), explained)
+            Measure(name, Share.of_counts(came[name], summary.triaged), explained)
             for name, explained in SHARES.items()
         ]
-        says = f"Of the {crop.triaged} findings that were triaged."
+        says = f"Of the {summary.triaged} findings that were triaged."
         charts.append(Chart("Evidence", says, tuple(measures)))
     return tuple(charts)
 
@@ -115,24 +117,24 @@ def _operators(triaged: Iterable[Triaged]) -> tuple[OperatorRow, ...]:
     return operator_rows((each.operators, each.causes) for each in shrunk)
 
 
-def _cards(corpus: Corpus, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
+def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
     manifests = {run.id: run.manifest for run in runs}
-    spaces = Spaces(corpus.path)
-    known = {(each.scene.digest, each.subject_key): each for each in triaged}
-    for finding in corpus.findings():
+    spaces = Spaces(store.path)
+    known = {(each.scene.digest, each.policy_key): each for each in triaged}
+    for finding in store.findings():
         run = manifests[finding.run]
-        made = known.get((finding.scene.digest, finding.subject_key))
+        made = known.get((finding.scene.digest, finding.policy_key))
         if made is None:
-            yield card_of_finding(corpus.path, finding, run, spaces.of(run))
+            yield card_of_finding(store.path, finding, run, spaces.of(run))
         else:
-            yield card_of_triaged(corpus.path, made, finding, run, spaces.of(run))
+            yield card_of_triaged(store.path, made, finding, run, spaces.of(run))
 
 
 def _merged(cards: Iterable[Card]) -> Iterable[Card]:
     """Findings of which the same scene is left, as one."""
     found: dict[tuple[str, str, str], Card] = {}
     for card in cards:
-        key = (card.scene.digest, card.run.subject_key, card.bucket)
+        key = (card.scene.digest, card.run.policy_key, card.bucket)
         first = found.get(key)
         found[key] = replace(first, found=first.found + card.found) if first else card
     return found.values()

@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from vlafuzz.corpus.bundle import Share
-from vlafuzz.corpus.records import Manifest
 from vlafuzz.evidence import Actions, Causes
+from vlafuzz.regression.corpus import Share
 from vlafuzz.report.words import named
 from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Film
+from vlafuzz.store.records import Manifest
 
 # How far the evidence for a finding goes, the most first, and what that means.
 BUCKETS: Mapping[str, str] = {
@@ -22,7 +23,6 @@ BUCKETS: Mapping[str, str] = {
     "observed": "failed once; not triaged",
 }
 
-SPEED = 3  # times real time: a subject that fails has 16 seconds to do so
 
 # What triage came to, as shares of the findings that were triaged.
 SHARES: Mapping[str, str] = {
@@ -33,21 +33,6 @@ SHARES: Mapping[str, str] = {
     "unproven": "the expert fails, too",
     "flaky": "does not mostly fail again",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Film:
-    """One rollout.
-
-    Attributes:
-        video: MP4.
-        still: JPEG of the scene before anything moves.
-        failed: whether the rollout did.
-    """
-
-    video: bytes
-    still: bytes
-    failed: bool
 
 
 @dataclass(frozen=True)
@@ -84,7 +69,7 @@ class RunRow:
 
     id: int
     task: str
-    subject: str
+    policy: str
     strategy: str
     seed: int
     budget: int
@@ -94,7 +79,7 @@ class RunRow:
 
 @dataclass(frozen=True)
 class Deviation:
-    """What an operator does to a scene, beside its nominal value, and from where on the subject fails."""
+    """What an operator does to a scene, beside its nominal value, and from where on the policy fails."""
 
     operator: str
     value: str
@@ -211,10 +196,10 @@ class View:
 
 
 def title_of(runs: Sequence[Manifest]) -> str:
-    """Which subjects in which tasks."""
+    """Which policies in which tasks."""
     if not runs:
         return "no run yet"
-    return f"{named(run.subject for run in runs)} on {named(run.task for run in runs)}"
+    return f"{named(run.policy for run in runs)} on {named(run.task for run in runs)}"
 
 
 def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:

@@ -53,7 +53,7 @@ class Source(Measure, Protocol):
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
         """Where in the space it lies: what fails at one site may well be one bug."""
 
-    def meaningful(self, scene: Scene) -> NDArray[np.float64]:
+    def embed(self, scene: Scene) -> NDArray[np.float64]:
         """``(k,)`` numbers whose Euclidean distance says how different two scenes are."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Source
 from vlafuzz.search.forest import Numbers
-from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
 Rng = np.random.Generator
@@ -41,8 +41,8 @@ class Candidate:
 class Breeder:
     """Makes candidates: fresh ones, and children of failures, and of passes that were nearly failures."""
 
-    def __init__(self, space: Source, nursery: Nursery) -> None:
-        self._space, self._nursery = space, nursery
+    def __init__(self, space: Source, proposals: ProposalFactory) -> None:
+        self._space, self._nursery = space, proposals
         self._variation = Variation(space.genes)
         self._failures: deque[Genome] = deque(maxlen=PARENTS)
         self._drawn: deque[Genome] = deque(maxlen=PARENTS)
@@ -52,7 +52,7 @@ class Breeder:
         """What there is to know of a genome without a rollout."""
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
-        features = np.concatenate([self._space.meaningful(scene), genome, list(severities.values())])
+        features = np.concatenate([self._space.embed(scene), genome, list(severities.values())])
         return Candidate(genome, features, self._space.site(scene, severities), sum(severities.values()))
 
     def learn(self, genome: Genome, score: Score) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
 MOST_SEEDS = 500  # beyond, the seed of the place that was reached most often gives way
@@ -55,7 +55,7 @@ class Feedback:
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._seed, self._asked = seed, 0
-        self._nursery, self._variation = Nursery(space), Variation(space.genes)
+        self._nursery, self._variation = ProposalFactory(space), Variation(space.genes)
         self._seeds: dict[str, Seed] = {}
         self._parents: dict[int, Parentage] = {}
         self._bandits = {failed: Bandit() for failed in (False, True)}

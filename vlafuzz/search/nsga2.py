@@ -20,7 +20,7 @@ from pymoo.core.termination import NoTermination
 from vlafuzz.scoring import Score
 from vlafuzz.search.archive import Archive
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
 GENERATIONS, FEWEST = 15, 10  # of a whole run: at least, and at least for a small budget
@@ -51,7 +51,7 @@ class Nsga2:
         self.about = f"population of {self._size}"
         if budget is not None:
             self.about += f", {budget // self._size} generations"
-        self._nursery, self._failures = Nursery(space), Archive()
+        self._nursery, self._failures = ProposalFactory(space), Archive()
         variation = Variation(space.genes)
         self._algorithm = NSGA2(
             pop_size=self._size,
@@ -85,7 +85,7 @@ class Nsga2:
         if not proposals:
             return
         told = Population.new("X", np.array([proposal.genome for proposal in proposals]))
-        points = [self._space.meaningful(self._space.decode(proposal.genome)) for proposal in proposals]
+        points = [self._space.embed(self._space.decode(proposal.genome)) for proposal in proposals]
         for individual, point, score in zip(told, points, scores, strict=True):
             individual.set("point", point)
             individual.set("score", score)
@@ -154,18 +154,18 @@ class _Mutating(Mutation):
 
 
 class _Repairing(Repair):
-    def __init__(self, nursery: Nursery) -> None:
+    def __init__(self, proposals: ProposalFactory) -> None:
         super().__init__()
-        self._nursery = nursery
+        self._nursery = proposals
 
     def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
         return np.array([self._nursery.fair(genome, random_state) for genome in genomes])
 
 
 class _OnlyNew(DuplicateElimination):
-    def __init__(self, nursery: Nursery) -> None:
+    def __init__(self, proposals: ProposalFactory) -> None:
         super().__init__()
-        self._nursery = nursery
+        self._nursery = proposals
 
     def do(self, pop: Any, *others: Any, **_: Any) -> Any:
         earlier = [individual.X for other in others for individual in other]

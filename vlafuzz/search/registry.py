@@ -9,8 +9,8 @@ from typing import cast
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory, users_code
 from vlafuzz.search.base import Source, Strategy
+from vlafuzz.search.baselines.mcts import Mcts
 from vlafuzz.search.feedback import Feedback
-from vlafuzz.search.mcts import Mcts
 from vlafuzz.search.own import Own
 from vlafuzz.search.random import Random
 
@@ -30,21 +30,21 @@ def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
 
 def _nsga2d(space: Source, seed: int, budget: int | None) -> Strategy:
     """NSGA-II that keeps away from the failures it has, and makes room for fresh scenes when it stalls."""
-    from vlafuzz.search.nsga2d import Nsga2D
+    from vlafuzz.search.baselines.nsga2d import Nsga2D
 
     return Nsga2D(space, seed, budget)
 
 
 def _map_elites(space: Source, seed: int, budget: int | None) -> Strategy:
     """Keeps the best scene of every niche (lost stage, farthest operator, target's place) and varies them."""
-    from vlafuzz.search.map_elites import MapElites  # pyribs takes a second to import
+    from vlafuzz.search.baselines.map_elites import MapElites  # pyribs takes a second to import
 
     return MapElites(space, seed, budget)
 
 
 def _art_rf(space: Source, seed: int, budget: int | None) -> Strategy:
     """Of fresh scenes, those far from all before that a random forest predicts to fail: after FATE-VLA."""
-    from vlafuzz.search.art_rf import ArtRf
+    from vlafuzz.search.baselines.art_rf import ArtRf
 
     return ArtRf(space, seed, budget)
 

@@ -60,7 +60,7 @@ class Left:
         self._space = space
         self.genomes = [space.nearest(scene) for scene in scenes]
         self._scenes = [space.decode(genome) for genome in self.genomes]
-        self._points = np.array([space.meaningful(scene) for scene in self._scenes])
+        self._points = np.array([space.embed(scene) for scene in self._scenes])
         self.unused = np.ones(len(scenes), dtype=bool)
 
     def take(self, genome: Genome) -> int:
@@ -100,9 +100,9 @@ class Left:
         """See ``Source``."""
         return self._space.nearest(scene)
 
-    def meaningful(self, scene: Scene) -> NDArray[np.float64]:
+    def embed(self, scene: Scene) -> NDArray[np.float64]:
         """See ``Source``."""
-        return self._space.meaningful(scene)
+        return self._space.embed(scene)
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
         """The scene itself: in a pool, each counts."""
@@ -117,5 +117,5 @@ class Left:
         return self._space.severities(scene)
 
     def _nearest(self, scene: Scene) -> int:
-        distances = np.linalg.norm(self._points - self._space.meaningful(scene), axis=1)
+        distances = np.linalg.norm(self._points - self._space.embed(scene), axis=1)
         return int(np.argmin(np.where(self.unused, distances, np.inf)))

@@ -11,7 +11,7 @@ from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Source
 from vlafuzz.search.candidates import Breeder, Candidate
 from vlafuzz.search.forest import VOTES, Forest, Numbers
-from vlafuzz.search.nursery import Nursery
+from vlafuzz.search.proposal_factory import ProposalFactory
 
 SUPPLY = 6  # candidates made for each proposal
 KEPT = 256  # of those that were not chosen, the best: they may be at another time
@@ -44,7 +44,7 @@ class Surrogate:
     ) -> None:
         self._seed, self._asked = seed, 0
         self._uses_forest, self._uses_novelty, self._uses_fallback = forest, novelty, fallback
-        self._nursery = Nursery(space)
+        self._nursery = ProposalFactory(space)
         self._breeder, self._forest = Breeder(space, self._nursery), Forest(seed)
         self._stock: list[Candidate] = []
         self._failed = False

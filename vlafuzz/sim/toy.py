@@ -15,7 +15,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 
-SOONEST, LATEST = 10, 70  # control steps to a success, as of real subjects at 5 Hz
+SOONEST, LATEST = 10, 70  # control steps to a success, as of real policies at 5 Hz
 
 Signal = Literal["smooth", "flat", "noise"]
 Distance = Callable[[Scene], float]
@@ -55,7 +55,7 @@ def band(weights: Mapping[str, float], centre: float) -> Distance:
 
 @dataclass(frozen=True)
 class Region:
-    """Where the toy's subject fails: within ``width`` of every one of the conditions."""
+    """Where the toy's policy fails: within ``width`` of every one of the conditions."""
 
     conditions: tuple[Distance, ...]
     width: float = 0.25
@@ -76,7 +76,7 @@ class Region:
 
 
 class Toy:
-    """A subject that fails in a region, and elsewhere succeeds.
+    """A policy that fails in a region, and elsewhere succeeds.
 
     With a ``smooth`` signal it succeeds the later the nearer a scene is to the region, and fails the earlier
     the deeper it is inside. With a ``flat`` one all successes are alike, and so are all failures. With

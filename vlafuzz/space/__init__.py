@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vlafuzz.space.catalogue import OperatorSet, load_operators
 from vlafuzz.space.codec import SearchSpace
+from vlafuzz.space.operator_set import OperatorSet, load_operators
 from vlafuzz.space.operators import OPERATORS
 from vlafuzz.space.params import Gene, Genome
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.robots import rig
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import site
-from vlafuzz.space.catalogue import OperatorSet
 from vlafuzz.space.compose import Composer, Values
+from vlafuzz.space.embedding import SceneEmbedding, Vector
 from vlafuzz.space.generate import generate
-from vlafuzz.space.meaning import Meaning, Vector
+from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import OPERATORS, TargetType
 from vlafuzz.space.params import Gene, Genome
 from vlafuzz.space.repair import repair
@@ -41,7 +41,7 @@ class SearchSpace:
         self.by_path = {gene.path: gene for gene in genes}
         self.genes = tuple(gene for gene in genes if self.varies(gene))
         self._nominal: Values = {gene.path: gene.grid.nominal for gene in genes}
-        self._meaning = Meaning(self.genes)
+        self._embedding = SceneEmbedding(self.genes)
 
     @property
     def dim(self) -> int:
@@ -113,9 +113,9 @@ class SearchSpace:
         """One value a gene: nominal for what the scene does not have, NaN for what no gene stands for."""
         return self._nominal | self.composer.values(scene)
 
-    def meaningful(self, scene: Scene) -> Vector:
+    def embed(self, scene: Scene) -> Vector:
         """``(k,)`` numbers whose Euclidean distance says how different two scenes are, see ``Meaning``."""
-        return self._meaning.vector(self.composer.values(scene))
+        return self._embedding.vector(self.composer.values(scene))
 
     def simpler(self, scene: Scene) -> list[Scene]:
         """The scenes one simplification away, each strictly less severe; an empty list at nominal only.

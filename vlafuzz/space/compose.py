@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import Hand
-from vlafuzz.robots import rig
+from vlafuzz.rigs.rig import Hand
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Camera, Light, Placement, Scene
-from vlafuzz.space.catalogue import OperatorSet
+from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import (
     ConfounderCount,
     ConfounderOrientation,

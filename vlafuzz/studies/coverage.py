@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from vlafuzz.corpus.original import as_original
-from vlafuzz.corpus.packs import stored_catalogue
-from vlafuzz.corpus.ranges import stored_operators
-from vlafuzz.corpus.records import Run
-from vlafuzz.corpus.store import Corpus
-from vlafuzz.corpus.vlatest_table import vlatest_table
+from vlafuzz.conditions.operators import stored_operators
+from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.formats.vlatest.original import as_original
+from vlafuzz.formats.vlatest.table import vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import cell
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.operators import TargetPosition
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
 from vlafuzz.studies import published
 
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
@@ -88,9 +88,9 @@ def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue:
     ]
 
 
-def tracks_of_store(corpus: Corpus) -> list[Track]:
+def tracks_of_store(store: Store) -> list[Track]:
     """A track for each run: its trials that were judged, whether new or answered with a known outcome."""
-    return [_run_track(corpus, run) for run in corpus.runs()]
+    return [_run_track(store, run) for run in store.runs()]
 
 
 def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
@@ -163,12 +163,12 @@ def _area(space: SearchSpace) -> Area:
     return Area((ours.x.low, ours.x.high), (ours.y.low, ours.y.high))
 
 
-def _run_track(corpus: Corpus, run: Run) -> Track:
+def _run_track(store: Store, run: Run) -> Track:
     manifest = run.manifest
-    judged = [trial for trial in corpus.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
+    judged = [trial for trial in store.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
     if not judged:
         return Track(manifest.task, (), run.id, manifest.strategy)
-    operators, catalogue = stored_operators(corpus.path, manifest), stored_catalogue(manifest)
+    operators, catalogue = stored_operators(store.path, manifest), stored_catalogue(manifest)
     space = _space(operators, catalogue, judged[0].scene)
     steps = [
         seen._replace(

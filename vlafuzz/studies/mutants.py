@@ -1,4 +1,4 @@
-"""RQ3 and RQ4: how many of the scenes that a subject passed it still passes with other light or camera."""
+"""RQ3 and RQ4: how many of the scenes that a policy passed it still passes with other light or camera."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CURVES = {"rq3": ("darker", "brighter"), "rq4": ("camera moved, cm", "camera tur
 
 @dataclass(frozen=True)
 class Kept:
-    """What a subject still passes of the scenes of a task that it had passed.
+    """What a policy still passes of the scenes of a task that it had passed.
 
     Attributes:
         task: ``all`` for all tasks together.
@@ -46,7 +46,7 @@ class Kept:
     """
 
     task: str
-    subject: str
+    policy: str
     default: int
     control: Share
     mutated: Share
@@ -61,9 +61,9 @@ class Kept:
 
 @dataclass(frozen=True)
 class Point:
-    """Mutants of a subject, in all tasks, that are off nominal by ``low`` to ``high``, and were passed."""
+    """Mutants of a policy, in all tasks, that are off nominal by ``low`` to ``high``, and were passed."""
 
-    subject: str
+    policy: str
     curve: str
     low: float
     high: float
@@ -84,18 +84,18 @@ def mutants(space: SearchSpace, scenes: Sequence[Scene], seed: int) -> list[Vari
     """
     made: list[Variant] = []
     for origin, scene in enumerate(scenes):
-        rng = np.random.default_rng([seed, int(scene.digest, 16)])  # of a scene, the same for all subjects
+        rng = np.random.default_rng([seed, int(scene.digest, 16)])  # of a scene, the same for all policies
         made.append(Variant(scene, origin, CONTROL))
         made += [Variant(each, origin, MUTANT) for each in _draws(space, scene, rng)]
     return made
 
 
-def kept(task: str, subject: str, found: Sequence[Tried]) -> Kept:
-    """Count what came of the scenes that a subject had passed, and of their mutants."""
+def kept(task: str, policy: str, found: Sequence[Tried]) -> Kept:
+    """Count what came of the scenes that a policy had passed, and of their mutants."""
     verdicts = [each.outcome.verdict for each in found]
     return Kept(
         task=task,
-        subject=subject,
+        policy=policy,
         default=sum(each.variant.arm == CONTROL for each in found),
         control=Share.counted([each.passed for each in _of(found, CONTROL)]),
         mutated=_share(_of(found, MUTANT)),
@@ -104,7 +104,7 @@ def kept(task: str, subject: str, found: Sequence[Tried]) -> Kept:
     )
 
 
-def points(study: str, subject: str, found: Sequence[Tried]) -> list[Point]:
+def points(study: str, policy: str, found: Sequence[Tried]) -> list[Point]:
     """The curves of a study: the share of mutants passed, by how far off nominal they are."""
     made = []
     for curve in CURVES[study]:
@@ -114,7 +114,7 @@ def points(study: str, subject: str, found: Sequence[Tried]) -> list[Point]:
             if (off := _off(curve, each.variant.scene)) is not None:
                 bins[bisect(edges[1:-1], off)].append(each)
         spans = zip(pairwise(edges), bins, strict=True)
-        made += [Point(subject, curve, *span, _share(inside)) for span, inside in spans if inside]
+        made += [Point(policy, curve, *span, _share(inside)) for span, inside in spans if inside]
     return made
 
 

@@ -13,14 +13,14 @@ from vlafuzz.studies.mutants import CURVES, EDGES, Alpha, Kept, Point
 from vlafuzz.studies.sheet import BESIDE, Found, Row, Sheet, Table, points, share
 
 _NOTES = (
-    "Def.: scenes that the subject passed. Control: the same scenes once more, unmutated, in the seed "
+    "Def.: scenes that the policy passed. Control: the same scenes once more, unmutated, in the seed "
     "of the mutants. Mut.: of Def., how many are passed with a mutant, the mean of three. The "
     "interval of Mut./Def. allows for it that mutants of one scene resemble each other. Net: "
     "Mut./Def. less the control's share, in points. Unfair mutants and errors count in no share.",
     BESIDE,
 )
 _DIFFERS = {
-    "rq3": "it has no control arm, so that what a subject loses by chance counts as the light's; its light "
+    "rq3": "it has no control arm, so that what a policy loses by chance counts as the light's; its light "
     "takes effect in pick-up only, as the other environments ignore it, and leaves ambient light as "
     "it is, here α multiplies every light in every task; it draws α by a coin, dark or bright, and "
     "then linearly, {alpha}: half of its 4302 draws are dark, and a quarter above 10.",
@@ -61,36 +61,36 @@ class Mutated(Found):
         return Sheet(self.title, tables, [*_NOTES, *self.gaps], differs, self._plot)
 
     def _curve(self, curve: str) -> list[Row]:
-        its = {(each.subject, each.low, each.high): each for each in self.points if each.curve == curve}
+        its = {(each.policy, each.low, each.high): each for each in self.points if each.curve == curve}
         spans = sorted({(low, high) for _, low, high in its})
         return [
-            {"subject": subject}
-            | {f"{low:g} to {high:g}": _passed(its.get((subject, low, high))) for low, high in spans}
-            for subject in dict.fromkeys(name for name, *_ in its)
+            {"policy": policy}
+            | {f"{low:g} to {high:g}": _passed(its.get((policy, low, high))) for low, high in spans}
+            for policy in dict.fromkeys(name for name, *_ in its)
         ]
 
     def _plot(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
         names = ["tasks", *CURVES[self.study]]
         figure, (first, *every) = plots.panels(self.title, names, "share of mutants passed", width=4)
-        colours = plots.coloured(self.subjects)
+        colours = plots.coloured(self.policies)
         self._plot_kept(first, colours)
         for axes, curve in zip(every, CURVES[self.study], strict=True):
-            for number, subject in enumerate(self.subjects):
-                aside = 0.012 * (number - (len(self.subjects) - 1) / 2)  # so that intervals lie side by side
-                its = [each for each in self.points if (each.subject, each.curve) == (subject, curve)]
-                series = plots.Series(subject, [each.passed for each in its], colours[subject])
+            for number, policy in enumerate(self.policies):
+                aside = 0.012 * (number - (len(self.policies) - 1) / 2)  # so that intervals lie side by side
+                its = [each for each in self.points if (each.policy, each.curve) == (policy, curve)]
+                series = plots.Series(policy, [each.passed for each in its], colours[policy])
                 plots.line(axes, [_middle(each, aside) for each in its], series)
             _scale(axes, curve)
         plots.save(figure, path)
 
     def _plot_kept(self, axes: Any, colours: Mapping[str, str]) -> None:
         tasks = list(dict.fromkeys(each.task for each in self.kept))
-        its = {(each.subject, each.task): each for each in self.kept}
-        found = [[its.get((subject, task)) for task in tasks] for subject in self.subjects]
+        its = {(each.policy, each.task): each for each in self.kept}
+        found = [[its.get((policy, task)) for task in tasks] for policy in self.policies]
         series = [
-            plots.Series(subject, [each.mutated if each else None for each in row], colours[subject])
-            for subject, row in zip(self.subjects, found, strict=True)
+            plots.Series(policy, [each.mutated if each else None for each in row], colours[policy])
+            for policy, row in zip(self.policies, found, strict=True)
         ]
         for stands, row in zip(plots.bars(axes, tasks, series), found, strict=True):
             its_controls = [(x, each.control) for x, each in zip(stands, row, strict=True) if each]
@@ -103,7 +103,7 @@ def _row(each: Kept) -> Row:
     both = each.control.of and each.mutated.of
     return {
         "task": each.task,
-        "subject": each.subject,
+        "policy": each.policy,
         "Def.": each.default,
         "control": str(each.control),
         "Mut.": round(each.mean, 1) if each.mutated.of else None,
@@ -121,7 +121,7 @@ def _paper_row(row: published.Mutated) -> Row:
 
     return {
         "task": row.task,
-        "subject": row.subject,
+        "policy": row.policy,
         "Def.": beside(row.default, row.right_default),
         "Mut.": beside(row.mutated, row.right_mutated),
         "Mut./Def.": beside(*(None if each is None else share(each) for each in (row.kept, row.right_kept))),

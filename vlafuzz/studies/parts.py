@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from vlafuzz.corpus.packs import same_packs
-from vlafuzz.corpus.records import UNFINISHED, Manifest, Run
-from vlafuzz.corpus.store import Corpus
+from vlafuzz.conditions.packs import same_packs
 from vlafuzz.errors import UsageError
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
 from vlafuzz.space.operators import ConfounderCount
+from vlafuzz.store.records import UNFINISHED, Manifest, Run
+from vlafuzz.store.store import Store
 
 COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
 _SAME = (
-    "task", "robot", "subject", "strategy", "budget", "seed", "batch", "repeats", "criteria", "placement",
+    "task", "robot", "policy", "strategy", "budget", "seed", "batch", "repeats", "criteria", "placement",
     "stop_early",
     "operators_digest",
 )  # fmt: skip
@@ -28,25 +28,25 @@ class Part(NamedTuple):
 
     Attributes:
         confounders: None where their number is left to the operators.
-        subject: None for the default one.
+        policy: None for the default one.
         arm: what is other than in the study's first runs; nothing for these.
     """
 
     task: str
     confounders: int | None = None
-    subject: str | None = None
+    policy: str | None = None
     arm: str = ""
 
     def __str__(self) -> str:
         counted = None if self.confounders is None else f"{self.confounders} confounders"
-        told = [self.subject, self.task, counted, self.arm]
+        told = [self.policy, self.task, counted, self.arm]
         return ", ".join(each for each in told if each)
 
 
-def parts_of(study: str, tasks: Sequence[str], subjects: Sequence[str | None]) -> list[Part]:
-    """The first runs, of each subject: a task each, in RQ2 a task and a number of confounders each."""
+def parts_of(study: str, tasks: Sequence[str], policies: Sequence[str | None]) -> list[Part]:
+    """The first runs, of each policy: a task each, in RQ2 a task and a number of confounders each."""
     counts = COUNTS if study == "rq2" else (None,)
-    return [Part(task, count, subject) for subject in subjects for task in tasks for count in counts]
+    return [Part(task, count, policy) for policy in policies for task in tasks for count in counts]
 
 
 def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
@@ -58,7 +58,7 @@ def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
     return replace(own, operators={**own.operators, ConfounderCount.name: fixed})
 
 
-def stored(corpus: Corpus, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
+def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
     """What a store has of a part: a run that is over, else the newest that ended early.
 
     Args:
@@ -70,17 +70,17 @@ def stored(corpus: Corpus, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Ru
     """
     same = [
         run
-        for run in corpus.runs()
+        for run in store.runs()
         if all(getattr(run.manifest, name) == getattr(wanted, name) for name in _SAME)
         and same_packs(run.manifest, wanted)
         and run.manifest.pool == wanted.pool
-        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in corpus.trials(run.id)))
+        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
     ]
     for run in same:
         for name in _OF_VERSION:
             if getattr(run.manifest, name) != getattr(wanted, name):
                 raise UsageError(
-                    f"{corpus.path}: run {run.id} was made by another version than is here: "
+                    f"{store.path}: run {run.id} was made by another version than is here: "
                     f"its {name} differs",
                     hint="runs of two versions do not compare: give another --out",
                 )

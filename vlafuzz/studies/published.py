@@ -24,24 +24,24 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Passed:
-    """RQ1: scenes that a subject passed, counted in the authors' data."""
+    """RQ1: scenes that a policy passed, counted in the authors' data."""
 
     task: str
-    subject: str
+    policy: str
     passed: int
     of: int
 
 
 @dataclass(frozen=True)
 class Success:
-    """RQ1: a share as printed, of one subject or the ``mean`` or ``best`` of all.
+    """RQ1: a share as printed, of one policy or the ``mean`` or ``best`` of all.
 
     Attributes:
         as_well: another value that the paper prints for the same.
     """
 
     task: str
-    subject: str
+    policy: str
     share: float
     as_well: float | None
 
@@ -51,7 +51,7 @@ class Mutated:
     """RQ3 (light) and RQ4 (camera): passes of RQ1, and how many of them are left.
 
     Attributes:
-        task, subject: ``all`` for totals.
+        task, policy: ``all`` for totals.
         default: passes of RQ1.
         mutated: of these, the mean of three mutations each.
         kept: ``mutated / default``.
@@ -60,7 +60,7 @@ class Mutated:
 
     study: str
     task: str
-    subject: str
+    policy: str
     default: int | None
     mutated: float | None
     kept: float | None
@@ -86,7 +86,7 @@ def coverage() -> tuple[Coverage, ...]:
 
 @cache
 def passed() -> tuple[Passed, ...]:
-    """28 rows: four tasks, seven subjects."""
+    """28 rows: four tasks, seven policies."""
     return _rows("passed", Passed)
 
 

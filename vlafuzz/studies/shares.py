@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from vlafuzz.compare.statistics import share_interval
-from vlafuzz.scoring import Interval, wilson
+from vlafuzz.statistics import Interval, share_interval, wilson
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 Row = dict[str, Any]
 BESIDE = (
-    "The paper's figures are of other subjects on other robots in another simulator: they stand "
+    "The paper's figures are of other policies on other robots in another simulator: they stand "
     "beside, they do not compare."
 )
 
@@ -60,14 +60,14 @@ class Found:
     """
 
     study: str
-    subjects: list[str]
+    policies: list[str]
     left_out: list[str]
 
     @property
     def title(self) -> str:
         """Of the sheet and its plot."""
         name = self.study.upper() if self.study.startswith("rq") else self.study.capitalize()
-        return f"{name}: {', '.join(self.subjects)}"
+        return f"{name}: {', '.join(self.policies)}"
 
     @property
     def gaps(self) -> list[str]:

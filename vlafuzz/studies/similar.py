@@ -1,4 +1,4 @@
-"""RQ2's second question: does a subject come less far where a confounder is like the target?"""
+"""RQ2's second question: does a policy come less far where a confounder is like the target?"""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from vlafuzz.compare.statistics import a12, holm, mann_whitney
-from vlafuzz.corpus.records import Run
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import a12, holm, mann_whitney
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
 from vlafuzz.studies.variants import distinct
 
 
@@ -27,7 +27,7 @@ class Similarity:
     """
 
     task: str
-    subject: str
+    policy: str
     similar: int
     other: int
     progress_similar: float | None
@@ -43,13 +43,13 @@ def is_similar(scene: Scene, catalogue: Catalogue) -> bool:
     return kinds[0] in kinds[1:]
 
 
-def similarity(corpus: Corpus, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
-    """Compare within the scenes with confounders of a subject's runs in a task; in a run all have as many."""
+def similarity(store: Store, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
+    """Compare within the scenes with confounders of a policy's runs in a task; in a run all have as many."""
     progress: dict[bool, list[float]] = {True: [], False: []}
     aligned: dict[bool, list[float]] = {True: [], False: []}
     for run in runs:
         trials = [
-            trial for trial in distinct(corpus, run) if trial.outcome.rollouts and trial.scene.confounders
+            trial for trial in distinct(store, run) if trial.outcome.rollouts and trial.scene.confounders
         ]
         usual = fmean(trial.outcome.progress for trial in trials) if trials else 0.0
         for trial in trials:
@@ -60,7 +60,7 @@ def similarity(corpus: Corpus, runs: Sequence[Run], catalogue: Catalogue) -> Sim
     both = bool(similar and other)
     return Similarity(
         task=runs[0].manifest.task,
-        subject=runs[0].manifest.subject,
+        policy=runs[0].manifest.policy,
         similar=len(similar),
         other=len(other),
         progress_similar=fmean(similar) if similar else None,

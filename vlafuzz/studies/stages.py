@@ -1,4 +1,4 @@
-"""How far a subject comes: the share of scenes in which it reaches each stage of a task."""
+"""How far a policy comes: the share of scenes in which it reaches each stage of a task."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from vlafuzz.corpus.records import Run
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
 from vlafuzz.studies import published
 from vlafuzz.studies.shares import Share
 from vlafuzz.studies.variants import distinct
@@ -34,7 +34,7 @@ class Standing:
     """
 
     task: str
-    subject: str
+    policy: str
     confounders: int | None
     judged: int
     invalid: int
@@ -46,27 +46,27 @@ class Standing:
 
 @dataclass(frozen=True)
 class Published:
-    """What the paper has of a task: other subjects on another robot in another simulator.
+    """What the paper has of a task: other policies on another robot in another simulator.
 
     Attributes:
-        mean, as_well: success over seven subjects, printed in two ways for one task.
-        subjects: success of each, counted in the authors' data.
+        mean, as_well: success over seven policies, printed in two ways for one task.
+        policies: success of each, counted in the authors' data.
     """
 
     task: str
     mean: float
     as_well: float | None
-    subjects: dict[str, float]
+    policies: dict[str, float]
 
 
-def standing(corpus: Corpus, run: Run, confounders: int | None = None) -> Standing:
+def standing(store: Store, run: Run, confounders: int | None = None) -> Standing:
     """Count a run, each scene once: a stage counts where all rollouts of the scene reached it."""
-    trials = distinct(corpus, run)
+    trials = distinct(store, run)
     judged = [trial.outcome for trial in trials if trial.outcome.rollouts]
     verdicts = [trial.outcome.verdict for trial in trials]
     return Standing(
         task=run.manifest.task,
-        subject=run.manifest.subject,
+        policy=run.manifest.policy,
         confounders=confounders,
         judged=len(judged),
         invalid=verdicts.count(Verdict.INVALID),
@@ -79,8 +79,8 @@ def standing(corpus: Corpus, run: Run, confounders: int | None = None) -> Standi
 
 def in_paper(task: str) -> Published:
     """The paper's figures of RQ1 for a task."""
-    mean = next(row for row in published.success() if (row.task, row.subject) == (task, "mean"))
-    shares = {row.subject: row.passed / row.of for row in published.passed() if row.task == task}
+    mean = next(row for row in published.success() if (row.task, row.policy) == (task, "mean"))
+    shares = {row.policy: row.passed / row.of for row in published.passed() if row.task == task}
     return Published(task, mean.share, mean.as_well, shares)
 
 

@@ -43,10 +43,10 @@ class Staged(Found):
         return Sheet(self.title, tables, notes, _DIFFERS[self.study], self._plot)
 
     def _plot(self, path: Path) -> None:
-        """Bars a stage; a panel a task, in RQ2 of each subject; the paper's mean success as a mark."""
+        """Bars a stage; a panel a task, in RQ2 of each policy; the paper's mean success as a mark."""
         groups: dict[str, list[Standing]] = {}
         for each in self.standings:
-            name = each.task if each.confounders is None else f"{each.task}, {each.subject}"
+            name = each.task if each.confounders is None else f"{each.task}, {each.policy}"
             groups.setdefault(name, []).append(each)
         figure, every = plots.panels(self.title, list(groups), "share of scenes")
         for axes, its in zip(every, groups.values(), strict=True):
@@ -65,14 +65,14 @@ class Staged(Found):
 
 def _label(each: Standing) -> str:
     if each.confounders is None:
-        return each.subject
+        return each.policy
     return f"{each.confounders} confounder{'' if each.confounders == 1 else 's'}"
 
 
 def _row(each: Standing) -> Row:
     counted = {} if each.confounders is None else {"confounders": each.confounders}
     return {
-        "subject": each.subject,
+        "policy": each.policy,
         **counted,
         **{stage.stage: str(stage) for stage in each.stages},
         "progress": None if each.progress is None else f"{each.progress:.2f}",
@@ -83,7 +83,7 @@ def _row(each: Standing) -> Row:
 
 
 def _paper_row(paper: Published) -> Row:
-    least, most = (choose(paper.subjects.items(), key=lambda item: item[1]) for choose in (min, max))
+    least, most = (choose(paper.policies.items(), key=lambda item: item[1]) for choose in (min, max))
     return {
         "task": paper.task,
         "mean of seven": share(paper.mean) + (f", elsewhere {share(paper.as_well)}" if paper.as_well else ""),
@@ -96,7 +96,7 @@ def _similar_row(each: Similarity) -> Row:
     values = {"progress": each.progress_similar, "of others": each.progress_other, "A12": each.a12}
     return {
         "task": each.task,
-        "subject": each.subject,
+        "policy": each.policy,
         "similar scenes": each.similar,
         "others": each.other,
         **{name: None if value is None else round(value, 2) for name, value in values.items()},

@@ -1,4 +1,4 @@
-"""RQ5: how much of what a subject does with known objects it still does with others."""
+"""RQ5: how much of what a policy does with known objects it still does with others."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from statistics import fmean, stdev
 
 import numpy as np
 
-from vlafuzz.scoring import Interval
+from vlafuzz.statistics import Interval
 from vlafuzz.studies.stages import Standing
 
-ENOUGH = 3  # subjects for a test over subjects
+ENOUGH = 3  # policies for a test over policies
 _RESAMPLES = 10_000
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A subject in a task with seen and with unseen objects.
+    """A policy in a task with seen and with unseen objects.
 
     Attributes:
         relative: of the success with seen objects, what is gained or lost with unseen ones: (unseen - seen) /
@@ -30,7 +30,7 @@ class Difference:
     """
 
     task: str
-    subject: str
+    policy: str
     seen: Standing
     unseen: Standing
     relative: float | None
@@ -43,29 +43,29 @@ class Difference:
 
 @dataclass(frozen=True)
 class PairedTest:
-    """A paired t-test over subjects, of success with unseen against seen objects.
+    """A paired t-test over policies, of success with unseen against seen objects.
 
     Attributes:
-        task: ``all`` for each subject's mean over its tasks.
+        task: ``all`` for each policy's mean over its tasks.
         d: Cohen's, of paired samples: mean over standard deviation of the differences. Like ``t`` and ``p``
             None where these do not vary.
     """
 
     task: str
-    subjects: int
+    policies: int
     t: float | None
     p: float | None
     d: float | None
 
 
 def difference(seen: Standing, unseen: Standing) -> Difference:
-    """Compare the two runs of a subject in a task."""
+    """Compare the two runs of a policy in a task."""
     before, after = _success(seen), _success(unseen)
     both = before is not None and after is not None
     interval = _bootstrap(seen, unseen) if both else None
     return Difference(
         task=seen.task,
-        subject=seen.subject,
+        policy=seen.policy,
         seen=seen,
         unseen=unseen,
         relative=(after - before) / before if before and after is not None else None,
@@ -84,12 +84,12 @@ def transfers(standing: Standing) -> tuple[float | None, ...]:
 
 
 def paired_tests(found: Sequence[Difference]) -> list[PairedTest]:
-    """A test for each task that enough subjects did, and one over all tasks."""
+    """A test for each task that enough policies did, and one over all tasks."""
     pairs: dict[str, dict[str, tuple[float, float]]] = {}
     for each in found:
         before, after = _success(each.seen), _success(each.unseen)
         if before is not None and after is not None:
-            pairs.setdefault(each.task, {})[each.subject] = (before, after)
+            pairs.setdefault(each.task, {})[each.policy] = (before, after)
     common = [name for name in next(iter(pairs.values()), ()) if all(name in its for its in pairs.values())]
     means = {
         name: (fmean(its[name][0] for its in pairs.values()), fmean(its[name][1] for its in pairs.values()))

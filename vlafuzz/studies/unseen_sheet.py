@@ -17,17 +17,17 @@ _NOTE = (
     "1, the share that reaches stage n."
 )
 _TESTED = (
-    "The t-test is paired, over subjects, which it takes for a sample of many; d is Cohen's, of paired "
+    "The t-test is paired, over policies, which it takes for a sample of many; d is Cohen's, of paired "
     "samples."
 )
 _FEW = (
-    f"With less than {ENOUGH} subjects there is no test over subjects: the bootstrap over scenes says "
-    "how sure a difference is of these subjects, nothing of others."
+    f"With less than {ENOUGH} policies there is no test over policies: the bootstrap over scenes says "
+    "how sure a difference is of these policies, nothing of others."
 )
 _DIFFERS = (
     "its unseen objects are YCB's, at half size in the put tasks, and 1000 scenes a task; here an "
     "object has one size in all tasks, and what the hand cannot take is no target. Which objects a "
-    "subject has seen in training, only who trained it knows."
+    "policy has seen in training, only who trained it knows."
 )
 
 
@@ -40,11 +40,11 @@ class Unseen(Found):
     tests: list[PairedTest]
 
     def sheet(self) -> Sheet:
-        """Success, transfer rates and, over enough subjects, the test."""
+        """Success, transfer rates and, over enough policies, the test."""
         tables = [
             Table(f"Success; unseen: {', '.join(self.packs)}", [_row(each) for each in self.differences]),
             *_transfer_tables(self.differences),
-            *([Table("Over subjects", [_test_row(each) for each in self.tests])] if self.tests else []),
+            *([Table("Over policies", [_test_row(each) for each in self.tests])] if self.tests else []),
         ]
         notes = [_NOTE, _TESTED if self.tests else _FEW, *self.gaps]
         return Sheet(self.title, tables, notes, _DIFFERS, self._plot)
@@ -53,11 +53,11 @@ class Unseen(Found):
         """Stages with seen objects, pale, beside the same with unseen ones; a panel a task."""
         tasks = list(dict.fromkeys(each.task for each in self.differences))
         figure, every = plots.panels(self.title, tasks, "share of scenes")
-        colours = plots.coloured(self.subjects)
+        colours = plots.coloured(self.policies)
         for axes, task in zip(every, tasks, strict=True):
             its = [each for each in self.differences if each.task == task]
             series = [
-                plots.Series(f"{each.subject}, {name}", of.stages, colours[each.subject], alpha)
+                plots.Series(f"{each.policy}, {name}", of.stages, colours[each.policy], alpha)
                 for each in its
                 for name, of, alpha in (("seen", each.seen, 0.4), ("unseen", each.unseen, 1.0))
             ]
@@ -69,7 +69,7 @@ def _row(each: Difference) -> Row:
     bounds = None if each.low is None else f" ({points(each.low)} to {points(each.high)})"
     return {
         "task": each.task,
-        "subject": each.subject,
+        "policy": each.policy,
         "seen": str(each.seen.stages[-1]),
         "unseen": str(each.unseen.stages[-1]),
         "Diff. %": points(each.relative),
@@ -87,7 +87,7 @@ def _transfer_tables(found: Sequence[Difference]) -> list[Table]:
         Table(
             f"Transfer rates, seen > unseen: {' > '.join(names)}",
             [
-                {"task": each.task, "subject": each.subject}
+                {"task": each.task, "policy": each.policy}
                 | {
                     f"Tr_{number}": f"{share(seen)} > {share(unseen)}"
                     for number, (seen, unseen) in enumerate(
@@ -105,7 +105,7 @@ def _transfer_tables(found: Sequence[Difference]) -> list[Table]:
 def _test_row(test: PairedTest) -> Row:
     return {
         "task": test.task,
-        "subjects": test.subjects,
+        "policies": test.policies,
         "t": None if test.t is None else round(test.t, 2),
         "p": chance(test.p),
         "Cohen's d": None if test.d is None else round(test.d, 2),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from vlafuzz.corpus.records import Run, Trial
-from vlafuzz.corpus.store import Corpus
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
+from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.store import Store
 
 JUDGED = (Verdict.PASSED, Verdict.FAILED)
 
@@ -49,12 +49,12 @@ def pooled(every: Iterable[Sequence[Tried]]) -> list[Tried]:
     return made
 
 
-def distinct(corpus: Corpus, run: Run) -> list[Trial]:
+def distinct(store: Store, run: Run) -> list[Trial]:
     """The trials of a run, without those that were answered with the outcome of another one."""
-    return [trial for trial in corpus.trials(run.id) if not trial.duplicate]
+    return [trial for trial in store.trials(run.id) if not trial.duplicate]
 
 
-def tried(corpus: Corpus, run: Run | None, variants: Sequence[Variant]) -> list[Tried]:
+def tried(store: Store, run: Run | None, variants: Sequence[Variant]) -> list[Tried]:
     """What came of variants in their run, which proposed them in order; nothing without one."""
-    found = corpus.stored(run.id, 0, len(variants)) if run else []
+    found = store.stored(run.id, 0, len(variants)) if run else []
     return [Tried(variants[trial.proposal], trial.outcome) for trial in found]

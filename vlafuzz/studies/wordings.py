@@ -11,11 +11,11 @@ from typing import Literal, NamedTuple
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from vlafuzz.compare.statistics import holm
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import holm
 from vlafuzz.studies.shares import Share
 from vlafuzz.studies.stages import Reached, reached
 from vlafuzz.studies.variants import Tried, Variant
@@ -35,7 +35,7 @@ class Prompt(NamedTuple):
 
 @dataclass(frozen=True)
 class Reworded:
-    """What a subject does in the same scenes when they are said in another way.
+    """What a policy does in the same scenes when they are said in another way.
 
     Attributes:
         prompt: ``plain``, or the prompt's name.
@@ -47,7 +47,7 @@ class Reworded:
     """
 
     task: str
-    subject: str
+    policy: str
     prompt: str
     says: tuple[str, ...]
     stages: tuple[Reached, ...]
@@ -61,10 +61,10 @@ class Reworded:
 
 @dataclass(frozen=True)
 class Together:
-    """Success of a subject in a task with all prompts of a study taken together, beside the plain wording."""
+    """Success of a policy in a task with all prompts of a study taken together, beside the plain wording."""
 
     task: str
-    subject: str
+    policy: str
     plain: Share
     prompts: Share
 
@@ -114,7 +114,7 @@ def variants(scenes: Sequence[Scene], ways: Sequence[Prompt], catalogue: Catalog
 
 
 def compared(
-    task: str, subject: str, plain: Sequence[Outcome], found: Sequence[Tried], ways: Sequence[Prompt]
+    task: str, policy: str, plain: Sequence[Outcome], found: Sequence[Tried], ways: Sequence[Prompt]
 ) -> list[Reworded]:
     """The plain wording, then each prompt beside it in those scenes in which it was judged.
 
@@ -128,14 +128,14 @@ def compared(
         if each.judged:
             every[each.variant.arm][each.variant.origin] = each.outcome
         errors[each.variant.arm] += each.outcome.verdict is Verdict.ERROR
-    return [_reworded(task, subject, way, plain, every[way.name], errors[way.name]) for way in (own, *ways)]
+    return [_reworded(task, policy, way, plain, every[way.name], errors[way.name]) for way in (own, *ways)]
 
 
-def together(task: str, subject: str, plain: Sequence[Outcome], found: Sequence[Tried]) -> Together:
+def together(task: str, policy: str, plain: Sequence[Outcome], found: Sequence[Tried]) -> Together:
     """See ``compared``."""
     cases = [(each.variant.origin, each.passed) for each in found if each.judged]
     passed = [outcome.verdict is Verdict.PASSED for outcome in plain]
-    return Together(task, subject, Share.counted(passed), Share.grouped(cases))
+    return Together(task, policy, Share.counted(passed), Share.grouped(cases))
 
 
 def adjusted(found: Sequence[Reworded]) -> list[Reworded]:
@@ -146,7 +146,7 @@ def adjusted(found: Sequence[Reworded]) -> list[Reworded]:
 
 def _reworded(
     task: str,
-    subject: str,
+    policy: str,
     way: Prompt,
     plain: Sequence[Outcome],
     outcomes: Mapping[int, Outcome],
@@ -158,7 +158,7 @@ def _reworded(
     gained = sum(now and not was for was, now in zip(before, after, strict=True))
     return Reworded(
         task=task,
-        subject=subject,
+        policy=policy,
         prompt=way.name,
         says=way.says,
         stages=reached(task, list(outcomes.values())),

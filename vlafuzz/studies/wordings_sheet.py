@@ -50,13 +50,13 @@ class Said(Found):
             columns=2 if many else 4,
             width=6 if many else 3.2,
         )
-        colours = plots.coloured(self.subjects)
+        colours = plots.coloured(self.policies)
         for axes, task in zip(every, self._tasks(), strict=True):
-            its = {(each.prompt, each.subject): each for each in self.prompts if each.task == task}
+            its = {(each.prompt, each.policy): each for each in self.prompts if each.task == task}
             names = list(dict.fromkeys(prompt for prompt, _ in its))
             series = [
-                plots.Series(subject, [its[name, subject].stages[-1] for name in names], colours[subject])
-                for subject in dict.fromkeys(subject for _, subject in its)
+                plots.Series(policy, [its[name, policy].stages[-1] for name in names], colours[policy])
+                for policy in dict.fromkeys(policy for _, policy in its)
             ]
             plots.bars(axes, [name.removeprefix("paraphrase ") for name in names], series)
             axes.set_xlabel("paraphrase" if many else "")
@@ -70,7 +70,7 @@ def _row_together(each: Together) -> Row:
     both = each.plain.of and each.prompts.of
     return {
         "task": each.task,
-        "subject": each.subject,
+        "policy": each.policy,
         "plain": str(each.plain),
         "prompts": str(each.prompts),
         "net": points(each.prompts.share - each.plain.share) if both else None,
@@ -81,7 +81,7 @@ def _row(each: Reworded) -> Row:
     *_, success = each.stages
     tested = each.p is not None
     return {
-        "subject": each.subject,
+        "policy": each.policy,
         "prompt": " / ".join(each.says),
         **{stage.stage: str(stage) for stage in each.stages},
         "net": points(success.share - each.plain.share) if tested and success.of else None,

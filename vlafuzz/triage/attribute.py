@@ -6,19 +6,19 @@ from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.triage.bench import Bench
+from vlafuzz.triage.oracle import BudgetedOracle
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS, PathToNominal, free_genes
 from vlafuzz.triage.shrink import BEYOND, Shrunk
-from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, free_genes
 
 SHARES = 32  # steps of a way that several values go together
 
 
-def attribute(shrunk: Shrunk, bench: Bench, space: SearchSpace) -> Causes:
+def attribute(shrunk: Shrunk, oracle: BudgetedOracle, space: SearchSpace) -> Causes:
     """Causes of what is left of a finding, with the bench that it was shrunk on."""
     left = shrunk.operators
     alone = {name: _alone(space, shrunk.scene, name) for name in left}
-    failing = bench.fails(list(alone.values()))
-    thresholds = [_threshold(shrunk.scene, name, bench, space) for name in left if name != CONFOUNDERS]
+    failing = oracle.fails(list(alone.values()))
+    thresholds = [_threshold(shrunk.scene, name, oracle, space) for name in left if name != CONFOUNDERS]
     return Causes(
         tuple(shrunk.counterparts),
         tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
@@ -31,17 +31,17 @@ def _alone(space: SearchSpace, scene: Scene, name: str) -> Scene:
     return space.reset(scene, others)
 
 
-def _threshold(scene: Scene, name: str, bench: Bench, space: SearchSpace) -> Threshold | None:
+def _threshold(scene: Scene, name: str, oracle: BudgetedOracle, space: SearchSpace) -> Threshold | None:
     genes = [gene for gene in free_genes(space, scene, GROUPS[name]) if gene.kind != "category"]
-    way = Way(space, scene, genes)
-    first = _first_failing(way, bench, parts=way.length if len(genes) == 1 else SHARES)
+    way = PathToNominal(space, scene, genes)
+    first = _first_failing(way, oracle, parts=way.length if len(genes) == 1 else SHARES)
     if first is None:
         return None
     values = space.values(way.at(first))
     return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / way.length)
 
 
-def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
+def _first_failing(way: PathToNominal, oracle: BudgetedOracle, parts: int) -> int | None:
     """By bisection, the least step that fails; None where it is not seen to pass one step before."""
     if way.length == 0:
         return None
@@ -51,18 +51,18 @@ def _first_failing(way: Way, bench: Bench, parts: int) -> int | None:
     def step(part: int) -> int:
         return round(part * way.length / parts)
 
-    if bench.fails([way.at(0)])[0]:
+    if oracle.fails([way.at(0)])[0]:
         return None
     guesses = [fails - BEYOND, fails - BEYOND - 1]  # where shrinking left it, and one step less
     while fails - passes > 1:
         middle = guesses.pop(0) if guesses else (passes + fails) // 2
         if not passes < middle < fails:
             continue
-        if bench.room == 0 and bench.known(way.at(step(middle))) is None:
+        if oracle.room == 0 and oracle.known(way.at(step(middle))) is None:
             return None
-        if bench.fails([way.at(step(middle))])[0]:
+        if oracle.fails([way.at(step(middle))])[0]:
             fails = middle
         else:
             passes = middle
-    before = bench.known(way.at(step(passes)))
+    before = oracle.known(way.at(step(passes)))
     return step(fails) if before is not None and before.verdict is Verdict.PASSED else None

@@ -1,4 +1,4 @@
-"""Confirm: whether a scene fails again. Of a stochastic subject, by Wald's sequential test."""
+"""Confirm: whether a scene fails again. Of a stochastic policy, by Wald's sequential test."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Confirmation:
 
 
 def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirmation:
-    """Repeat a finding until it is clear whether it mostly fails; a deterministic subject once.
+    """Repeat a finding until it is clear whether it mostly fails; a deterministic policy once.
 
     Args:
         repeat: the verdict of the n-th repeat, from 0, in an environment that has seen no other scene of

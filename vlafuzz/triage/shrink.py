@@ -12,8 +12,8 @@ from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.operators import ConfounderCount, ConfounderPosition, TargetPosition
 from vlafuzz.space.params import Gene
-from vlafuzz.triage.bench import Bench, Judged
-from vlafuzz.triage.way import CONFOUNDERS, GROUPS, Way, deviating, free_genes
+from vlafuzz.triage.oracle import BudgetedOracle, Judged
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS, PathToNominal, deviating, free_genes
 
 K = TypeVar("K")
 BEYOND = 2  # grid steps past its threshold at which a value stops, so that no finding sits on an edge
@@ -27,7 +27,7 @@ class Shrunk:
 
     Attributes:
         operators: those left, the confounders' as one.
-        counterparts: by operator, the scene without it, in which the subject passes.
+        counterparts: by operator, the scene without it, in which the policy passes.
         unresolved: operators left for which there is none, and what comes of the scene without it.
         base: the nominal scene of the same objects fails, too; nothing was shrunk.
         complete: ``max_rollouts`` cut nothing short.
@@ -47,17 +47,17 @@ class Shrunk:
         return bool(self.operators) and not self.base and not self.unresolved
 
 
-def shrink(scene: Scene, bench: Bench, space: SearchSpace) -> Shrunk:
+def shrink(scene: Scene, oracle: BudgetedOracle, space: SearchSpace) -> Shrunk:
     """Make a failing scene as nominal as it gets while it still fails, the targets' types kept.
 
     Raises:
         SceneError: the scene has something that is not a value of any operator.
     """
     nominal = space.nominal(like=scene)
-    judged = bench.ask([nominal])[0]
+    judged = oracle.ask([nominal])[0]
     if judged is not None and judged.lost is not None:
         return Shrunk(nominal, judged.lost, (), base=True)
-    shrinker = _Shrinker(space, bench, scene)
+    shrinker = _Shrinker(space, oracle, scene)
     shrinker.run()
     return shrinker.result()
 
@@ -65,7 +65,7 @@ def shrink(scene: Scene, bench: Bench, space: SearchSpace) -> Shrunk:
 @dataclass
 class _Shrinker:
     space: SearchSpace
-    bench: Bench
+    oracle: BudgetedOracle
     best: Scene
 
     def run(self) -> None:
@@ -86,15 +86,15 @@ class _Shrinker:
     def result(self) -> Shrunk:
         left = deviating(self.space, self.best)
         without = {name: self.space.reset(self.best, GROUPS[name]) for name in left}
-        judged = dict(zip(left, self.bench.ask(list(without.values())), strict=True))
+        judged = dict(zip(left, self.oracle.ask(list(without.values())), strict=True))
         passing = {name for name, each in judged.items() if each and each.verdict is Verdict.PASSED}
         return Shrunk(
             self.best,
-            self.bench.lost(self.best),
+            self.oracle.lost(self.best),
             tuple(left),
             {name: without[name] for name in left if name in passing},
             {name: _outcome(each) for name, each in judged.items() if name not in passing},
-            complete=not self.bench.exhausted,
+            complete=not self.oracle.exhausted,
         )
 
     def _drop_operators(self) -> bool:
@@ -106,7 +106,7 @@ class _Shrinker:
     def _is_blocked(self) -> bool:
         """Whether an operator is left only because the scene without it is not fair."""
         without = [self._reset(GROUPS[name]) for name in deviating(self.space, self.best)]
-        known = [self.bench.known(scene) for scene in without]
+        known = [self.oracle.known(scene) for scene in without]
         return any(judged is None or judged.verdict is Verdict.INVALID for judged in known)
 
     def _unblock(self) -> None:
@@ -131,11 +131,11 @@ class _Shrinker:
 
     def _lessen(self, gene: Gene) -> None:
         """Bring a value to two steps past where the failure begins."""
-        way = Way(self.space, self.best, [gene])
+        way = PathToNominal(self.space, self.best, [gene])
         if gene.kind == "count" or way.length <= 1:
             return
         passes, fails = 0, way.length
-        while fails - passes > 1 and self.bench.room > KEPT:
+        while fails - passes > 1 and self.oracle.room > KEPT:
             middle = (passes + fails) // 2
             if self._fails([way.at(middle)])[0]:
                 fails = middle
@@ -169,7 +169,7 @@ class _Shrinker:
         """Whether each still fails and is no more severe than the best so far."""
         severity = self.space.severity(self.best) + _ROUNDING
         milder = [scene for scene in scenes if self.space.severity(scene) <= severity]
-        failing = dict(zip(milder, self.bench.fails(milder, KEPT), strict=True))
+        failing = dict(zip(milder, self.oracle.fails(milder, KEPT), strict=True))
         return [failing.get(scene, False) for scene in scenes]
 
     def _reset(self, operators: Sequence[str]) -> Scene:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from vlafuzz.evidence import Actions, Witness
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Scene
-from vlafuzz.subjects.base import ActionChunk, EpisodeStart, Observation, SubjectSpec
-from vlafuzz.subjects.expert import ATTEMPTS
 
 TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it gives up
 
@@ -60,14 +60,14 @@ def find_witness(
 
 
 class Player:
-    """A subject that executes given actions, whatever it sees; after the last one the hand stays.
+    """A policy that executes given actions, whatever it sees; after the last one the hand stays.
 
     Attributes:
         actions: ``(steps, 7)``, to be set before a rollout.
     """
 
-    def __init__(self, like: SubjectSpec) -> None:
-        self.spec = SubjectSpec("witness", action=like.action)
+    def __init__(self, like: PolicySpec) -> None:
+        self.spec = PolicySpec("witness", action=like.action)
         self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:

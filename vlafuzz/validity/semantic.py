@@ -11,8 +11,8 @@ from itertools import combinations
 import numpy as np
 
 from vlafuzz.objects.catalogue import Catalogue, ObjectModel
-from vlafuzz.rig import Hand
-from vlafuzz.robots import RIGS, rig
+from vlafuzz.rigs.rig import Hand
+from vlafuzz.rigs.robots import RIGS, rig
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import TASKS

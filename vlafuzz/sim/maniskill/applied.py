@@ -14,7 +14,7 @@ import numpy as np
 import sapien
 
 from vlafuzz.errors import SimulatorError
-from vlafuzz.rig import Rig, camera_pose
+from vlafuzz.rigs.rig import Rig, camera_pose
 from vlafuzz.scene import Scene
 
 METRES = 1e-5

@@ -16,7 +16,7 @@ import sapien
 from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import Rig
+from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import camera_pose
-from vlafuzz.robots import PANDA, rig
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Placement, Scene, check_placement
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.drop import start_poses
-from vlafuzz.sim.maniskill.guests import AGENTS, wrist_of
+from vlafuzz.sim.maniskill.external_robots import AGENTS, wrist_of
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.photo import before, photo_of
@@ -37,7 +38,6 @@ from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
-from vlafuzz.subjects.base import CameraRequest
 from vlafuzz.tasks.base import Monitor
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.state import State

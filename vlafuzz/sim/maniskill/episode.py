@@ -1,4 +1,4 @@
-"""Episode: one rollout step by step, what its subject gets to see and what comes of its actions."""
+"""Episode: one rollout step by step, what its policy gets to see and what comes of its actions."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.outcome import Rollout
+from vlafuzz.policies.base import EpisodeStart, Observation, PolicySpec, Privileged
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.subjects.base import EpisodeStart, Observation, Privileged, SubjectSpec
 from vlafuzz.tasks.state import State
 
 AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
@@ -32,7 +32,7 @@ class Episode:
     def __init__(
         self,
         env: TabletopEnv,
-        spec: SubjectSpec,
+        spec: PolicySpec,
         scene: Scene,
         seed: int,
         *,

@@ -1,4 +1,4 @@
-"""ManiSkillEvaluator: checks a scene, then lets the subject act in it."""
+"""ManiSkillEvaluator: checks a scene, then lets the policy act in it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from vlafuzz.errors import PrerequisiteError, SubjectError, UsageError
+from vlafuzz.clients.wire import UNANSWERED, persistently
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
-from vlafuzz.robots import rig
+from vlafuzz.policies.base import Knowing, Observation, Policy
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene, check_placement
 from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.env import TabletopEnv
@@ -19,16 +22,13 @@ from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.settle import Settled, settle
 from vlafuzz.sim.maniskill.video import Recording
-from vlafuzz.subjects.base import Knowing, Observation, Subject
-from vlafuzz.subjects.harness import Harness
-from vlafuzz.subjects.wire import UNANSWERED, persistently
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import check_static
 from vlafuzz.validity.report import Rejection
 
 
 class ManiSkillEvaluator:
-    """Runs a subject in scenes of one task.
+    """Runs a policy in scenes of one task.
 
     Args:
         min_distance: between objects' centres, metres.
@@ -44,7 +44,7 @@ class ManiSkillEvaluator:
     def __init__(
         self,
         task: str,
-        subject: Subject,
+        policy: Policy,
         catalogue: Catalogue,
         *,
         min_distance: float,
@@ -58,13 +58,13 @@ class ManiSkillEvaluator:
     ) -> None:
         if criteria not in ("strict", "published"):
             raise UsageError(f"criteria: {criteria!r}", hint="strict or published")
-        self._task, self._subject, self._catalogue = task_named(task), subject, catalogue
+        self._task, self._policy, self._catalogue = task_named(task), policy, catalogue
         self._min_distance, self.seed, self._repeats = min_distance, seed, repeats
         self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
         self._placement, self._recording = check_placement(placement), recording
         self._env: TabletopEnv | None = None
-        if isinstance(subject, Knowing):
-            subject.know(catalogue)
+        if isinstance(policy, Knowing):
+            policy.know(catalogue)
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
         """One outcome a scene, in order."""
@@ -79,7 +79,7 @@ class ManiSkillEvaluator:
 
     def begin(self, scene: Scene, seed: int) -> Episode:
         """A rollout in a fair scene, for who goes through it himself."""
-        env, spec = self._environment(scene.robot), self._subject.spec
+        env, spec = self._environment(scene.robot), self._policy.spec
         return Episode(env, spec, scene, seed, stop_early=self._stop_early, published=self._published)
 
     def renew(self) -> None:
@@ -87,9 +87,9 @@ class ManiSkillEvaluator:
         self._drop_env()
 
     def close(self) -> None:
-        """Let go of simulator and subject."""
+        """Let go of simulator and policy."""
         self._drop_env()
-        self._subject.close()
+        self._policy.close()
 
     def _evaluate(self, scene: Scene) -> Outcome:
         try:
@@ -99,8 +99,8 @@ class ManiSkillEvaluator:
             rollouts = tuple(self._persist(scene, self.seed + number) for number in range(self._repeats))
         except PrerequisiteError:
             raise  # nothing that another scene would not meet too
-        except SubjectError as error:
-            return Outcome.error(f"subject: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
+        except PolicyError as error:
+            return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
         except Exception as error:  # whatever a simulator throws is its crash, not the scene's failure
             self._drop_env()  # only a rebuilt environment is clean after an exception
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
@@ -115,7 +115,7 @@ class ManiSkillEvaluator:
         if self._recording is not None:
             self._recording.clear()
         episode = self.begin(scene, seed)
-        harness = Harness(self._subject, episode.start)
+        harness = Harness(self._policy, episode.start)
         self._record(episode)
         while not episode.over:
             episode.advance(harness.action(partial(self._observe, episode)))
@@ -139,7 +139,7 @@ class ManiSkillEvaluator:
             watching = self._recording.camera if self._recording else None
             if watching:
                 watching = replace(watching, width=rig(robot).view.width(watching.height))
-            spec = self._subject.spec
+            spec = self._policy.spec
             cameras = spec.cameras + ((watching,) if watching else ())
             self._env = make_env(
                 self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._placement

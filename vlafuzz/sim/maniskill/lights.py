@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import sapien
 
-from vlafuzz.rig import Lights
+from vlafuzz.rigs.rig import Lights
 
 
 class SceneLights:

@@ -8,9 +8,9 @@ import gymnasium
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.policies.base import CameraRequest
 from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
 from vlafuzz.sim.maniskill.rendering import render_backend
-from vlafuzz.subjects.base import CameraRequest
 
 
 def make_env(

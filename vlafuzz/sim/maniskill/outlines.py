@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import CameraPose
+from vlafuzz.policies.base import Outlines, Silhouette
+from vlafuzz.rigs.rig import CameraPose
 from vlafuzz.sim.maniskill.table import COLOUR
-from vlafuzz.subjects.base import Outlines, Silhouette
 from vlafuzz.tasks.state import State
 
 Array = NDArray[np.float64]

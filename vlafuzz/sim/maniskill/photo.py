@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz import assets
-from vlafuzz.rig import Rig
+from vlafuzz.rigs.rig import Rig
 
 Picture = NDArray[np.uint8]
 

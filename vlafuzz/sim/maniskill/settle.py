@@ -10,8 +10,8 @@ import sapien
 from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import Table
-from vlafuzz.robots import PANDA
+from vlafuzz.rigs.rig import Table
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import object_contacts
 from vlafuzz.sim.maniskill.objects import add_object, place

@@ -7,11 +7,11 @@ from dataclasses import replace
 import imageio.v3 as imageio
 
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.robots import rig
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.make import make_env
-from vlafuzz.subjects.base import CameraRequest
 
 
 class Stills:

@@ -7,7 +7,7 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
-from vlafuzz.rig import Table
+from vlafuzz.rigs.rig import Table
 from vlafuzz.sim.maniskill.rendering import render_system
 
 COLOUR = (0.52, 0.44, 0.36)  # of the table top, on average

@@ -1,4 +1,4 @@
-"""Recording: pictures of a rollout from a camera beside the subject's, and what the subject itself saw."""
+"""Recording: pictures of a rollout from a camera beside the policy's, and what the policy itself saw."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import CameraRequest, Observation, Outlines
 from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.subjects.base import CameraRequest, Observation, Outlines
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # pixels of the strip under a frame
@@ -66,13 +66,13 @@ class Recording:
         return np.concatenate([self.frames[index] for index in chosen], axis=1)
 
     def seen(self) -> Picture:
-        """What the subject got to see at first: its cameras' pictures, or outlines in their colours."""
+        """What the policy got to see at first: its cameras' pictures, or outlines in their colours."""
         first = self.observations[0]
         pictures = list(first.images.values())
         if first.outlines is not None:
             pictures.append(draw_outlines(first.outlines))
         if not pictures:
-            raise UsageError("this subject asks for no pictures", hint="leave --seen out")
+            raise UsageError("this policy asks for no pictures", hint="leave --seen out")
         height = max(picture.shape[0] for picture in pictures)
         return np.concatenate([_padded(picture, height) for picture in pictures], axis=1)
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rig import Rig
-from vlafuzz.robots import PANDA
+from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object

@@ -1,0 +1,231 @@
+"""What goes wrong with servers: relays in front of a real one that lose, spoil and hold up its replies."""
+
+import socket
+import threading
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from http.client import HTTPConnection, HTTPException
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import urlsplit
+
+import msgpack
+import numpy as np
+import websockets.sync.server
+import zmq
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from vlafuzz.clients.groot import GrootOptions
+from vlafuzz.clients.groot_wire import pack, unpack
+from vlafuzz.clients.wire import ROLLOUT
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+
+HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
+NAMES, TASK = GrootOptions().action_key.split(","), GrootOptions().instruction_key
+
+
+class Drifting:
+    """Goes about as instruction and proprioception tell it, 20 steps at a time, and remembers nothing."""
+
+    spec = PolicySpec("drifting", state=True, execute=None)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        pass
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(self.moves(seen.instruction, seen.state)) for seen in observations]
+
+    def close(self) -> None:
+        pass
+
+    def moves(self, instruction: str, state: np.ndarray) -> np.ndarray:
+        rng = np.random.default_rng([zlib.crc32(instruction.encode()), zlib.crc32(state.tobytes())])
+        moves = rng.uniform(-1, 1, (20, 7)) * [0.03, 0.03, 0.02, 0.1, 0.1, 0.1, 1]
+        return moves.astype(np.float32).astype(np.float64)
+
+
+class Faults:
+    """Which fault comes with each reply, one after the other; those that came are kept.
+
+    ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the
+    connection, say ``error`` as OpenVLA's servers do, or ``kill`` GR00T's. Before ``begin`` there are none.
+    """
+
+    def __init__(self, plan: Iterable[str | None], seconds: float) -> None:
+        self.plan, self.seconds, self.came = iter(plan), seconds, []
+        self.over, self._lock, self._begun = threading.Event(), threading.Lock(), False
+
+    def begin(self) -> None:
+        self._begun = True
+
+    def next(self) -> str | None:
+        with self._lock:
+            fault = next(self.plan, None) if self._begun else None
+            self.came += [fault] if fault else []
+        if fault == "stall":
+            self.over.wait(self.seconds)
+        return fault
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+def drawn(rates: dict[str, float], seed: int) -> Iterator[str | None]:
+    """Faults at random, each with its rate."""
+    rng = np.random.default_rng(seed)
+    while True:
+        yield str(rng.choice([*rates, ""], p=[*rates.values(), 1 - sum(rates.values())])) or None
+
+
+@contextmanager
+def relayed(name: str, faults: Faults) -> Iterator[str]:
+    """The name under which a server that is found under another one is found by way of a relay."""
+    address, question, query = name.partition("?")
+    protocol = "http" if address.startswith("http") else "ws"
+    scheme, _, _ = address.partition("://")
+    target = f"{protocol}://{address.partition('://')[2]}"
+    relay = _relay_posts if protocol == "http" else _relay_frames
+    with relay(target, faults) as port:
+        yield f"{scheme}://127.0.0.1:{port}{urlsplit(target).path}{question}{query}"
+
+
+@contextmanager
+def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
+    def session(client: Any) -> None:
+        told = client.request.headers.get(ROLLOUT)
+        headers = {ROLLOUT: told} if told else {}
+        with suppress(OSError, ConnectionClosed), ExitStack() as stack:
+            server = stack.enter_context(
+                connect(target, compression=None, max_size=None, additional_headers=headers, close_timeout=1)
+            )
+            threading.Thread(target=forward, args=(client, server), daemon=True).start()
+            for frame in server:
+                fault = faults.next()
+                if fault == "cut":
+                    break
+                if fault != "drop":
+                    client.send({"garbage": GARBAGE, "huge": HUGE, "error": "error"}.get(fault, frame))
+
+    def forward(client: Any, server: Any) -> None:
+        with suppress(OSError, ConnectionClosed):
+            for frame in client:
+                server.send(frame)
+        server.close()
+
+    options = {"compression": None, "max_size": None, "close_timeout": 1}
+    listening = websockets.sync.server.serve(session, "127.0.0.1", 0, **options)
+    thread = threading.Thread(target=listening.serve_forever)
+    thread.start()
+    try:
+        yield listening.socket.getsockname()[1]
+    finally:
+        faults.over.set()
+        listening.shutdown()
+        thread.join()
+
+
+@contextmanager
+def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
+    class Handler(BaseHTTPRequestHandler):
+        """A connection, and one of its own to the server."""
+
+        protocol_version = "HTTP/1.1"
+
+        def setup(self) -> None:
+            super().setup()
+            self.line = HTTPConnection(urlsplit(target).netloc)
+
+        def finish(self) -> None:
+            self.line.close()
+            super().finish()
+
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            try:
+                self.line.request("POST", self.path, body, {ROLLOUT: self.headers[ROLLOUT]})
+                reply = self.line.getresponse()
+                status, answer = reply.status, reply.read()
+            except (OSError, HTTPException):
+                status, answer, fault = 502, b"", "cut"
+            else:
+                fault = faults.next()
+            if fault == "drop":
+                faults.over.wait(2 * faults.seconds)
+            if fault in ("drop", "cut"):
+                self.close_connection = True
+                return
+            answer = {"garbage": GARBAGE, "huge": HUGE, "error": b'"error"'}.get(fault, answer)
+            with suppress(OSError):
+                self.send_response(status)
+                self.send_header("Content-Length", str(len(answer)))
+                self.end_headers()
+                self.wfile.write(answer)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads, server.block_on_close = True, False
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+    thread.start()
+    try:
+        yield server.server_port
+    finally:
+        faults.over.set()
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+@contextmanager
+def groot(faults: Faults) -> Iterator[str]:
+    """The name of a server of GR00T's protocol with ``Drifting`` behind it, which goes wrong by itself."""
+    context, policy = zmq.Context(), Drifting()
+    port = free_port()
+    modality = {"delta_indices": [0], "modality_keys": [*NAMES]}
+    config = {"state": modality, "action": modality, "language": modality | {"modality_keys": [TASK]}}
+
+    def answer(request: Any) -> Any:
+        if request["endpoint"] == "get_modality_config":
+            return config
+        if request["endpoint"] == "reset":
+            return {}
+        told = request["data"]["observation"]
+        state = np.concatenate([told["state"][key][0, 0] for key in NAMES])
+        moves = policy.moves(told["language"][TASK][0][0], state).astype(np.float32)
+        return [{key: moves[None, :, [number]] for number, key in enumerate(NAMES)}, {}]
+
+    def listening() -> Any:
+        line = context.socket(zmq.ROUTER)  # unlike REP it need not answer
+        line.bind(f"tcp://127.0.0.1:{port}")
+        return line
+
+    def serve() -> None:
+        line = listening()
+        ready.set()
+        while not faults.over.is_set():
+            if not line.poll(20):
+                continue
+            client, empty, frame = line.recv_multipart()
+            reply, fault = pack(answer(unpack(frame))), faults.next()
+            if fault == "kill":
+                line.close(0)
+                faults.over.wait(faults.seconds)
+                line = listening()
+            elif fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
+                said = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
+                line.send_multipart([client, empty, said.get(fault, reply)])
+        context.destroy(linger=0)
+
+    ready, thread = threading.Event(), threading.Thread(target=serve)
+    thread.start()
+    ready.wait()
+    try:
+        yield f"groot:tcp://127.0.0.1:{port}?camera=0&state=1&state_key={','.join(NAMES)}"
+    finally:
+        faults.over.set()
+        thread.join()

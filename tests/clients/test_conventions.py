@@ -1,0 +1,74 @@
+"""How models write actions, against SciPy's rotations: whatever the words, the move is the same."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.clients.conventions import ROTATIONS, Convention
+
+WRITTEN = {
+    "axis_angle": lambda turn: turn.as_rotvec(),
+    "rpy": lambda turn: turn.as_euler("xyz"),
+    "euler_xyz": lambda turn: turn.as_euler("XYZ"),
+    "quaternion_xyzw": lambda turn: -3 * turn.as_quat(),  # of any length, and either sign
+    "quaternion_wxyz": lambda turn: turn.as_quat(scalar_first=True),
+    "rot6d": lambda turn: turn.as_matrix()[:, :2].T.reshape(-1),
+    "rot6d_interleaved": lambda turn: turn.as_matrix()[:, :2].reshape(-1),
+}
+HAND = np.array([0.1, -0.2, 0.3, 3.0, 0.5, 0.0])
+angles = st.tuples(*[st.floats(-1.4, 1.4)] * 3)
+
+
+def moved(convention: Convention, shift: list[float], turn: Rotation) -> tuple[np.ndarray, Rotation]:
+    """Where the hand is after one action, when nothing is in its way."""
+    action = np.hstack([shift, WRITTEN[convention.rotation](turn), 1.0])
+    move = convention.moves(action[None], HAND)[0]
+    assert move[6] == 1.0
+    return HAND[:3] + move[:3], Rotation.from_rotvec(move[3:6]) * Rotation.from_rotvec(HAND[3:])
+
+
+def close(one: Rotation, other: Rotation) -> bool:
+    return (one * other.inv()).magnitude() < 1e-6
+
+
+@pytest.mark.parametrize("rotation", ROTATIONS)
+class TestMoves:
+    @given(angles=angles)
+    def test_a_move_in_the_bases_frame(self, rotation, angles):
+        turn = Rotation.from_euler("xyz", angles)
+        at, facing = moved(Convention(False, False, rotation, 0.5, 1.0), [0.2, 0, 0], turn)
+        assert at == pytest.approx([0.2, -0.2, 0.3])
+        assert close(facing, turn * Rotation.from_rotvec(HAND[3:]))
+
+    @given(angles=angles)
+    def test_a_move_in_the_hands_frame(self, rotation, angles):
+        turn, now = Rotation.from_euler("xyz", angles), Rotation.from_rotvec(HAND[3:])
+        at, facing = moved(Convention(False, True, rotation, 1.0, 1.0), [0, 0, 0.1], turn)
+        assert at == pytest.approx(HAND[:3] + 0.1 * now.as_matrix()[:, 2])
+        assert close(facing, now * turn)
+
+    @given(angles=angles)
+    def test_a_pose(self, rotation, angles):
+        turn = Rotation.from_euler("xyz", angles)
+        at, facing = moved(Convention(True, False, rotation, 1.0, 1.0), [0.4, 0.5, 0.6], turn)
+        assert at == pytest.approx([0.4, 0.5, 0.6])
+        assert close(facing, turn)
+
+    def test_of_another_width_is_refused(self, rotation):
+        with pytest.raises(ValueError, match=r"actions of shape \(1, 11\), expected \(steps, "):
+            Convention(True, False, rotation, 1.0, 1.0).moves(np.zeros((1, 11)), HAND)
+
+
+def test_three_numbers_are_scaled_to_radians():
+    found = Convention(False, True, "rpy", 0.05, 0.5).moves(np.array([[1.0, 0, 0, 0, 0, 1, -1]]), np.zeros(6))
+    assert found[0] == pytest.approx([0.05, 0, 0, 0, 0, 0.5, -1])
+
+
+@pytest.mark.parametrize("rotation", ["quaternion_xyzw", "rot6d"])
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_numbers_that_are_no_rotation_are_refused(rotation, value):
+    width = 4 + ROTATIONS[rotation][0]
+    with pytest.raises(ValueError, match=r"not finite|zero norm|no rotation"):
+        Convention(True, False, rotation, 1.0, 1.0).moves(np.full((1, width), value), HAND)

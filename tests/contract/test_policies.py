@@ -1,0 +1,175 @@
+"""What every policy keeps, whatever it knows."""
+
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.errors import UsageError
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec, Privileged
+from vlafuzz.policies.harness import check_chunks
+from vlafuzz.policies.registry import POLICIES, SERVERS, client, known_policies, make_policy
+from vlafuzz.scene import Scene
+from vlafuzz.serving.serve import PROTOCOLS, serving
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.sim.maniskill.world import SIM_HZ
+
+SHOWN = [
+    pick_up(put("coke_can", -0.05, 0.1)),
+    pick_up(put("green_cube", 0.05, -0.15, 30.0), put("orange", -0.1, 0.15)),
+    nominal("put-in"),
+]
+STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
+
+
+REMOTE = "random behind vla-eval"
+SERVED = {f"random behind our own {protocol}": protocol for protocol in PROTOCOLS}
+
+
+@pytest.fixture(scope="module")
+def servers() -> dict[str, str]:
+    """The names of policies behind our own servers."""
+    with ExitStack() as stack:
+        yield {
+            said: stack.enter_context(serving(make_policy("random"), protocol))
+            for said, protocol in SERVED.items()
+        }
+
+
+@pytest.fixture(scope="module")
+def server() -> str:
+    """The name of a policy behind the real vla-eval server."""
+    from tests.clients import served
+    from tests.clients.served import Rounded
+
+    with served.serving(Rounded(make_policy("random")), max_batch_size=3) as name:
+        yield name
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest) -> str:
+    """What the command line takes."""
+    given = request.param
+    if given in SERVED:
+        return request.getfixturevalue("servers")[given]
+    return f"{request.getfixturevalue('server')}?deterministic=1" if given is REMOTE else given
+
+
+@pytest.fixture
+def policy(name: str) -> Policy:
+    made = make_policy(name)
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def observe(env):
+    """``observe(spec, scene, episode)``: all that the spec asks for, at a scene's start."""
+
+    def observation(spec: PolicySpec, scene: Scene, episode: str) -> Observation:
+        state = env.begin(scene)
+        return Observation(
+            episode,
+            0,
+            scene.instruction,
+            {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras},
+            STATE if spec.state else None,
+            outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
+            Privileged(scene, env.models, state) if spec.privileged else None,
+        )
+
+    return observation
+
+
+def begin(policy: Policy, observe, *seeds: int) -> list[Observation]:
+    """The first observations of as many episodes, each in a scene of its own."""
+    episodes = [
+        EpisodeStart(f"episode-{number}", SHOWN[number].instruction, SHOWN[number].task, seed)
+        for number, seed in enumerate(seeds)
+    ]
+    policy.reset(episodes)
+    return [observe(policy.spec, SHOWN[number], episode.episode) for number, episode in enumerate(episodes)]
+
+
+def actions(policy: Policy, observations: list[Observation]) -> list[list]:
+    return [chunk.actions.tolist() for chunk in policy.act(observations)]
+
+
+@pytest.mark.parametrize("name", [*POLICIES, REMOTE, *SERVED], indirect=True)
+class TestPolicy:
+    def test_its_spec_says_who_it_is_and_fits_the_simulator(self, policy: Policy, name: str):
+        spec = policy.spec
+        assert (spec.name, bool(spec.version)) == (name.partition("?")[0], True)
+        assert SIM_HZ % spec.action.hz == 0
+        assert spec.max_batch >= 1
+        assert spec.execute is None or spec.execute >= 1
+
+    def test_every_observation_is_answered_with_a_chunk_of_finite_actions(self, policy: Policy, observe):
+        observations = begin(policy, observe, 0, 1, 2)
+        assert len(check_chunks(policy.act(observations), 3, policy.spec.name)) == 3
+
+    def test_any_subset_of_the_live_episodes_may_be_asked_in_any_order(self, policy: Policy, observe):
+        one, two, three = begin(policy, observe, 0, 1, 2)
+        for asked in ([three], [two, one], [], [one], [three, two, one]):
+            check_chunks(policy.act(asked), len(asked), policy.spec.name)
+
+    def test_a_batch_is_answered_as_one_by_one(self, name: str, observe):
+        together, alone = make_policy(name), make_policy(name)
+        batch = actions(together, begin(together, observe, 4, 5, 6))
+        singles = [actions(alone, [observation])[0] for observation in begin(alone, observe, 4, 5, 6)]
+        assert batch == singles
+        together.close()
+        alone.close()
+
+    def test_the_same_seed_gives_the_same_actions_in_a_used_policy(self, policy: Policy, observe):
+        assert policy.spec.deterministic
+        observations = begin(policy, observe, 7)
+        first = [actions(policy, observations) for _ in range(3)]
+        begin(policy, observe, 1, 2, 3)
+        observations = begin(policy, observe, 7)
+        assert [actions(policy, observations) for _ in range(3)] == first
+
+    def test_it_may_be_closed_twice(self, policy: Policy):
+        policy.close()
+
+    def test_its_rollout_repeats_itself(self, policy: Policy):
+        evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+        outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
+        assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
+        assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash
+        assert outcomes[0].rollouts[0].states_hash != outcomes[1].rollouts[0].states_hash
+        evaluator.close()
+
+
+def test_every_policy_is_listed_with_a_sentence():
+    listed = known_policies()
+    assert list(listed) == [*POLICIES, *(client(protocol).form for protocol in SERVERS)]
+    assert all(listed.values())
+
+
+def test_random_rollouts_differ_by_their_seed_alone(observe):
+    random = make_policy("random")
+    one, two = (actions(random, begin(random, observe, seed)) for seed in (0, 1))
+    assert one != two
+
+
+def test_an_unknown_policy_is_refused_with_the_nearest_known():
+    with pytest.raises(UsageError, match="unknown policy 'pinhloe'") as caught:
+        make_policy("pinhloe")
+    assert caught.value.hint.startswith("did you mean 'pinhole'?")
+
+
+def test_a_policy_of_ones_own_is_named_by_module_and_factory():
+    assert make_policy("python:tests.doubles:Idle").spec.name == "idle"
+
+
+def test_what_has_no_spec_is_no_policy():
+    with pytest.raises(UsageError, match="made a TinySpace, which has no spec"):
+        make_policy("python:tests.doubles:TinySpace")
+
+
+def test_only_the_expert_is_told_the_simulators_state():
+    assert [name for name in POLICIES if make_policy(name).spec.privileged] == ["expert"]

@@ -1,0 +1,189 @@
+"""Policies with one planted fault each, made of healthy ones."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vlafuzz.diagnostics.recorder import Lent
+from vlafuzz.errors import PolicyError
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
+from vlafuzz.policies.registry import make_policy
+
+
+class Changed(Lent):
+    """What it is shown and what it answers go through a function each."""
+
+    def __init__(
+        self,
+        healthy: str | Policy,
+        seen: Callable[[Observation], Observation] = lambda seen: seen,
+        answer: Callable[[np.ndarray], np.ndarray] = lambda actions: actions,
+        **spec: object,
+    ) -> None:
+        super().__init__(make_policy(healthy) if isinstance(healthy, str) else healthy)
+        self._seen, self._answer, self._more = seen, answer, spec
+
+    @property
+    def spec(self):
+        return replace(super().spec, **self._more)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        chunks = super().act([self._seen(seen) for seen in observations])
+        return [ActionChunk(self._answer(np.array(chunk.actions))) for chunk in chunks]
+
+
+def shown(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Observation], Observation]:
+    """Pictures go through a function."""
+    return lambda seen: replace(
+        seen, images={name: np.ascontiguousarray(change(image)) for name, image in seen.images.items()}
+    )
+
+
+def blind(healthy: str) -> Policy:
+    """Mini gets black pictures; pinhole always the outlines that it saw first."""
+    first: list[Observation] = []
+
+    def seen(given: Observation) -> Observation:
+        first.append(given)
+        return replace(shown(np.zeros_like)(given), outlines=first[0].outlines)
+
+    return Changed(healthy, seen)
+
+
+class Deaf(Changed):
+    """It is told the same, always."""
+
+    def __init__(self, healthy: str) -> None:
+        super().__init__(healthy, lambda seen: replace(seen, instruction="pick up green cube"))
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        super().reset([replace(start, instruction="pick up green cube") for start in episodes])
+
+
+def constant(healthy: str) -> Policy:
+    return Changed(healthy, answer=lambda actions: np.full_like(actions, 0.01))
+
+
+def nan(healthy: str) -> Policy:
+    def answer(actions: np.ndarray) -> np.ndarray:
+        actions[0, 2] = np.nan
+        return actions
+
+    return Changed(healthy, answer=answer)
+
+
+def saturated(healthy: str) -> Policy:
+    limits = np.array([0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0])
+    return Changed(healthy, answer=lambda actions: np.sign(actions) * limits)
+
+
+def swapped(healthy: str) -> Policy:
+    return Changed(healthy, answer=lambda actions: actions[:, [1, 0, 2, 3, 4, 5, 6]])
+
+
+def yaw_inverted(healthy: str) -> Policy:
+    return Changed(healthy, answer=lambda actions: actions * [1, 1, 1, 1, 1, -1, 1])
+
+
+def gripper_inverted(healthy: str) -> Policy:
+    return Changed(healthy, answer=lambda actions: actions * [1, 1, 1, 1, 1, 1, -1])
+
+
+def bgr(healthy: str) -> Policy:
+    return Changed(healthy, shown(lambda picture: picture[..., ::-1]))
+
+
+def upside_down(healthy: str) -> Policy:
+    return Changed(healthy, shown(lambda picture: picture[::-1]))
+
+
+def in_millimetres(healthy: str) -> Policy:
+    """Its moves are a twentieth of what they should be."""
+    return Changed(healthy, answer=lambda actions: actions * [0.05, 0.05, 0.05, 1, 1, 1, 1])
+
+
+def nondeterministic(healthy: str) -> Policy:
+    rng = np.random.default_rng(0)
+    noise = [0.005, 0.005, 0.005, 0, 0, 0, 0]
+    return Changed(healthy, answer=lambda actions: actions + rng.normal(size=actions.shape) * noise)
+
+
+class Mixed(Changed):
+    """Several at once get each other's answers."""
+
+    def __init__(self, healthy: str) -> None:
+        super().__init__(healthy, max_batch=8)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return super().act(observations)[::-1]
+
+
+class Offset(Changed):
+    """Its chunks begin with what it did before."""
+
+    def __init__(self, healthy: str) -> None:
+        super().__init__(healthy, max_batch=1)
+        self._before = np.array([[0.0] * 6 + [1.0]])
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        super().reset(episodes)
+        self._before = np.array([[0.0] * 6 + [1.0]])
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        (chunk,) = super().act(observations)
+        late = np.concatenate([self._before, chunk.actions])
+        self._before = late[1:2]
+        return [ActionChunk(late)]
+
+
+def slow(healthy: str) -> Policy:
+    def seen(given: Observation) -> Observation:
+        time.sleep(0.12)
+        return given
+
+    made = Changed(healthy, seen)
+    return Changed(made, action=replace(made.spec.action, hz=10))
+
+
+class Refusing(Changed):
+    """Whoever begins is sent away."""
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        raise PolicyError("ws://gpu:8000: connection refused", cause="connect")
+
+
+class Dropping(Changed):
+    """The connection breaks in the middle of every episode."""
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        super().reset(episodes)
+        self._left = 5
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        if not self._left:
+            raise PolicyError("ws://gpu:8000: the connection broke", cause="connect")
+        self._left -= 1
+        return super().act(observations)
+
+
+FAULTS: dict[str, Callable[[str], Policy]] = {
+    "blind": blind,
+    "deaf": Deaf,
+    "constant": constant,
+    "NaN": nan,
+    "saturated": saturated,
+    "x and y swapped": swapped,
+    "yaw inverted": yaw_inverted,
+    "gripper inverted": gripper_inverted,
+    "BGR": bgr,
+    "upside down": upside_down,
+    "wrong scale": in_millimetres,
+    "batch order mixed": Mixed,
+    "nondeterministic": nondeterministic,
+    "chunk offset": Offset,
+    "slow": slow,
+    "refusing": Refusing,
+    "dropping": Dropping,
+}

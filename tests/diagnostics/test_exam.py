@@ -1,0 +1,133 @@
+"""Policies with one planted fault each, and healthy ones: what the doctor says of them in the simulator."""
+
+from collections.abc import Callable
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from tests.diagnostics.faults import FAULTS, Changed
+from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.diagnostics.check import Check
+from vlafuzz.diagnostics.exam import Exam
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.registry import make_policy
+
+Examine = Callable[..., list[Check]]
+
+
+@pytest.fixture(scope="module")
+def examine() -> Examine:
+    """``examine(policy, n, task)``: all checks with ``n`` nominal rollouts; the quick ones without."""
+
+    def checks(policy: Policy, n: int = 0, task: str = "pick-up") -> list[Check]:
+        manifest = plan(RunConfig(task=task, policy="pinhole"), policy=policy).manifest
+        with closing(Exam(manifest, policy)) as exam:
+            return list(exam.thorough(n) if n else exam.quick())
+
+    return checks
+
+
+def named(checks: list[Check]) -> dict[str, str]:
+    """Of all that is not well: the verdict, and what follows up to the colon."""
+    return {
+        each.check: f"{each.verdict} {each.follows.partition(':')[0]}"
+        for each in checks
+        if each.verdict != "ok"
+    }
+
+
+# What is said of each fault, and of nothing else.
+QUICK = {
+    "blind": {"sight": "refuse blind"},
+    "deaf": {"hearing": "warn deaf"},
+    "constant": {"actions": "refuse constant"},
+    "NaN": {"actions": "refuse answer with finite numbers, (steps, 7)"},
+    "saturated": {"actions": "refuse saturated"},
+    "nondeterministic": {"determinism": "warn not deterministic"},
+    "refusing": {"connects": "refuse it refused"},
+    "dropping": {"rollouts": "refuse it broke off"},
+}
+THOROUGH = {
+    "batch order mixed": {"batch": "refuse mixed up"},
+    "slow": {"speed": "warn slow"},
+    "x and y swapped": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "gripper inverted": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "wrong scale": {"nominal": "refuse it cannot do the task", "wiring": "refuse miswired"},
+    "chunk offset": {"wiring": "refuse miswired"},
+    "yaw inverted": {"wiring": "refuse miswired"},
+}
+SEEING = ("BGR", "upside down")  # faults of pictures
+FOUND = {
+    "x and y swapped": "x and y of its moves are swapped",
+    "gripper inverted": "its gripper opens where it should close",
+    "wrong scale": "its moves have the wrong length",
+    "chunk offset": "its chunks begin 1 step too early",
+    "yaw inverted": "its yaw has the wrong sign",
+    "BGR": "it gets red and blue exchanged",
+    "upside down": "it gets its pictures upside down",
+}
+
+
+@pytest.mark.parametrize("fault", QUICK)
+def test_the_fault_of_a_policy_is_named_in_seconds(examine: Examine, fault: str):
+    assert named(examine(FAULTS[fault]("pinhole"))) == QUICK[fault]
+
+
+def test_several_answers_in_the_wrong_order_are_named(examine: Examine):
+    assert named(examine(FAULTS["batch order mixed"]("pinhole"), 1)) == THOROUGH["batch order mixed"]
+
+
+def test_swapped_axes_are_named(examine: Examine):
+    checks = examine(FAULTS["x and y swapped"]("pinhole"), 2)
+    assert named(checks) == THOROUGH["x and y swapped"]
+    assert checks[-1].found.startswith(FOUND["x and y swapped"])
+
+
+@pytest.mark.parametrize("name", ["pinhole", "expert"])
+def test_a_healthy_policy_that_sees_no_picture_gets_no_warning(examine: Examine, name: str):
+    checks = examine(make_policy(name), 3)
+    assert named(checks) == {}
+    assert checks[-1].check == "wiring"
+
+
+def noisy(healthy: Policy) -> Policy:
+    rng = np.random.default_rng(0)
+    noise = np.array([0.01, 0.01, 0.01, 0.05, 0.05, 0.05, 0])
+    return Changed(
+        healthy, answer=lambda actions: actions + rng.normal(size=(1, 7)) * noise, deterministic=False
+    )
+
+
+def test_a_stochastic_policy_that_says_so_is_healthy(examine: Examine):
+    assert named(examine(noisy(make_policy("pinhole")))) == {}
+
+
+def test_noise_does_not_hide_that_a_policy_is_blind(examine: Examine):
+    assert named(examine(noisy(FAULTS["blind"]("pinhole")))) == QUICK["blind"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", THOROUGH)
+def test_the_fault_of_a_policy_is_named_after_rollouts(examine: Examine, fault: str):
+    checks = examine(FAULTS[fault]("pinhole"), 6)
+    assert named(checks) == THOROUGH[fault]
+    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("fault", [*QUICK, *THOROUGH, *SEEING])
+def test_the_fault_of_a_learned_policy_is_named(examine: Examine, fault: str):
+    checks = examine(FAULTS[fault]("mini"), 10)
+    expected = {"wiring": "refuse miswired"} if fault in FOUND else (QUICK | THOROUGH)[fault]
+    assert named(checks).items() >= expected.items()  # more, where it cannot do the task for it
+    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("task", ["pick-up", "move-near", "put-on", "put-in"])
+@pytest.mark.parametrize("name", ["mini", "pinhole"])
+def test_a_healthy_policy_gets_no_warning_in_any_task(examine: Examine, name: str, task: str):
+    assert named(examine(make_policy(name), 8, task)) == {}

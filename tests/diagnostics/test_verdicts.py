@@ -1,0 +1,128 @@
+"""From facts to verdicts, with numbers given."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.doubles import failed, passed
+from vlafuzz.diagnostics import verdicts
+from vlafuzz.diagnostics.answers import Answers, Change
+from vlafuzz.diagnostics.recorder import Break
+from vlafuzz.outcome import Outcome
+from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+
+CAMERA = CameraRequest("front", 128, 128)
+SEEING = PolicySpec("seeing", cameras=(CAMERA,), state=True)
+RNG = np.random.default_rng(0)
+WALK = np.hstack([RNG.normal(0, 0.02, (20, 6)), np.ones((20, 1))])
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"action": ActionSpec(hz=7)}, "hz: expected a divisor of 100, got 7"),
+        ({"action": ActionSpec(position_scale=0)}, "position_scale is 0"),
+        ({"cameras": (CAMERA, CAMERA)}, "two cameras have one name: front, front"),
+        ({"cameras": (CameraRequest("front", 0, 128),)}, "the camera front has no pixels"),
+        ({"max_batch": 0}, "execute is 1, max_batch is 0"),
+    ],
+)
+def test_a_spec_that_cannot_be_is_refused(changes: dict[str, object], says: str):
+    check = verdicts.on_spec(replace(SEEING, **changes))
+    assert (check.verdict, check.found) == ("refuse", says)
+
+
+def test_what_nobody_declares_is_a_guess_that_the_user_can_settle():
+    guessed = {"server": "Pi0", "rotation": "default", "gripper": "default", "state": "none"}
+    check = verdicts.on_spec(replace(SEEING, provenance=guessed))
+    assert check.verdict == "warn"
+    assert check.follows == "guessed: say rotation=… and gripper=… in the policy's name"
+
+
+def test_a_whole_spec_is_fine():
+    assert verdicts.on_spec(SEEING) == ("spec", "sees front, proprioception, 5 Hz", "ok", "")
+
+
+@pytest.mark.parametrize(
+    ("executed", "verdict", "says"),
+    [
+        (WALK, "ok", ""),
+        (WALK * 0 + 0.01, "refuse", "constant"),
+        (np.sign(WALK) * 0.05, "refuse", "saturated"),
+        (np.clip(WALK * 50, -0.05, 0.05), "refuse", "saturated"),
+        (WALK * 30, "warn", "out of range"),
+        (WALK * [0.001, 0.001, 0.001, 0.001, 0.001, 0.001, 1], "warn", "out of range"),
+        (WALK * [1, 0, 0, 0, 0, 0, 1], "ok", ""),
+        (np.array([[0, 0, -0.03, 0, 0, 0, 1]] * 9 + [[0, 0, 0, 0, 0, 0, -1]]), "ok", ""),
+    ],
+)
+def test_actions_are_to_differ_within_the_range_of_an_arm(executed: np.ndarray, verdict: str, says: str):
+    check = verdicts.on_actions(SEEING, executed)
+    assert (check.verdict, check.follows.partition(":")[0]) == (verdict, says)
+
+
+@pytest.mark.parametrize(
+    ("black", "elsewhere", "verdict"),
+    [(0.9, 0.8, "ok"), (0.9, 0.0, "warn"), (0.0, 0.0, "refuse"), (0.01, 0.01, "refuse")],
+)
+def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(
+    black: float, elsewhere: float, verdict: str
+):
+    changes = {name: Change(size, size > 0.02) for name, size in (("black", black), ("another", elsewhere))}
+    assert verdicts.on_sight(changes).verdict == verdict
+
+
+def answers(spec: PolicySpec = SEEING, noise: float = 0.0) -> tuple[Answers, list[np.ndarray]]:
+    """Of six moments, and what they are without noise."""
+    once = [np.full((1, 7), 0.01 * number) for number in range(6)]
+    return Answers(spec, once, [each + noise for each in once]), once
+
+
+def test_who_says_deterministic_has_to_be():
+    assert verdicts.on_determinism(SEEING, answers()[0]).verdict == "ok"
+    assert verdicts.on_determinism(SEEING, answers(noise=0.001)[0]).verdict == "warn"
+    stochastic = replace(SEEING, deterministic=False)
+    assert verdicts.on_determinism(stochastic, answers(noise=0.001)[0]).verdict == "ok"
+
+
+def test_last_digits_that_depend_on_the_company_are_a_warning_and_an_exchange_is_refused():
+    known, once = answers()
+    assert verdicts.on_batch(SEEING, known, once).verdict == "ok"
+    assert verdicts.on_batch(SEEING, known, [each + 1e-7 for each in once]).verdict == "warn"
+    crossed = verdicts.on_batch(SEEING, known, once[::-1])
+    assert (crossed.verdict, crossed.follows.partition(":")[0]) == ("refuse", "mixed up")
+    alike = verdicts.on_batch(SEEING, known, [once[0]] * 6)
+    assert alike.verdict == "refuse"
+
+
+def test_an_answer_may_take_as_long_as_its_actions_last():
+    assert verdicts.on_speed(SEEING, [9.0, 0.3, 0.3], steps=2).verdict == "ok"
+    slow = verdicts.on_speed(SEEING, [9.0, 0.5, 0.5], steps=2)
+    assert (slow.verdict, slow.found) == ("warn", "0.5 s an answer, which lasts for 0.4 s at 5 Hz")
+
+
+@pytest.mark.parametrize(("solved", "verdict"), [(10, "ok"), (5, "ok"), (4, "warn"), (0, "refuse")])
+def test_who_solves_no_nominal_scene_says_nothing_about_others(solved: int, verdict: str):
+    check = verdicts.on_nominal([passed()] * solved + [failed(0.3)] * (10 - solved))
+    assert check.verdict == verdict
+    assert check.found.startswith(f"succeeds in {solved} of 10 nominal scenes, 95 % interval ")
+
+
+@pytest.mark.parametrize(("broken", "verdict"), [(0, "ok"), (1, "warn"), (2, "refuse")])
+def test_a_rollout_may_break_once(broken: int, verdict: str):
+    outcomes = [passed()] * 8 + [Outcome.error("policy: connect: gone")] * broken
+    check = verdicts.on_rollouts(outcomes, [Break("after 5 answers", "connect", "gone", None)][:broken])
+    assert check.verdict == verdict
+    assert verdicts.on_nominal(outcomes).found.startswith("succeeds in 8 of 8 ")
+
+
+def test_rollouts_that_had_to_be_begun_again_are_a_warning():
+    check = verdicts.on_rollouts([passed()] * 8, [Break("after 5 answers", "connect", "gone", None)])
+    assert (check.verdict, check.found) == ("warn", "8 rollouts to their end, 1 begun again")
+
+
+def test_a_simulator_that_breaks_is_told_apart_from_the_policy():
+    check = verdicts.on_rollouts([passed(), Outcome.error("simulator: OSError: no space")], [])
+    assert check.found == "1 of 2 rollouts broke: simulator: OSError: no space"
+    assert check.follows == "`vlafuzz doctor` checks this machine"

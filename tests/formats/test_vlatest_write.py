@@ -1,0 +1,64 @@
+"""What is written in the reference's format reads back as the same scene."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vlafuzz.formats.vlatest.read import read_vlatest
+from vlafuzz.formats.vlatest.write import write_vlatest
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Camera, Light, Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.tasks.tabletop import TASKS
+
+CATALOGUE = load_catalogue()
+SAID = ("target-type", "target-position", "target-orientation", "confounder-type", "confounder-position",
+        "confounder-orientation", "confounder-count")  # fmt: skip
+
+
+def scenes(task: str, number: int) -> list[Scene]:
+    space = SearchSpace(load_operators().only(SAID), CATALOGUE, task)
+    return [space.sample(np.random.default_rng(seed)) for seed in range(number)]
+
+
+def near(one: Scene, other: Scene) -> bool:
+    def flat(scene: Scene) -> list[float]:
+        return [value for thing in scene.placements for value in (thing.x, thing.y, thing.yaw % 360)]
+
+    def names(scene: Scene) -> list[tuple[str, str]]:
+        return [(thing.object, thing.rest) for thing in scene.placements]
+
+    if (one.task, one.instruction, names(one)) != (other.task, other.instruction, names(other)):
+        return False
+    off = np.abs(np.subtract(flat(one), flat(other)))
+    return bool(np.all(np.minimum(off, 360 - off) < 1e-3))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_scenes_read_back_as_they_were(tmp_path: Path, task: str) -> None:
+    wanted = scenes(task, 40)
+    path = tmp_path / f"{task}.json"
+    unsaid = write_vlatest(path, wanted, CATALOGUE)
+    assert all("rest" in reason or "VLATest has no" in reason for reason in unsaid)
+    read = read_vlatest(path, CATALOGUE).scenes
+    assert len(read) == len(wanted) - sum(unsaid.values()) > 20
+    assert all(any(near(scene, one) for one in wanted) for scene in read)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"light": Light(2.0)}, "light"),
+        ({"camera": Camera(yaw=1.0)}, "camera"),
+        ({"instruction": "Fetch it"}, "wording"),
+        ({"then": ("hold it up",)}, "wording"),
+    ],
+)
+def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path, change, reason: str) -> None:
+    scene = scenes("pick-up", 1)[0]
+    path = tmp_path / "t-grasp.json"
+    unsaid = write_vlatest(path, [replace(scene, **change), scene], CATALOGUE)
+    assert unsaid == {f"VLATest's scene files have no {reason}": 1}
+    assert len(read_vlatest(path, CATALOGUE).scenes) == 1

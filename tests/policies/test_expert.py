@@ -1,0 +1,127 @@
+"""The expert: it shows that a scene can be solved, so it has to solve fair ones."""
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.errors import PolicyError
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.expert import ATTEMPTS, GRASPS, Expert
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+RESTS = [(name, rest.name) for name in CATALOGUE.graspable() for rest in CATALOGUE[name].rests if rest.grasps]
+AROUND = (put("sprite_can", 0.02, 0.24), put("apple", -0.16, -0.22), put("sponge", 0.06, -0.20, 30.0))
+PLACES = {
+    "put-on": [
+        ("plate", "sponge"),
+        ("table_cloth", "coke_can"),
+        ("large_plate", "apple"),
+        ("plate", "carrot"),
+    ],
+    "put-in": [("basket", "orange"), ("basket", "green_cube"), ("basket", "eggplant")],
+}
+
+
+def verdict(expert_on, scene: Scene) -> Verdict:
+    (outcome,) = expert_on(scene.task).evaluate([scene])
+    assert outcome.verdict not in (Verdict.ERROR, Verdict.INVALID), outcome.detail
+    return outcome.verdict
+
+
+@pytest.mark.parametrize(("name", "rest"), RESTS)
+def test_it_picks_up_every_object_in_every_pose_that_can_be_grasped(expert_on, name, rest):
+    assert verdict(expert_on, pick_up(put(name, -0.02, 0.06, 35.0, rest))) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(("x", "y"), [(-0.18, -0.24), (-0.18, 0.24), (0.11, -0.24), (0.11, 0.24)])
+def test_it_gets_to_every_corner(expert_on, x, y):
+    assert verdict(expert_on, pick_up(put("coke_can", x, y))) is Verdict.PASSED
+
+
+def test_it_picks_up_the_target_and_not_what_stands_around(expert_on):
+    assert verdict(expert_on, pick_up(put("orange", -0.05, 0.0), *AROUND)) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(
+    ("task", "place", "name"), [(task, *pair) for task, pairs in PLACES.items() for pair in pairs]
+)
+def test_it_puts_things_on_and_into_places(expert_on, task, place, name):
+    targets = (put(name, -0.1, -0.1, 20.0), put(place, -0.02, 0.12, 10.0))
+    assert verdict(expert_on, Scene(task, targets, f"{name} to {place}")) is Verdict.PASSED
+
+
+@pytest.mark.parametrize(
+    "names", [("coke_can", "apple"), ("green_cube", "blue_plastic_bottle"), ("sponge", "orange")]
+)
+def test_it_moves_things_near_others_and_knocks_nothing_over(expert_on, names):
+    targets = tuple(put(name, -0.05, y) for name, y in zip(names, (-0.12, 0.14), strict=True))
+    scene = Scene("move-near", targets, "move it near", (put("pepsi_can", 0.09, -0.22),))
+    assert verdict(expert_on, scene) is Verdict.PASSED
+
+
+class Slippery(Expert):
+    """Its gripper opens for three steps when the object is up for the first time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._open = 0
+
+    def act(self, observations):
+        (chunk,) = super().act(observations)
+        lifted = observations[0].privileged.state.positions[0, 2] > 0.03
+        if lifted or self._open:
+            self._open += 1
+        if 1 <= self._open <= 3:
+            chunk.actions[0, 6] = 1.0
+        return [chunk]
+
+
+def test_it_tries_again_when_the_object_slips():
+    evaluator = ManiSkillEvaluator("pick-up", Slippery(), CATALOGUE, min_distance=0.15)
+    (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
+    evaluator.close()
+    trace = outcome.rollouts[0].actions[:, 6]
+    assert (np.diff(trace) < 0).sum() >= 2, "it closed only once"
+    assert outcome.verdict is Verdict.PASSED
+
+
+def test_without_the_simulators_state_it_refuses():
+    expert = Expert()
+    expert.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
+    with pytest.raises(PolicyError, match="needs the simulator's state") as caught:
+        expert.act([Observation("one", 0, "pick up apple")])
+    assert caught.value.cause == "protocol"
+
+
+def test_it_asks_for_what_no_policy_under_test_may_have():
+    assert Expert().spec.privileged
+    assert not Expert().spec.cameras
+
+
+@pytest.mark.slow
+def test_it_solves_nearly_all_fair_random_scenes(expert_on):
+    rng, verdicts = np.random.default_rng(0), []
+    for _ in range(100):
+        name = str(rng.choice(CATALOGUE.graspable()))
+        rest = CATALOGUE[name].rests[rng.integers(len(CATALOGUE[name].rests))].name
+        spot = rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)
+        scene = pick_up(Placement(name, rest, *map(float, spot)))
+        verdicts.append(expert_on("pick-up").evaluate([scene])[0].verdict)
+    assert set(verdicts) <= {Verdict.PASSED, Verdict.FAILED, Verdict.INVALID}
+    assert verdicts.count(Verdict.PASSED) >= 85
+    assert verdicts.count(Verdict.FAILED) <= 2
+
+
+@pytest.mark.parametrize("attempt", range(0, ATTEMPTS, GRASPS))
+def test_it_comes_from_above_and_leaning_either_way(attempt: int):
+    expert = Expert()
+    expert.attempt = attempt
+    evaluator = ManiSkillEvaluator("pick-up", expert, CATALOGUE, min_distance=0.0)
+    (outcome,) = evaluator.evaluate([nominal()])
+    evaluator.close()
+    assert outcome.verdict is Verdict.PASSED
+    (rollout,) = outcome.rollouts
+    turned = np.abs(rollout.actions[:, 3:5]).max()
+    assert (turned > 0.2) == (attempt > 0)

@@ -1,0 +1,228 @@
+"""What lies between a policy's answers and the robot."""
+
+import gc
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import PolicyError
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.harness import Gripper, Harness
+
+START = EpisodeStart("one", "pick up apple", "pick-up", 7)
+SEEN = Observation("one", 0, "pick up apple")
+
+
+class Dictated:
+    """Answers with given chunks, the last one again and again; an exception is raised instead."""
+
+    def __init__(self, *answers: object, execute: int | None = 1, **action: object) -> None:
+        self.spec = PolicySpec("dictated", action=ActionSpec(**action), execute=execute)
+        self._answers, self.started, self.asked = answers, [], 0
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.started += episodes
+
+    def act(self, observations: Sequence[Observation]) -> object:
+        answer = self._answers[min(self.asked, len(self._answers) - 1)]
+        self.asked += 1
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def close(self) -> None:
+        pass
+
+
+def numbered(*values: float) -> list[ActionChunk]:
+    """A chunk whose actions are told apart by their dx."""
+    return [ActionChunk(np.array([[value, 0, 0, 0, 0, 0, 1] for value in values]))]
+
+
+def one(*action: float) -> list[ActionChunk]:
+    return [ActionChunk(np.array([action], dtype=np.float64))]
+
+
+def first(policy: Dictated) -> np.ndarray:
+    return Harness(policy, START).action(lambda: SEEN)
+
+
+def gripper_of(values: Sequence[float], **spec: object) -> list[float]:
+    gripper = Gripper(ActionSpec(**spec))
+    return [gripper.command(value) for value in values]
+
+
+def test_a_rollout_begins_with_a_reset_of_its_episode():
+    policy = Dictated(numbered(0))
+    Harness(policy, START)
+    assert policy.started == [START]
+
+
+class Noting(Dictated):
+    """Wants to know when a rollout is over."""
+
+    def __init__(self) -> None:
+        super().__init__(numbered(0))
+        self.over: list[EpisodeStart] = []
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.over += episodes
+
+
+def test_a_rollout_ends_once_when_it_is_told_so():
+    policy = Noting()
+    harness = Harness(policy, START)
+    assert policy.over == []
+    harness.finish()
+    harness.finish()
+    del harness
+    assert policy.over == [START]
+
+
+def test_a_rollout_ends_when_nobody_holds_it_any_more_even_by_an_error():
+    policy = Noting()
+    policy.act = lambda _: 1 / 0
+    with pytest.raises(PolicyError):
+        Harness(policy, START).action(lambda: SEEN)
+    gc.collect()
+    assert policy.over == [START]
+
+
+def test_a_policy_that_does_not_want_to_know_is_not_told():
+    Harness(Dictated(numbered(0)), START).finish()
+
+
+@pytest.mark.parametrize(
+    ("execute", "moves", "asked"),
+    [
+        (1, [1, 4, 7, 7, 7], 5),
+        (2, [1, 2, 4, 5, 7], 3),
+        (3, [1, 2, 3, 4, 5], 2),
+        (None, [1, 2, 3, 4, 5], 2),
+        (9, [1, 2, 3, 4, 5], 2),
+    ],
+)
+def test_so_many_actions_of_a_chunk_are_executed_before_it_is_asked_again(execute, moves, asked):
+    policy = Dictated(numbered(1, 2, 3), numbered(4, 5, 6), numbered(7, 8, 9), execute=execute)
+    harness = Harness(policy, START)
+    assert [harness.action(lambda: SEEN)[0] for _ in moves] == moves
+    assert policy.asked == asked
+
+
+def test_nothing_is_observed_while_a_chunk_lasts():
+    observed = []
+    harness = Harness(Dictated(numbered(1, 2, 3), execute=None), START)
+    for _ in range(4):
+        harness.action(lambda: observed.append(1) or SEEN)
+    assert len(observed) == 2
+
+
+def test_a_metric_action_is_handed_on_as_it_is():
+    assert first(Dictated(one(0.01, -0.02, 0.03, 0.1, -0.2, 0.3, 1))).tolist() == [
+        0.01,
+        -0.02,
+        0.03,
+        0.1,
+        -0.2,
+        0.3,
+        1,
+    ]
+
+
+def test_scales_turn_units_into_metres_and_radians():
+    action = first(Dictated(one(1, -1, 0.5, 1, -1, 0.5, 1), position_scale=0.05, rotation_scale=0.25))
+    assert action == pytest.approx([0.05, -0.05, 0.025, 0.25, -0.25, 0.125, 1])
+
+
+def test_euler_angles_are_scaled_first_and_become_a_rotation_vector():
+    action = first(Dictated(one(0, 0, 0, 1, 2, -1, 1), rotation="euler_xyz", rotation_scale=0.5))
+    x, y, z = (Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1.0, -0.5), strict=True))
+    assert action[3:6] == pytest.approx((x * y * z).as_rotvec())
+    assert action[3:6] != pytest.approx([0.5, 1.0, -0.5], abs=0.05)
+
+
+def test_roll_pitch_and_yaw_turn_about_fixed_axes():
+    action = first(Dictated(one(0, 0, 0, 0.5, 1.0, -0.5, 1), rotation="rpy"))
+    x, y, z = (Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1.0, -0.5), strict=True))
+    assert action[3:6] == pytest.approx((z * y * x).as_rotvec())
+
+
+@pytest.mark.parametrize("rotation", ["axis_angle", "euler_xyz", "rpy"])
+@pytest.mark.parametrize("axis", [3, 4, 5])
+def test_a_turn_about_one_axis_is_the_same_either_way(rotation, axis):
+    asked = np.eye(7)[axis] * 0.3
+    assert first(Dictated(one(*asked), rotation=rotation))[3:6] == pytest.approx(asked[3:6])
+
+
+@pytest.mark.parametrize(
+    ("convention", "values", "commands"),
+    [
+        ("open_positive", [1, 0.1, -0.1, -1], [1, 1, -1, -1]),
+        ("close_positive", [-1, -0.1, 0.1, 1], [1, 1, -1, -1]),
+        ("open_01", [1, 0.6, 0.4, 0], [1, 1, -1, -1]),
+        ("close_01", [0, 0.4, 0.6, 1], [1, 1, -1, -1]),
+    ],
+)
+def test_every_gripper_convention_opens_and_closes(convention, values, commands):
+    assert gripper_of(values, gripper=convention) == commands
+
+
+def test_a_sticky_gripper_keeps_a_change_for_so_many_steps():
+    assert gripper_of([1, -1, 1, 1, 1, 1], sticky=2) == [1, -1, -1, -1, 1, 1]
+    assert gripper_of([1, -1, 1, -1, 1, 1], sticky=0) == [1, -1, 1, -1, 1, 1]
+
+
+def test_a_sticky_gripper_keeps_an_opening_too():
+    assert gripper_of([-1, -1, 1, -1, -1], sticky=1) == [-1, -1, 1, 1, -1]
+
+
+def test_the_harness_sticks_over_the_border_of_a_chunk():
+    close, open_ = [0.0] * 6 + [-1], [0.0] * 6 + [1]
+    chunks = [[ActionChunk(np.array([open_, close]))], [ActionChunk(np.array([open_, open_]))]]
+    harness = Harness(Dictated(*chunks, execute=None, sticky=1), START)
+    assert [harness.action(lambda: SEEN)[6] for _ in range(4)] == [1, -1, -1, 1]
+
+
+@pytest.mark.parametrize(
+    ("answer", "cause", "says"),
+    [
+        (one(np.nan, 0, 0, 0, 0, 0, 1), "bad_action", "an action is not finite: \\[nan"),
+        (one(0, 0, 0, 0, 0, 0, -np.inf), "bad_action", "an action is not finite"),
+        (one(0, 0, 0, 0, 0, 1), "bad_action", r"actions of shape \(1, 6\)"),
+        ([ActionChunk(np.zeros((0, 7)))], "bad_action", r"actions of shape \(0, 7\)"),
+        ([ActionChunk(np.zeros(7))], "bad_action", r"actions of shape \(7,\)"),
+        ([], "bad_action", "1 observations, 0 chunks"),
+        (numbered(1) * 2, "bad_action", "1 observations, 2 chunks"),
+        (None, "remote", "raised TypeError"),
+        ([ActionChunk(np.array([["up"] * 7]))], "remote", "raised ValueError"),
+        (
+            ZeroDivisionError("division by zero"),
+            "remote",
+            "dictated raised ZeroDivisionError: division by zero",
+        ),
+        (PolicyError("gone", cause="connect"), "connect", "gone"),
+    ],
+)
+def test_an_answer_that_is_no_chunk_is_the_policies_error_with_its_cause(answer, cause, says):
+    with pytest.raises(PolicyError, match=says) as caught:
+        first(Dictated(answer))
+    assert caught.value.cause == cause
+
+
+def test_a_bad_action_late_in_a_chunk_is_found_before_any_of_it_is_executed():
+    with pytest.raises(PolicyError, match="not finite"):
+        first(Dictated(numbered(1, 2, np.nan), execute=1))
+
+
+def test_a_reset_that_raises_is_the_policies_error_too():
+    policy = Dictated(numbered(0))
+    policy.reset = lambda _: 1 / 0
+    with pytest.raises(PolicyError, match="dictated raised ZeroDivisionError"):
+        Harness(policy, START)
+
+
+def test_an_observation_that_cannot_be_made_is_not_the_policies_error():
+    with pytest.raises(ZeroDivisionError):
+        Harness(Dictated(numbered(0)), START).action(lambda: 1 / 0)

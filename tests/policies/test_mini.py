@@ -1,0 +1,144 @@
+"""Mini sees, reads and acts: with its shipped weights, in the real simulator."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.campaign.config import default_policy
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.mini import words
+from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
+from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
+from vlafuzz.renderer import Renderer
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.tabletop import TASKS
+
+STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
+APPLE, CUBE = put("apple", -0.05, 0.1), put("green_cube", -0.05, -0.12)
+
+
+class Blind(Mini):
+    def act(self, observations):
+        black = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
+        return super().act([replace(seen, images={CAMERA.name: black}) for seen in observations])
+
+
+def verdict(scene: Scene, policy: Mini | None = None) -> Verdict:
+    evaluator = ManiSkillEvaluator(
+        scene.task, policy or Mini(), CATALOGUE, min_distance=0.15, stop_early=True
+    )
+    (outcome,) = evaluator.evaluate([scene])
+    evaluator.close()
+    return outcome.verdict
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("task", TASKS)
+def test_it_solves_the_nominal_scene_of_every_task(task):
+    assert verdict(nominal(task)) is Verdict.PASSED
+
+
+@pytest.mark.render
+def test_it_takes_what_it_is_told_to_take():
+    assert verdict(pick_up(APPLE, CUBE)) is Verdict.PASSED
+    assert verdict(pick_up(CUBE, APPLE)) is Verdict.PASSED
+    assert verdict(replace(pick_up(APPLE, CUBE), instruction="pick up green cube")) is Verdict.FAILED
+
+
+@pytest.mark.render
+def test_it_finds_nothing_in_the_dark():
+    assert verdict(pick_up(APPLE), Blind()) is Verdict.FAILED
+
+
+def test_the_card_says_what_the_weights_are():
+    card = read_card()
+    content = (SHIPPED / WEIGHTS).read_bytes()
+    assert card["weights"] == hashlib.sha256(content).hexdigest()[:20]
+    assert len(content) <= 8e6
+    assert "not evidence about OpenVLA" in card["note"]
+    assert [set(part) for part in card["rounds"]] == [{"data", "recipe", "curve"}] * len(card["rounds"])
+    assert {(row["set"], row["task"]) for row in card["success"]} >= {("nominal", task) for task in TASKS}
+    assert all(row["low"] <= row["passed"] / row["of"] <= row["high"] for row in card["success"])
+
+
+def test_it_knows_all_words_of_nominal_instructions():
+    known = read_card()["words"]
+    for task, wordings in load_wordings().items():
+        for name in CATALOGUE.names():
+            text = say(wordings[0], [CATALOGUE[name].spoken] * TASKS[task].targets)
+            assert words.encode(text, known).max() <= len(known), text
+
+
+def test_without_weights_it_says_what_is_missing(tmp_path):
+    (tmp_path / CARD).write_text(json.dumps({}))
+    with pytest.raises(PrerequisiteError, match=WEIGHTS):
+        Mini(tmp_path)
+
+
+def test_an_observation_without_a_picture_is_refused():
+    mini = Mini()
+    mini.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
+    with pytest.raises(PolicyError, match="needs a picture"):
+        mini.act([Observation("one", 0, "pick up apple", {}, STATE)])
+
+
+def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):
+    for problem, name in ((None, "mini"), ("no device", "pinhole")):
+        monkeypatch.setattr(
+            "vlafuzz.campaign.config.probe", lambda problem=problem: Renderer(None, None, problem)
+        )
+        assert default_policy() == name
+
+
+class TestWords:
+    def test_a_word_that_training_has_not_seen_has_a_bucket_of_its_own_kind(self):
+        known = ("apple", "pick", "up")
+        coded = words.encode("Pick up the apple!", known)
+        assert coded[:4].tolist() == [2, 3, coded[2], 1]
+        assert words.KNOWN < coded[2] < words.SIZE
+        assert not coded[4:].any()
+
+    @given(st.text(max_size=400))
+    def test_any_text_has_numbers(self, text):
+        coded = words.encode(text, ("apple",))
+        assert coded.shape == (words.LENGTH,)
+        assert 0 <= coded.min() <= coded.max() < words.SIZE
+
+    def test_too_many_words_are_refused(self):
+        with pytest.raises(ValueError, match="at most"):
+            words.vocabulary([f"w{number}" for number in range(words.KNOWN + 1)])
+
+
+class TestActions:
+    @given(st.lists(st.floats(-1, 1), min_size=6, max_size=6))
+    def test_bins_lose_nothing_within_the_farthest(self, shares):
+        actions = torch.tensor(shares, dtype=torch.float64) * torch.tensor(FARTHEST)
+        assert torch.allclose(from_bins(to_bins(actions)), actions, atol=1e-6)
+
+    @given(st.lists(st.integers(0, BINS - 1), min_size=6, max_size=6))
+    def test_a_sure_bin_is_its_value(self, places):
+        index = torch.tensor(places)
+        logits = torch.nn.functional.one_hot(index, BINS).double() * 1e3
+        assert torch.allclose(decode(logits), from_bins(index.double()), atol=1e-6)
+
+    def test_of_two_likely_places_one_is_chosen_not_their_middle(self):
+        logits = torch.full((6, BINS), -9.0)
+        logits[:, 10], logits[:, 50] = 2.0, 1.9
+        assert torch.allclose(decode(logits), from_bins(torch.full((6,), 10.0)), atol=1e-3)
+
+    def test_half_a_turn_of_the_hand_is_the_same_hand(self):
+        turned = np.stack([STATE, STATE])
+        turned[:, 3:6] = [[np.pi, 0, 0], [0, np.pi, 0]]  # both point down
+        one, other = proprioception(turned, turned[:, 6], np.array([3, 3]))
+        assert one == pytest.approx(other, abs=1e-6)

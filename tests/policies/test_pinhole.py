@@ -1,0 +1,115 @@
+"""The pinhole fails for physical reasons, and for no others."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.sim.scenes import CATALOGUE, nominal
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.pinhole import Pinhole, _named
+from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+SCENE = nominal("pick-up")
+
+
+@pytest.fixture(scope="module")
+def evaluator():
+    made = ManiSkillEvaluator("pick-up", Pinhole(), CATALOGUE, min_distance=0.15)
+    yield made
+    made.close()
+
+
+def verdict(evaluator, **changes):
+    return evaluator.evaluate([dataclasses.replace(SCENE, **changes)])[0].verdict
+
+
+def test_it_passes_the_nominal_scene(evaluator):
+    assert verdict(evaluator) is Verdict.PASSED
+
+
+def test_a_turned_camera_makes_it_miss(evaluator):
+    assert verdict(evaluator, camera=Camera(yaw=8.0)) is Verdict.FAILED
+    assert verdict(evaluator, camera=Camera(yaw=-8.0)) is Verdict.FAILED
+
+
+def test_a_camera_put_elsewhere_makes_it_miss(evaluator):
+    assert verdict(evaluator, camera=Camera(distance=0.25, azimuth=90.0)) is Verdict.FAILED
+
+
+def test_glare_hides_the_object(evaluator):
+    assert (
+        verdict(evaluator, light=Light(20.0)) is Verdict.PASSED
+    )  # a pepsi can is blue: red stays below white
+    white = Placement("spoon", "lying", -0.05, 0.0)
+    glare = {"targets": (white,), "instruction": "pick up spoon"}
+    assert verdict(evaluator, **glare) is Verdict.PASSED
+    assert verdict(evaluator, **glare, light=Light(20.0)) is Verdict.FAILED
+
+
+def test_the_same_scene_gives_the_same_trajectory(evaluator):
+    turned = dataclasses.replace(SCENE, camera=Camera(roll=2.0, yaw=-1.5))
+    hashes = {evaluator.evaluate([turned])[0].rollouts[0].states_hash for _ in range(2)}
+    assert len(hashes) == 1
+
+
+def test_a_wording_that_names_the_objects_in_another_order_swaps_them():
+    models = [load_catalogue()[name] for name in load_catalogue().names()]
+    assert [model.name for model in _named("put apple on large plate", models)] == ["apple", "large_plate"]
+    assert [model.name for model in _named("let the plate carry the apple", models)] == ["plate", "apple"]
+
+
+def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
+    two = nominal("put-on")
+    stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
+    never = dataclasses.replace(stepwise, then=())
+    evaluator = ManiSkillEvaluator("put-on", Pinhole(), CATALOGUE, min_distance=0.15)
+    plain, told, untold = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
+    evaluator.close()
+    assert (plain, told, untold) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
+
+
+def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
+    around = (
+        Placement("sprite_can", "standing", 0.023, -0.066),
+        Placement("blue_plastic_bottle", "standing", 0.01, 0.021),
+        Placement("apple", "resting", -0.071, 0.008, -51.0),
+    )
+    targets = (
+        Placement("eggplant", "lying", -0.058, -0.048, -19.0),
+        Placement("basket", "flat", -0.05, 0.18, 158.0),
+    )
+    evaluator = ManiSkillEvaluator("put-in", Pinhole(), CATALOGUE, min_distance=0.0)
+    (mixed_up,) = evaluator.evaluate([Scene("put-in", targets, "fill the basket with the eggplant", around)])
+    evaluator.close()
+    assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")
+
+
+def test_it_is_told_no_positions():
+    spec = Pinhole().spec
+    assert not spec.privileged
+    assert not spec.cameras
+    assert spec.silhouettes
+
+
+@pytest.mark.parametrize("name", ["pepsi_can", "carrot", "sponge", "green_cube", "blue_plastic_bottle"])
+@pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
+def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
+    from tests.sim.scenes import make_env
+    from vlafuzz.policies.outline_localizer import OutlineLocalizer
+    from vlafuzz.rigs.rig import camera_pose
+    from vlafuzz.rigs.robots import PANDA
+    from vlafuzz.sim.maniskill.outlines import outlines
+
+    model = CATALOGUE[name]
+    env = make_env()
+    for rest in model.rests:
+        scene = dataclasses.replace(SCENE, targets=(Placement(name, rest.name, 0.05, -0.18, yaw),))
+        state = env.begin(scene)
+        seen = outlines(env.models, state, env.view, 1.0)
+        thing = OutlineLocalizer(camera_pose(PANDA.view)).find(model, seen)
+        assert np.linalg.norm(thing.position[:2] - [0.05, -0.18]) < 0.008
+        assert abs(thing.position[2] - rest.height) < 0.005
+    env.close()

@@ -1,0 +1,38 @@
+"""Policies with a known weakness, for `python:tests.regression.policies:NAME`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.mini.policy import Mini
+
+STAY = np.array([[0.0] * 6 + [1.0]])
+
+
+class Flaky(Expert):
+    """An expert that does nothing in 30 % of its episodes, whatever the seed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spec = replace(self.spec, name="flaky", deterministic=False)
+        self._rng, self._idle = np.random.default_rng(), False
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self._idle = bool(self._rng.random() < 0.3)
+        super().reset(episodes)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(STAY)] if self._idle else super().act(observations)
+
+
+def zeroed() -> Mini:
+    """`mini` with a tenth of its weights set to zero."""
+    made, generator = Mini(), torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        for weights in made._network.parameters():
+            weights[torch.rand(weights.shape, generator=generator) < 0.1] = 0.0
+    return made

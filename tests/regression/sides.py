@@ -1,0 +1,74 @@
+"""Sides of a comparison without a simulator, and corpora of as many scenes as one likes."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tests.doubles import failed, passed, scene
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.regression.pairs import Answer, Group, Probe
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Manifest
+
+NO_VERDICT = {
+    Verdict.ERROR: Outcome.error("policy: connect"),
+    Verdict.INVALID: Outcome.invalid("x", "unfair"),
+}
+
+
+PASSED, FAILED = Answer.of(passed()), Answer.of(failed())
+
+
+def probes(failing: int = 20, others: int = 40) -> list[Probe]:
+    """Failing scenes, and controls that passed: their place says which."""
+
+    def probe(number: int, group: Group) -> Probe:
+        shown = scene(x=number / 1000)
+        return Probe(shown, group, f"{group} {number}", 0, passed=group != "failing")
+
+    controls = [
+        probe(failing + number, "counterpart" if number % 2 else "nominal") for number in range(others)
+    ]
+    return [probe(number, "failing") for number in range(failing)] + controls
+
+
+class Planned:
+    """Answers by a rule, and notes what it is asked: a scene's number and repeat."""
+
+    def __init__(
+        self, rule: Callable[[int, int], Verdict | bool], *, name: str = "new", deterministic: bool = True
+    ) -> None:
+        self.name, self.deterministic, self._rule = name, deterministic, rule
+        self.asked: list[tuple[int, int]] = []
+
+    def answer(self, probe: Probe, repeat: int) -> Answer:
+        number = round(probe.scene.targets[0].x * 1000)
+        self.asked.append((number, repeat))
+        found = self._rule(number, repeat)
+        if isinstance(found, Verdict):
+            return Answer.of(NO_VERDICT[found])
+        return PASSED if found else FAILED
+
+
+def flaky(rate: float, rng: np.random.Generator, name: str = "flaky") -> Planned:
+    """Fails at random, whatever the seed."""
+    return Planned(lambda number, repeat: bool(rng.random() >= rate), name=name, deterministic=False)
+
+
+class RuleRunner:
+    """A desk whose policy passes where a rule says so; notes seeds."""
+
+    changed: tuple[str, ...] = ()
+    renderer: str | None = None
+
+    def __init__(self, rule: Callable[[Scene], bool], run: Manifest, *, deterministic: bool = True) -> None:
+        self._rule, self.run, self.deterministic = rule, run, deterministic
+        self.asked: list[tuple[Scene, int]] = []
+        self.closed = 0
+
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        self.asked += [(each, number + self.run.seed) for each in scenes]
+        return [passed() if self._rule(each) else failed() for each in scenes]
+
+    def close(self) -> None:
+        self.closed += 1

@@ -1,0 +1,113 @@
+"""What goes into a corpus: the minimal findings of a store that hold when they are checked once more."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed
+from tests.triage.planted import SPACE
+from tests.triage.runners import PlantedRunner
+from tests.triage.test_pipeline import DARK, TILTED, scenes
+from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.outcome import Outcome
+from vlafuzz.regression.export import FLAKY, UNSOLVED, export
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage.path import nominal
+from vlafuzz.triage.pipeline import triage
+
+
+class CheckingDesk(PlantedRunner):
+    renderer = "a renderer"
+
+    def picture(self, scene: Scene) -> bytes | None:
+        return scene.digest.encode()
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """A store with two runs, and four findings in which the light or the camera matters, triaged."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        for seed, condition in enumerate((DARK, TILTED)):
+            run = opened.begin(manifest(seed=seed))
+            for proposal, scene in enumerate(scenes([condition], 2)):
+                opened.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=str(proposal)))
+        triage(opened, lambda run: CheckingDesk([TILTED if run.manifest.seed else DARK]))
+        assert [each.bucket for each in opened.triaged()] == ["minimal"] * 4
+        yield opened
+
+
+def runner(run) -> CheckingDesk:
+    return CheckingDesk([TILTED if run.manifest.seed else DARK])
+
+
+def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: Store):
+    made = export(store, runner, name="mine")
+    assert len(made.cases) == len({each.shrunk for each in store.triaged()})
+    assert {case.operators for case in made.cases} == {("light",), ("camera-orientation",)}
+    for case in made.cases:
+        fails = (DARK, TILTED)[made.seed(case)]
+        assert fails(case.scene)
+        assert not any(fails(scene) for scene in case.counterparts.values())
+        assert tuple(case.counterparts) == case.operators == case.causes.necessary
+        assert (case.nominal, case.nominal_passes) == (nominal(SPACE, case.scene), True)
+        assert case.thumbnail == case.scene.digest.encode()
+        assert len(case.witness.actions) > 0
+    assert (made.name, made.renderer, made.evidence.left_out) == ("mine", "a renderer", {})
+    share = made.evidence.shares["minimal"]
+    assert (share.count, share.of, made.evidence.search_rollouts) == (4, 4, 4)
+
+
+def test_only_one_run_when_so_wished(store: Store):
+    assert {case.operators for case in export(store, runner, name="a", run=2).cases} == {
+        ("camera-orientation",)
+    }
+
+
+def test_what_no_longer_fails_is_left_out_and_said(store: Store):
+    made = export(store, lambda run: CheckingDesk([DARK]), name="a")
+    assert {case.operators for case in made.cases} == {("light",)}
+    assert set(made.evidence.left_out) == {FLAKY}
+    with pytest.raises(CorpusError, match=r"no minimal finding holds: it no longer fails \(\d\)"):
+        export(store, lambda run: CheckingDesk([lambda scene: False]), name="a")
+
+
+def test_what_fails_without_its_operators_too_is_left_out(store: Store):
+    with pytest.raises(CorpusError, match="without light it no longer passes"):
+        export(store, lambda run: CheckingDesk([lambda scene: True]), name="a", run=1)
+
+
+def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
+    with pytest.raises(CorpusError, match=UNSOLVED):
+        export(store, lambda run: CheckingDesk([DARK], solvable=lambda scene: False), name="a", run=1)
+
+
+def test_what_fails_at_a_later_stage_is_left_out(store: Store):
+    class Later(CheckingDesk):
+        def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, number)
+            late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
+            return [late if each.lost_stage else passed() for each in outcomes]
+
+    with pytest.raises(CorpusError, match="later stage"):
+        export(store, lambda run: Later([DARK]), name="a", run=1)
+
+
+def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
+    with Store.open(tmp_path / "b.db", "write") as store:
+        store.begin(manifest())
+        with pytest.raises(CorpusError, match="has no minimal finding"):
+            export(store, runner, name="a")
+
+
+def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
+    run = store.begin(manifest(policy="other", seed=0))
+    scene = scenes([DARK], 3)[-1]
+    store.add(run, Trial(0, scene, failed(), SPACE.severity(scene), cell="c"))
+    triage(store, runner)
+    with pytest.raises(UsageError, match=r"has findings of .* and task"):
+        export(store, runner, name="a")
+    assert len(export(store, runner, name="a", run=run).cases) == 1

@@ -1,0 +1,124 @@
+"""An exported corpus reads back as it was, and what is wrong with a folder is one sentence."""
+
+import json
+import os
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.doubles import scene
+from tests.regression.corpora import case, make_corpus
+from vlafuzz.errors import CorpusError
+from vlafuzz.formats.scene_lines import load_scenes, write_scenes
+from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.folder import is_corpus, read_corpus, thumbnail_path, witness_path, write_corpus
+
+
+def plain(one: Corpus) -> dict[str, object]:
+    """Everything but the arrays, which do not compare."""
+    found = asdict(one)
+    for kept in found["cases"]:
+        kept["witness"]["actions"] = kept["witness"]["actions"].tobytes()
+    return found | {"runs": list(found["runs"]), "cases": list(found["cases"])}
+
+
+@settings(deadline=None, max_examples=25)
+@given(numbers=st.lists(st.integers(0, 500), min_size=1, max_size=6, unique=True), pictures=st.booleans())
+def test_it_reads_back_as_it_was(tmp_path_factory, numbers: list[int], pictures: bool) -> None:
+    thumbnail = b"\x89PNG" if pictures else None
+    written = make_corpus(*(case(number, thumbnail=thumbnail, run=number % 2) for number in numbers), runs=2)
+    folder = tmp_path_factory.mktemp("a") / "corpus"
+    write_corpus(written, folder)
+    assert plain(read_corpus(folder)) == plain(written)
+
+
+def test_its_scenes_are_a_file_of_scenes(tmp_path: Path) -> None:
+    written = make_corpus(case(1), case(2))
+    write_corpus(written, tmp_path / "a")
+    assert is_corpus(tmp_path / "a")
+    assert not is_corpus(tmp_path)
+    assert load_scenes(tmp_path / "a" / "scenes.jsonl") == [each.scene for each in written.cases]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_corpus(make_corpus(case(1), case(2)), tmp_path / "a")
+    return tmp_path / "a"
+
+
+def complaint(folder: Path) -> str:
+    with pytest.raises(CorpusError) as caught:
+        read_corpus(folder)
+    assert "\n" not in caught.value.message
+    assert caught.value.hint
+    return caught.value.message
+
+
+def change(folder: Path, **changes: object) -> None:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+def test_a_changed_witness_is_told(folder: Path) -> None:
+    path = witness_path(folder, case(2).scene)
+    np.save(path, np.load(path) * 1.01)
+    assert complaint(folder).startswith(f"{path}: was changed: its digest is ")
+
+
+def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
+    for path in (thumbnail_path(folder, case(1).scene), witness_path(folder, case(1).scene)):
+        path.rename(path.with_suffix(".away"))
+        assert complaint(folder) == f"{path}: cannot be read: no such file or directory"
+        path.with_suffix(".away").rename(path)
+
+
+def test_a_newer_schema_is_told(folder: Path) -> None:
+    change(folder, schema=2, something_new=True)
+    assert complaint(folder) == f"{folder / 'manifest.json'}: schema 2 is newer than 1"
+
+
+def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
+    strange = [replace(each, robot="gonzo") for each in load_scenes(folder / "scenes.jsonl")]
+    write_scenes(folder / "scenes.jsonl", strange)
+    rows = json.loads((folder / "manifest.json").read_text())["cases"]
+    change(folder, cases=[row | {"scene": one.digest} for row, one in zip(rows, strange, strict=True)])
+    assert complaint(folder) == f"{folder / 'scenes.jsonl'}: case 0: robot: unknown robot 'gonzo'"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{", "not the manifest of a corpus"),
+        ("[]", "input should be"),
+        ("{}", "not the manifest of a corpus: 'schema'"),
+        ('{"schema": 1}', "name: field required"),
+    ],
+)
+def test_a_broken_manifest_is_told(folder: Path, text: str, says: str) -> None:
+    (folder / "manifest.json").write_text(text)
+    assert says in complaint(folder)
+
+
+def test_scenes_that_are_not_those_of_the_manifest_are_told(folder: Path) -> None:
+    write_scenes(folder / "scenes.jsonl", [scene(2.0)])
+    assert f"case 0: no scene with digest {case(1).scene.digest}" in complaint(folder)
+
+
+def test_a_folder_that_is_there_is_left_alone(folder: Path) -> None:
+    with pytest.raises(CorpusError, match="is there already"):
+        write_corpus(make_corpus(case(3)), folder)
+    assert len(read_corpus(folder).cases) == 2
+
+
+def test_nothing_is_left_where_it_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr("vlafuzz.regression.folder.write_scenes", full)
+    with pytest.raises(CorpusError, match="no space left on device"):
+        write_corpus(make_corpus(), tmp_path / "a")
+    assert list(tmp_path.iterdir()) == []

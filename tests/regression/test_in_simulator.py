@@ -1,0 +1,47 @@
+"""Two policies whose result is known, in the real simulator."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import manifest
+from tests.regression.corpora import case, make_corpus
+from vlafuzz.cli import main
+from vlafuzz.conditions.operators import operators_json
+from vlafuzz.regression.folder import write_corpus
+from vlafuzz.shipped import corpus_dir
+from vlafuzz.space import load_operators
+
+PICK_UP = str(corpus_dir() / "mini-pick-up")
+
+
+def corpus(folder: Path) -> None:
+    """Failures of ``frozen``, which passes nothing; controls are recorded as failed, too."""
+    run = manifest(policy="frozen", operators=operators_json(load_operators()))
+    cases = [replace(case(number), counterparts={}, nominal_passes=False) for number in range(7)]
+    write_corpus(replace(make_corpus(*cases), runs=[run]), folder)
+
+
+def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Path, capsys):
+    make_corpus(tmp_path / "a")
+    arguments = ["regress", str(tmp_path / "a"), "--policy"]
+    assert main([*arguments, "frozen", "--baseline", "expert"]) == 1
+    assert main([*arguments, "frozen"]) == 0
+    assert main([*arguments, "expert", "--baseline", "frozen"]) == 0
+    assert "frozen is worse than expert: 7 worse and 0 better of 7 pairs" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_a_tenth_of_minis_weights_is_missed_and_none_is_not():
+    assert main(["regress", PICK_UP, "--policy", "mini", "--baseline", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--policy", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--policy", "python:tests.regression.policies:zeroed"]) == 1
+
+
+@pytest.mark.slow
+def test_a_flaky_policy_is_hardly_ever_worse_than_itself():
+    flaky = "python:tests.regression.policies:Flaky"
+    asked = ["regress", PICK_UP, "--policy", flaky, "--baseline", flaky, "--max-rollouts", "60"]
+    assert sum(main(asked) for _ in range(20)) <= 1

@@ -1,0 +1,72 @@
+"""The corpora that come with vlafuzz: whole, of fair scenes, and with witnesses that solve them."""
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.folder import is_corpus, read_corpus
+from vlafuzz.shipped import corpus_dir
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.validity import check_static
+
+RecordProperty = Callable[[str, object], None]
+SAMPLE = 4  # failures of each corpus that are run again; scripts/check_corpora.py runs all of them
+FOLDERS = [corpus_dir() / f"mini-{task}" for task in TASKS]
+
+
+@pytest.fixture(params=FOLDERS, ids=lambda folder: folder.name, scope="module")
+def shipped(request: pytest.FixtureRequest) -> tuple[Path, Corpus]:
+    return request.param, read_corpus(request.param)
+
+
+def test_each_has_twenty_distinct_failures_with_all_proofs(shipped: tuple[Path, Corpus]):
+    folder, corpus = shipped
+    assert len({case.scene for case in corpus.cases}) == len(corpus.cases) >= 20
+    assert (corpus.policy, f"mini-{corpus.task}") == ("mini", folder.name)
+    assert "llvmpipe" in (corpus.renderer or "")
+    for case in corpus.cases:
+        assert case.thumbnail
+        assert set(case.counterparts) == set(case.operators)
+        assert len(case.operators) > 0
+
+
+def test_each_is_found_by_its_name_alone(
+    shipped: tuple[Path, Corpus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folder, corpus = shipped
+    monkeypatch.chdir(tmp_path)
+    assert is_corpus(Path(folder.name))
+    assert [case.scene for case in read_corpus(Path(folder.name)).cases] == [c.scene for c in corpus.cases]
+    assert not is_corpus(Path("elsewhere") / folder.name)
+
+
+def test_their_scenes_are_fair(shipped: tuple[Path, Corpus]):
+    _, corpus = shipped
+    distance = corpus.runs[0].min_distance
+    unfair = [check_static(case.scene, load_catalogue(), distance) for case in corpus.cases]
+    assert unfair == [None] * len(corpus.cases)
+
+
+@pytest.mark.render
+def test_every_witness_solves_its_scene(shipped: tuple[Path, Corpus], record_property: RecordProperty):
+    """The verdicts of a learned policy depend on last bits, which differ between processors and renderers:
+    how many of the failures and counterparts hold on this machine is shown, not asserted."""
+    folder, corpus = shipped
+    cases = sorted(corpus.cases, key=lambda case: len(case.operators))
+    with closing(SimulatorSceneRunner(folder, corpus.runs[0])) as runner:
+        solved = [runner.play(case.scene, case.witness.actions).verdict for case in cases]
+        failures = runner.evaluate([case.scene for case in cases[:SAMPLE]], 0)
+        passes = runner.evaluate([next(iter(case.counterparts.values())) for case in cases[:SAMPLE]], 0)
+    failed = sum(outcome.verdict is Verdict.FAILED for outcome in failures)
+    passed = sum(outcome.verdict is Verdict.PASSED for outcome in passes)
+    record_property(
+        "figure", f"{corpus.name}: {failed} of {SAMPLE} failures hold here, {passed} counterparts"
+    )
+    assert solved == [Verdict.PASSED] * len(cases)
+    assert all(outcome.rollouts for outcome in (*failures, *passes)), "every scene is fair and can be run"

@@ -1,0 +1,138 @@
+"""The rig's geometry, without a simulator."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import SceneError
+from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.robots import PANDA, RIGS, rig
+from vlafuzz.scene import Camera
+
+NOT_MOVED = Camera()
+NOMINAL = camera_pose(PANDA.view)
+CAMERAS = st.builds(
+    Camera,
+    distance=st.floats(0, 0.05),
+    azimuth=st.floats(-180, 180),
+    elevation=st.floats(-90, 90),
+    roll=st.floats(-5, 5),
+    pitch=st.floats(-5, 5),
+    yaw=st.floats(-5, 5),
+)
+SPOTS = st.tuples(st.floats(*PANDA.workspace.x), st.floats(*PANDA.workspace.y), st.floats(0, 0.2))
+CENTRE = np.array([[-0.04, 0.0, 0.02]])
+AHEAD, LEFT, UP = np.eye(3) * 0.1  # of the robot
+
+
+def seen(point, camera: Camera = NOT_MOVED) -> np.ndarray:
+    return camera_pose(PANDA.view, camera).project(np.atleast_2d(np.asarray(point, dtype=float)))[0][0]
+
+
+@given(CAMERAS, SPOTS)
+def test_back_projection_undoes_projection(camera: Camera, spot):
+    pose = camera_pose(PANDA.view, camera)
+    uv, depth = pose.project(np.array([spot]))
+    assert depth[0] > 0
+    assert pose.back_project(uv, spot[2])[0] == pytest.approx(spot, abs=1e-6)
+
+
+@given(CAMERAS, st.tuples(st.floats(0, 1), st.floats(0.5, 1)))
+def test_projection_undoes_back_projection(camera: Camera, uv):
+    pose = camera_pose(PANDA.view, camera)
+    assert pose.project(pose.back_project(np.array([uv]), 0.0))[0][0] == pytest.approx(uv, abs=1e-6)
+
+
+@pytest.mark.parametrize("x", PANDA.workspace.x)
+@pytest.mark.parametrize("y", PANDA.workspace.y)
+def test_the_nominal_camera_sees_the_whole_workspace(x, y):
+    uv = seen([x, y, 0.0])
+    assert ((uv > 0.01) & (uv < 0.99)).all()
+
+
+@pytest.mark.parametrize("x", [-0.20, 0.12])
+@pytest.mark.parametrize("y", [-0.25, 0.25])
+def test_the_nominal_camera_sees_a_can_at_every_corner_of_the_default_ranges(x, y):
+    uv = seen([x, y, 0.12])
+    assert ((uv > 0.01) & (uv < 0.99)).all()
+
+
+def test_the_nominal_camera_looks_at_its_target():
+    assert seen(PANDA.view.target) == pytest.approx([0.5, 0.5])
+
+
+def test_it_faces_the_robot_so_that_the_robots_left_is_right_and_near_is_up():
+    middle = seen(CENTRE)
+    assert seen(CENTRE + LEFT)[0] > middle[0] + 0.05
+    assert seen(CENTRE - AHEAD)[1] < middle[1] - 0.02
+    assert seen(CENTRE + UP)[1] < middle[1] - 0.05
+
+
+def test_the_axes_are_a_right_handed_frame():
+    assert NOMINAL.axes @ NOMINAL.axes.T == pytest.approx(np.eye(3))
+    assert np.linalg.det(NOMINAL.axes) == pytest.approx(1)
+
+
+def test_the_quaternion_is_of_the_same_frame():
+    pose = camera_pose(PANDA.view, Camera(0.05, 40, 30, 3, -4, 5))
+    w, x, y, z = pose.quaternion
+    assert pytest.approx(pose.axes) == Rotation.from_quat([x, y, z, w]).as_matrix().T
+
+
+@pytest.mark.parametrize(
+    ("camera", "shift"),
+    [
+        (Camera(yaw=5), (1, 0)),  # it turns left, the picture goes right
+        (Camera(yaw=-5), (-1, 0)),
+        (Camera(pitch=5), (0, -1)),  # it turns down, the picture goes up
+        (Camera(pitch=-5), (0, 1)),
+        (Camera(distance=0.05, azimuth=90), (-1, 0)),
+        (Camera(distance=0.05, elevation=90), (0, 1)),
+    ],
+)
+def test_a_deviation_shifts_the_picture_the_right_way(camera, shift):
+    moved = seen(CENTRE, camera) - seen(CENTRE)
+    assert np.sign(np.where(np.abs(moved) < 0.005, 0, moved)).tolist() == list(shift)
+
+
+def test_a_turn_shifts_the_middle_by_its_tangent():
+    expected = np.tan(np.radians(5)) / (2 * np.tan(np.radians(PANDA.view.fov) / 2))
+    assert seen(PANDA.view.target, Camera(yaw=5))[0] - 0.5 == pytest.approx(expected)
+
+
+def test_rolling_turns_the_picture_about_its_middle():
+    assert seen(PANDA.view.target, Camera(roll=5)) == pytest.approx([0.5, 0.5])
+    right = CENTRE + 2 * LEFT
+    assert (
+        seen(right, Camera(roll=5))[1] < seen(right)[1] - 0.01
+    )  # it tips to its right, the right side rises
+
+
+def test_the_camera_stands_where_its_offset_says():
+    moved = camera_pose(PANDA.view, Camera(0.05, 90, 0, roll=3, yaw=2))
+    assert moved.position - NOMINAL.position == pytest.approx([0, 0.05, 0])
+
+
+def test_depth_is_along_the_axis_and_negative_behind():
+    ahead, behind = NOMINAL.position + 0.5 * NOMINAL.axes[0], NOMINAL.position - 0.5 * NOMINAL.axes[0]
+    assert NOMINAL.project(np.array([ahead, behind]))[1] == pytest.approx([0.5, -0.5])
+
+
+def test_the_hand_turns_the_same_way_round_as_the_robot():
+    assert PANDA.neutral_yaw(0.0, 0.0) == pytest.approx(-np.pi / 4)
+    assert PANDA.neutral_yaw(-0.615, 0.5) == pytest.approx(np.pi / 4)
+
+
+def test_the_workspace_is_within_reach_but_for_its_far_corners():
+    low, high = PANDA.workspace.x
+    reach = [np.hypot(x - PANDA.base[0], 0.25) for x in (low, 0.12)]
+    assert max(reach) < PANDA.reach < np.hypot(high - PANDA.base[0], PANDA.workspace.y[1]) + 0.1
+
+
+def test_a_robot_that_is_not_there_is_refused_with_what_is():
+    assert rig("panda") is RIGS["panda"]
+    with pytest.raises(SceneError, match="robot: unknown robot 'pandas'") as caught:
+        rig("pandas")
+    assert caught.value.hint == "did you mean 'panda'?"

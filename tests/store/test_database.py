@@ -1,0 +1,317 @@
+"""The file of a store: writers that are killed, files that are damaged, schemas that are old.
+
+The most important test in here kills a writer: what was acknowledged is on the disk.
+"""
+
+import errno
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed, trial
+from vlafuzz.errors import CorpusError
+from vlafuzz.store import migrations
+from vlafuzz.store.store import Store
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "runs" / "a.db"
+
+
+@pytest.fixture
+def store(path: Path):
+    with Store.open(path, "write") as opened:
+        yield opened
+
+
+def test_a_second_writer_is_told_who_writes(store: Store, path: Path):
+    with pytest.raises(CorpusError, match=f"process {os.getpid()} is writing to it"):
+        Store.open(path, "write")
+
+
+def test_others_read_while_one_writes(store: Store, path: Path):
+    run = store.begin(manifest())
+    with Store.open(path) as reader:
+        store.add(run, trial(0, passed()))
+        assert len(list(reader.trials(run))) == 1
+
+
+def test_nothing_but_the_store_is_left_in_its_folder(path: Path):
+    with Store.open(path, "write") as store:
+        store.begin(manifest())
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_reading_leaves_nothing_in_its_folder_either(path: Path):
+    written(path)
+    with Store.open(path) as store:
+        assert len(store.findings()) == 30
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+
+
+def test_it_can_be_written_again_after_it_was_closed(path: Path):
+    for expected in (1, 2, 3):
+        with Store.open(path, "write") as store:
+            assert store.begin(manifest()) == expected
+
+
+WRITER = """
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from tests.doubles import failed, manifest, trial
+from vlafuzz.store.store import Corpus
+with Corpus.open(Path(sys.argv[1]), "write") as corpus:
+    run = corpus.begin(manifest())
+    for number in range(100_000):
+        corpus.add(run, trial(number, failed()))
+        print(number, flush=True)
+"""
+
+
+def start_writer(path: Path, **options) -> subprocess.Popen[str]:
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-c", WRITER, str(path)]
+    return subprocess.Popen(command, cwd=root, text=True, stdout=subprocess.PIPE, **options)
+
+
+def test_a_killed_writer_loses_nothing_that_was_acknowledged(path: Path):
+    with start_writer(path) as writer:
+        assert writer.stdout is not None
+        for _ in range(40):
+            writer.stdout.readline()
+        writer.send_signal(signal.SIGKILL)
+        acknowledged = 40 + len(writer.stdout.read().split())
+    with Store.open(path, "write") as store:
+        kept = list(store.trials(1))
+        assert [each.proposal for each in kept[:acknowledged]] == list(range(acknowledged))
+        assert len(kept) <= acknowledged + 1
+        assert all(len(each.outcome.rollouts) == 1 for each in kept)
+        assert len(store.findings()) == len(kept)
+        assert store.runs()[0].status == "running"
+
+
+def test_a_full_disk_is_one_sentence_and_keeps_what_is_stored(path: Path):
+    limited = start_writer(path, stderr=subprocess.PIPE, preexec_fn=no_room)
+    told, complaint = limited.communicate(timeout=20)
+    assert "CorpusError" in complaint.splitlines()[-1]
+    assert "cannot be read or written" in complaint or "disk is full" in complaint
+    with Store.open(path, "write") as store:
+        assert len(list(store.trials(1))) == len(told.split())
+
+
+def no_room() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+
+def a_text(path: Path) -> None:
+    path.write_text("this is a file of words, not a database, however long one reads in it\n" * 20)
+
+
+def nothing(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def another_database(path: Path) -> None:
+    raw = sqlite3.connect(path)
+    raw.execute("CREATE TABLE run (id)")
+    raw.close()
+
+
+def a_newer_schema(path: Path) -> None:
+    Store.open(path, "write").close()
+    raw = sqlite3.connect(path)
+    raw.execute("PRAGMA user_version = 99")
+    raw.close()
+
+
+def written(path: Path) -> bytearray:
+    with Store.open(path, "write") as store:
+        run = store.begin(manifest())
+        for number in range(30):
+            store.add(run, trial(number, failed()))
+    return bytearray(path.read_bytes())
+
+
+def a_truncated_store(path: Path) -> None:
+    data = written(path)
+    path.write_bytes(data[: len(data) // 2])
+
+
+def a_store_without_its_last_byte(path: Path) -> None:
+    path.write_bytes(written(path)[:-1])
+
+
+def a_store_with_a_hole(path: Path) -> None:
+    data = written(path)
+    data[5000:15000] = bytes(10000)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize("mode", ["read", "write"])
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (a_text, "is not a store of vlafuzz"),
+        (another_database, "is not a store of vlafuzz"),
+        (a_newer_schema, "newer than"),
+        (a_truncated_store, "is damaged"),
+        (a_store_without_its_last_byte, "is damaged"),
+        (a_store_with_a_hole, "is damaged"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: Path, make, says: str, mode):
+    path = tmp_path / "a.db"
+    make(path)
+    before = path.read_bytes()
+    with pytest.raises(CorpusError, match=says) as caught:
+        Store.open(path, mode)
+    assert caught.value.hint
+    assert path.read_bytes() == before
+    assert not path.with_name("a.db.lock").exists()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (nothing, "is empty"),
+        (lambda path: None, "no such store"),
+        (lambda path: path.mkdir(), "is a folder"),
+    ],
+)
+def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make, says: str):
+    make(tmp_path / "a.db")
+    with pytest.raises(CorpusError, match=says) as caught:
+        Store.open(tmp_path / "a.db")
+    assert caught.value.hint
+
+
+def test_a_disk_without_room_for_a_lock_is_full_and_nothing_is_left_there(path: Path, monkeypatch):
+    def full(file: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(CorpusError, match="the disk is full"):
+        Store.open(path, "write")
+    assert not list(path.parent.iterdir())
+
+
+def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path):
+    (tmp_path / "runs").write_text("in the way")
+    with pytest.raises(CorpusError, match="cannot be written"):
+        Store.open(tmp_path / "runs" / "a.db", "write")
+
+
+def as_nobody(act: Callable[[], None]) -> None:
+    """Act as somebody who is not root: root may write everywhere."""
+    child = os.fork() if os.geteuid() == 0 else None
+    if child is None:
+        act()
+    elif child == 0:
+        try:
+            os.setgroups([])
+            os.setgid(65534)
+            os.setuid(65534)
+            act()
+            os._exit(0)
+        except BaseException:
+            traceback.print_exc()
+            os._exit(1)
+    else:
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+@pytest.mark.parametrize(("folder", "file"), [(0o555, 0o444), (0o777, 0o444), (0o555, 0o666)])
+def test_a_read_only_store_can_be_read_but_not_written(folder: int, file: int):
+    def act() -> None:
+        with Store.open(path) as store:
+            assert len(store.findings()) == 30
+        with pytest.raises(CorpusError, match=r"a\.db: cannot be written") as caught:
+            Store.open(path, "write")
+        assert caught.value.hint == "give a store in a folder that you may write to"
+
+    with tempfile.TemporaryDirectory() as made:  # pytest's own folders are closed to others
+        path = Path(made) / "a.db"
+        written(path)
+        path.chmod(file)
+        path.parent.chmod(folder)
+        as_nobody(act)
+        path.parent.chmod(0o755)
+
+
+def test_an_older_store_is_brought_up_to_date_even_to_read(path: Path, monkeypatch: pytest.MonkeyPatch):
+    written(path)
+
+    def add_a_column(connection: sqlite3.Connection) -> None:
+        connection.execute("ALTER TABLE finding ADD COLUMN note TEXT")
+
+    newest = len(migrations.MIGRATIONS) + 1
+    monkeypatch.setattr(migrations, "MIGRATIONS", [*migrations.MIGRATIONS, add_a_column])
+    monkeypatch.setattr("vlafuzz.store.database.MIGRATIONS", migrations.MIGRATIONS)
+    with Store.open(path) as store:
+        assert len(store.findings()) == 30
+    raw = sqlite3.connect(path)
+    assert raw.execute("PRAGMA user_version").fetchone() == (newest,)
+    assert raw.execute("SELECT DISTINCT note FROM finding").fetchall() == [(None,)]
+    raw.close()
+
+
+def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch):
+    written(path)
+
+    def breaks(connection: sqlite3.Connection) -> None:
+        connection.execute("DROP TABLE finding")
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(migrations, "MIGRATIONS", [*migrations.MIGRATIONS, breaks])
+    with pytest.raises(ZeroDivisionError):
+        Store.open(path, "write")
+    monkeypatch.undo()
+    with Store.open(path, "write") as store:
+        assert len(store.findings()) == 30
+
+
+_LATER = ("packs", "robot", "checkup", "placement", "given", "source")
+
+
+def set_back(path: Path, version: int, *statements: str) -> None:
+    """Make a store what an earlier version would have written."""
+    raw = sqlite3.connect(path)
+    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER)
+    for statement in (*statements, *later, f"PRAGMA user_version = {version}"):
+        raw.execute(statement)
+    raw.commit()
+    raw.close()
+
+
+TIMES = tuple(f"ALTER TABLE run DROP COLUMN {name}_seconds" for name in ("search", "store"))
+
+
+def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
+    written(path)
+    set_back(path, 1, "DROP TABLE triage", *TIMES)
+    with Store.open(path, "write") as store:
+        assert (len(store.findings()), store.triaged()) == (30, [])
+        told = {(run.manifest.packs, run.manifest.robot, run.manifest.placement) for run in store.runs()}
+        assert {(run.manifest.given, run.manifest.source) for run in store.runs()} == {("", "")}
+        assert told == {("[]", "panda", "resting")}
+
+
+def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path):
+    written(path)
+    set_back(path, 2, *TIMES)
+    with Store.open(path) as store:
+        (run,) = store.runs()
+        assert (run.search_seconds, run.store_seconds) == (None, None)

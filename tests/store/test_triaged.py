@@ -1,0 +1,83 @@
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.doubles import failed, manifest, scene, trial
+from vlafuzz.evidence import Causes, Threshold, Witness
+from vlafuzz.store.merge import merge
+from vlafuzz.store.records import Triaged
+from vlafuzz.store.store import Store
+
+KEY = manifest().policy_key
+WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1)
+MINIMAL = Triaged(
+    scene=trial(0, failed()).scene,
+    policy_key=KEY,
+    bucket="minimal",
+    repeats=1,
+    failures=1,
+    deviating=("confounders", "light"),
+    shrunk=scene(light=0.5),
+    lost_stage="grasp",
+    operators=("light",),
+    causes=Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.5),), 0.25),)),
+    counterparts={"light": scene()},
+    signature="pick-up|grasp|light",
+    witness=WITNESS,
+    shrink_rollouts=17,
+    policy_rollouts=18,
+    expert_rollouts=2,
+    seconds=1.5,
+)
+FLAKY = Triaged(MINIMAL.scene, KEY, "flaky", repeats=5, failures=1, deviating=("light",), detail="1 of 5")
+
+
+def store(path: Path, triaged: Triaged | None = None) -> Path:
+    with Store.open(path, "write") as opened:
+        run = opened.begin(manifest())
+        for proposal in range(2):
+            opened.add(run, trial(proposal, failed()))
+        if triaged:
+            opened.settle(triaged)
+    return path
+
+
+def read(path: Path) -> tuple[list[Triaged], list[str]]:
+    with Store.open(path) as store:
+        return store.triaged(), [finding.evidence for finding in store.findings()]
+
+
+@pytest.mark.parametrize("kept", [MINIMAL, FLAKY], ids=lambda kept: kept.bucket)
+def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged):
+    (got,), _ = read(store(tmp_path / "a.db", kept))
+    plain = [field.name for field in fields(Triaged) if field.name != "witness"]
+    assert {name: getattr(got, name) for name in plain} == {name: getattr(kept, name) for name in plain}
+    assert (got.witness is None) == (kept.witness is None)
+    if got.witness and kept.witness:
+        assert got.witness.actions.tobytes() == kept.witness.actions.tobytes()
+        assert (got.witness.states_hash, got.witness.attempt) == ("a" * 32, 1)
+
+
+def test_evidence_goes_up_and_down(tmp_path: Path):
+    path = store(tmp_path / "a.db", MINIMAL)
+    assert read(path)[1] == ["minimal", "observed"]
+    with Store.open(path, "write") as opened:
+        opened.settle(FLAKY)
+    triaged, evidence = read(path)
+    assert ([each.bucket for each in triaged], evidence) == (["flaky"], ["observed", "observed"])
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_stores_that_triaged_a_finding_the_better_evidence_is_kept(tmp_path: Path, first: int):
+    stores = [store(tmp_path / "a.db", MINIMAL), store(tmp_path / "b.db", FLAKY)]
+    merge([stores[first], stores[1 - first]], tmp_path / "out.db")
+    (got,), evidence = read(tmp_path / "out.db")
+    assert (got.bucket, got.shrunk, got.shrink_rollouts) == ("minimal", MINIMAL.shrunk, 17)
+    assert evidence == ["minimal", "observed"]
+
+
+def test_a_bucket_that_is_none_is_refused(tmp_path: Path):
+    with pytest.raises(Exception, match="CHECK constraint failed"):
+        store(tmp_path / "a.db", replace(FLAKY, bucket="great"))

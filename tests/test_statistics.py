@@ -1,0 +1,136 @@
+"""Against examples worked by hand, and what simulation says."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from vlafuzz.statistics import (
+    a12,
+    holm,
+    mann_whitney,
+    ratio,
+    ratio_interval,
+    repeats_needed,
+    share_interval,
+    smallest_p,
+    wilson,
+)
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "expected"),
+    [
+        ([4, 5, 6], [1, 2, 3], 1.0),
+        ([1, 2, 3], [1, 2, 3], 0.5),
+        ([1, 3], [2, 2], 0.5),
+        ([2, 3], [1, 2], 7 / 8),  # three of four pairs won, one tied
+        ([1.0], [math.inf], 0.0),
+        ([math.inf], [math.inf], 0.5),
+    ],
+)
+def test_a12_is_how_often_ours_is_larger(ours, theirs, expected):
+    assert a12(ours, theirs) == expected
+
+
+def test_the_p_value_counts_all_ways_to_deal_out():
+    assert mann_whitney([4, 5, 6], [1, 2, 3]) == pytest.approx(2 / 20)
+    assert mann_whitney([5, 6, 7, 8], [1, 2, 3, 4]) == pytest.approx(2 / 70)
+
+
+def test_with_ties_it_is_exact_too():
+    # Of the 6 ways to deal 1, 2, 2, 3 out in pairs, 4 put the 1 and the 3 into different ones.
+    assert mann_whitney([1, 2], [2, 3]) == pytest.approx(4 / 6)
+
+
+def test_equal_samples_and_single_ones_say_nothing():
+    assert mann_whitney([2, 2, 2], [2, 2, 2]) == 1.0
+    assert mann_whitney([1], [9]) == 1.0
+
+
+def test_without_ties_it_is_scipys_exact_test():
+    rng = np.random.default_rng([0, 1])
+    ours, theirs = rng.random(6).tolist(), rng.random(7).tolist()
+    assert mann_whitney(ours, theirs) == pytest.approx(
+        stats.mannwhitneyu(ours, theirs, method="exact").pvalue
+    )
+
+
+def test_alike_samples_are_called_different_in_at_most_one_of_twenty_cases():
+    rng = np.random.default_rng([0, 2])
+    alarms = sum(mann_whitney(*rng.poisson(4, (2, 5)).tolist()) <= 0.05 for _ in range(300))
+    assert alarms <= 15 + 2 * math.sqrt(15)
+
+
+def test_what_few_repeats_cannot_tell():
+    assert smallest_p(3, 3) == pytest.approx(0.1)
+    assert smallest_p(1, 1) == 1.0
+    assert [repeats_needed(tests, 0.05) for tests in (1, 2, 7)] == [4, 5, 6]
+
+
+def test_holm_multiplies_the_smallest_by_their_number_and_never_changes_their_order():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+def test_a_ratio_needs_something_to_divide_by():
+    assert ratio([2, 4], [1, 2]) == 2.0
+    assert ratio([1], [0]) is None
+    assert ratio([math.inf], [1]) is None
+
+
+def test_the_interval_draws_pairs_together():
+    theirs = [1.0, 5.0, 20.0, 80.0]
+    assert ratio_interval([2 * each for each in theirs], theirs) == (2.0, 2.0)
+
+
+def test_the_interval_has_no_bound_where_theirs_may_be_nothing():
+    assert ratio_interval([3, 4], [0, 1]) is None
+    assert ratio_interval([3], [1]) is None
+
+
+def test_the_interval_covers_the_truth_about_as_often_as_it_says():
+    rng = np.random.default_rng([0, 3])
+    covered = 0
+    for _ in range(100):
+        low, high = ratio_interval(rng.poisson(20, 20).tolist(), rng.poisson(10, 20).tolist())
+        covered += low <= 2.0 <= high
+    assert covered >= 86
+
+
+def cases(*runs: tuple[int, int]) -> list[tuple[int, bool]]:
+    """Of each run, how many of how many are so."""
+    return [(run, number < so) for run, (so, of) in enumerate(runs) for number in range(of)]
+
+
+def test_the_interval_of_a_share_is_wilsons_of_fewer_cases_where_runs_differ():
+    # Shares 0.2, 0.5, 0.8: of 30 cases a variance of 0.03, against 0.25/30; t is 4.303 with 3 runs.
+    effective = 0.25 / 0.03 * (1.959964 / 4.302653) ** 2
+    expected = wilson(effective / 2, effective)
+    assert share_interval(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
+
+
+def test_runs_that_are_more_alike_than_chance_do_not_make_it_narrower():
+    assert share_interval(cases((5, 10), (5, 10), (5, 10))) == wilson(15, 30)
+
+
+@pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], []])
+def test_where_nothing_varies_it_is_wilsons(runs: list[tuple[int, int]]):
+    so, of = sum(each[0] for each in runs), sum(each[1] for each in runs)
+    assert share_interval(cases(*runs)) == wilson(so, of)
+
+
+def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
+    rng = np.random.default_rng([0, 4])
+    covered = {share_interval: 0, lambda its: wilson(sum(so for _, so in its), len(its)): 0}
+    for _ in range(200):
+        shares = rng.beta(0.6 * 4, 0.4 * 4, size=5)  # failures of one run correlate by 0.2
+        its = cases(*((int(rng.binomial(10, share)), 10) for share in shares))
+        for method in covered:
+            low, high = method(its)
+            covered[method] += low <= 0.6 <= high
+    ours, theirs = covered.values()
+    assert ours >= 184
+    assert theirs <= 164

@@ -1,0 +1,274 @@
+"""What triage makes of a store's findings, with a policy whose faults are planted."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed, rollout
+from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
+from tests.triage.runners import PlantedRunner
+from vlafuzz.errors import SimulatorError
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.expert import ATTEMPTS
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Triaged, Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import Progress, triage
+from vlafuzz.triage.summary import summarise
+
+TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
+
+
+def scenes(conditions: Sequence[Condition], number: int) -> list[Scene]:
+    return [Planted(conditions).finding(seed) for seed in range(number)]
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """``store(scenes)``: a store in which they failed, open to be written."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+
+        def fill(failing: Sequence[Scene]) -> Store:
+            run = opened.begin(manifest())
+            for proposal, scene in enumerate(failing):
+                opened.add(
+                    run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=f"cell {proposal}")
+                )
+            return opened
+
+        yield fill
+
+
+def triaged(store: Store, runner: PlantedRunner, **options: int) -> list[Triaged]:
+    triage(store, lambda run: runner, **options)
+    return store.triaged()
+
+
+def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
+    runner = PlantedRunner([TILTED])
+    opened = store(scenes([TILTED], 1))
+    (found,) = triaged(opened, runner)
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
+    assert found.operators == found.causes.necessary == found.causes.sufficient == ("camera-orientation",)
+    assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
+    assert set(found.counterparts) == {"camera-orientation"}
+    assert found.witness is not None
+    assert found.policy_rollouts == found.shrink_rollouts + 1 == runner.policy_rollouts
+    assert found.expert_rollouts == runner.expert_rollouts == 4
+    assert [finding.evidence for finding in opened.findings()] == ["minimal"]
+    assert (runner.renewed, runner.closed) == (1, 1)
+
+
+def test_what_passes_the_second_time_is_flaky(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: False]))
+    assert (found.bucket, found.repeats, found.failures, found.evidence) == ("flaky", 1, 0, "observed")
+    assert found.detail == "0 of 1 repeats failed"
+
+
+def test_what_the_expert_does_not_solve_either_is_unproven(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([TILTED], solvable=lambda scene: False))
+    assert (found.bucket, found.evidence, found.witness, found.expert_rollouts) == (
+        "unproven",
+        "confirmed",
+        None,
+        ATTEMPTS,
+    )
+
+
+def test_what_fails_even_at_nominal_is_base(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: True]))
+    assert (found.bucket, found.signature, found.operators) == ("base", "pick-up|grasp|base", ())
+
+
+def test_what_is_left_needs_a_witness_of_its_own(store):
+    scene = scenes([TILTED], 1)[0]
+    (found,) = triaged(store([scene]), PlantedRunner([TILTED], solvable=lambda shown: shown == scene))
+    assert (found.bucket, found.detail) == (
+        "witnessed",
+        "the expert solves the finding, but not what is left of it",
+    )
+    assert found.witness is not None
+
+
+def test_a_bound_on_rollouts_is_kept_and_said(store):
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]), max_rollouts=5)
+    assert (found.bucket, found.complete, found.shrink_rollouts) == ("witnessed", False, 5)
+    assert found.detail == "the bound on rollouts cut shrinking short"
+
+
+def test_why_what_is_left_is_not_minimal_is_said(store):
+    class Later(PlantedRunner):
+        def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, number)
+            lit = Outcome.of((rollout(0.5, ("grasp",)),), self.stages)
+            pairs = zip(outcomes, scenes, strict=True)
+            return [lit if each.verdict is Verdict.PASSED and TILTED(seen) else each for each, seen in pairs]
+
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), Later([TILTED, DARK]))
+    assert (found.bucket, found.unresolved) == ("witnessed", ("light",))
+    assert found.detail == "without light the scene fails at lift"
+
+
+def test_a_scene_off_the_operators_is_witnessed_and_not_shrunk(store):
+    scene = scenes([TILTED], 1)[0]
+    turned = Scene.from_json(scene.to_json().replace('"quaternion":null', '"quaternion":[1,0,0,0]', 1))
+    runner = PlantedRunner([TILTED])
+    found = triaged(store([turned]), runner)[0]
+    assert (found.bucket, found.shrunk) == ("witnessed", None)
+    assert "not a value of any operator" in found.detail
+
+
+def test_a_finding_that_was_triaged_is_not_triaged_again(store):
+    runner, opened = PlantedRunner([TILTED]), store(scenes([TILTED], 3))
+    assert len(triaged(opened, runner, limit=2)) == 2
+    spent = runner.policy_rollouts
+    progress: list[Progress] = []
+    triage(opened, lambda run: runner, watch=progress.append)
+    assert [(each.done, each.findings) for each in progress] == [(0, 1), (1, 1)]
+    assert len(opened.triaged()) == 3
+    assert triage(opened, lambda run: pytest.fail("there is nothing to do")) == 0
+    assert runner.policy_rollouts > spent
+
+
+def test_with_a_limit_every_cell_has_its_turn(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as store:
+        run = store.begin(manifest())
+        failing = scenes([TILTED], 5)
+        for proposal, cell in enumerate("aaabc"):
+            scene = failing[proposal]
+            store.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=cell))
+        chosen = [each.scene for each in triaged(store, PlantedRunner([TILTED]), limit=4)]
+    assert set(chosen) == {failing[0], failing[1], failing[3], failing[4]}
+
+
+class Broken(PlantedRunner):
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        return [Outcome.error("policy: connect")] * len(scenes)
+
+
+def test_a_finding_that_cannot_be_judged_is_left_for_the_next_time(store):
+    opened = store(scenes([TILTED], 2))
+    assert triage(opened, lambda run: Broken([TILTED])) == 2
+    assert opened.triaged() == []
+    assert triage(opened, lambda run: PlantedRunner([TILTED])) == 0
+    assert len(opened.triaged()) == 2
+
+
+def test_candidates_that_two_findings_share_are_rolled_out_once(store):
+    one = scenes([DARK], 1)[0]
+    other = SPACE.reset(one, ["camera-position"])
+    found = triaged(store([one, other]), PlantedRunner([DARK]))
+    assert [each.bucket for each in found] == ["minimal", "minimal"]
+    assert found[1].shrink_rollouts < found[0].shrink_rollouts
+
+
+def test_a_stochastic_policy_is_repeated_and_shrunk_all_the_same(store):
+    runner = PlantedRunner([DARK], rate=0.95)
+    found = triaged(store(scenes([DARK], 6)), runner, max_rollouts=1000)
+    right = [each for each in found if each.bucket == "minimal" and each.operators == ("light",)]
+    assert len(right) >= 4
+    assert all(each.repeats >= 3 for each in found)
+
+
+def test_the_usual_bound_is_enough_for_a_stochastic_policy(store):
+    found = triaged(store(scenes([DARK], 3)), PlantedRunner([DARK], rate=0.98))
+    assert [(each.bucket, each.operators, each.complete) for each in found] == [
+        ("minimal", ("light",), True)
+    ] * 3
+
+
+class Unsteady(PlantedRunner):
+    """What is not planted to fail fails half the time."""
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.policy_rollouts += 1
+        return failed() if self._planted.fails(scene) or self.policy_rollouts % 2 else passed()
+
+
+def test_what_fails_at_times_is_no_counterpart(store):
+    (found,) = triaged(store(scenes([DARK], 1)), Unsteady([DARK], rate=1.0))
+    assert (found.bucket, found.counterparts) == ("witnessed", {})
+    assert "fails at times" in found.detail
+
+
+class Leaving(PlantedRunner):
+    """Answers so many scenes, then no more until it is back."""
+
+    answers = 3
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.answers -= 1
+        if self.answers < 0:
+            return Outcome.error("policy: connect: refused", unanswered=True)
+        return super()._outcome(scene)
+
+
+@pytest.mark.parametrize("rate", [None, 0.98])
+def test_a_policy_that_leaves_while_a_finding_is_shrunk_says_nothing_of_it(store, rate):
+    opened, runner = store(scenes([DARK], 1)), Leaving([DARK], rate)
+    assert triaged(opened, runner) == []
+    runner.answers = 10_000
+    (found,) = triaged(opened, runner)
+    assert (found.bucket, found.operators) == ("minimal", ("light",))
+
+
+def test_a_policy_that_fails_half_the_time_is_flaky_with_its_rate(store):
+    found = triaged(store(scenes([DARK], 6)), PlantedRunner([DARK], rate=0.3))
+    flaky = [each for each in found if each.bucket == "flaky"]
+    assert len(flaky) >= 4
+    assert all(each.failures < each.repeats for each in flaky)
+
+
+def test_a_harvest_counts_it(store):
+    opened = store([*scenes([TILTED], 2), *scenes([DARK], 2)])
+    triage(opened, lambda run: PlantedRunner([lambda scene: TILTED(scene) or DARK(scene)]), limit=3)
+    got = summarise(opened)
+    assert (got.findings, got.triaged, got.confirmed, got.witnessed, got.distinct_cells) == (4, 3, 3, 3, 4)
+    assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
+    assert got.distinct_signatures == len(got.signatures) <= 2
+    assert got.deviating_after == 1 < (got.deviating_before or 0)
+    assert got.policy_rollouts == sum(each.policy_rollouts for each in opened.triaged())
+
+
+def test_an_empty_harvest_has_no_medians(tmp_path: Path):
+    with Store.open(tmp_path / "b.db", "write") as store:
+        got = summarise(store)
+    assert (got.triaged, got.deviating_before, got.shrink_rollouts) == (0, None, None)
+
+
+def tilted(run) -> PlantedRunner:
+    return PlantedRunner([TILTED])
+
+
+def dying(run) -> PlantedRunner:
+    os._exit(9)
+
+
+def test_of_given_findings_the_others_are_left_alone(store):
+    opened = store(scenes([TILTED], 3))
+    (_, second, third) = opened.findings()
+    assert triage(opened, tilted, findings=[third, second]) == 0
+    assert {each.scene for each in opened.triaged()} == {second.scene, third.scene}
+
+
+def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
+    made = []
+    for workers in (1, 2):
+        with Store.open(tmp_path / f"{workers}.db", "write") as store:
+            run = store.begin(manifest())
+            for proposal, scene in enumerate(scenes([TILTED], 4)):
+                store.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=f"{proposal}"))
+            assert triage(store, tilted, workers=workers) == 0
+            made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
+    assert made[0] == made[1]
+    assert len(made[0]) == 4
+
+
+def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
+    opened = store(scenes([TILTED], 2))
+    with pytest.raises(SimulatorError, match="a worker died; what is done is stored"):
+        triage(opened, dying, workers=2)
+    assert triage(opened, tilted) == 0
+    assert len(opened.triaged()) == 2

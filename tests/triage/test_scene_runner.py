@@ -1,0 +1,82 @@
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import manifest
+from tests.sim.scenes import CATALOGUE, nominal
+from vlafuzz.conditions import provenance
+from vlafuzz.conditions.operators import operators_json
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.controls import Frozen
+from vlafuzz.space import load_operators
+from vlafuzz.store.records import Manifest
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+
+SEEDS: list[int] = []
+
+
+class Dice(Frozen):
+    """Never moves, says that it is stochastic, and notes its seeds."""
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("dice", deterministic=False)
+
+    def reset(self, episodes):
+        SEEDS.extend(episode.seed for episode in episodes)
+
+
+def make_dice(**_):
+    return Dice()
+
+
+def make_frozen(**_):
+    policy = Frozen()
+    policy.reset = lambda episodes: SEEDS.extend(episode.seed for episode in episodes)
+    return policy
+
+
+def run(factory: str, **changes: object) -> Manifest:
+    operators = operators_json(load_operators())
+    return manifest(
+        policy=f"python:tests.triage.test_scene_runner:{factory}", seed=7, operators=operators, **changes
+    )
+
+
+@pytest.mark.parametrize(
+    ("factory", "repeats", "seeds", "deterministic"),
+    [("make_dice", 1, [8, 10], False), ("make_frozen", 3, [10, 12], False), ("make_frozen", 1, [7, 9], True)],
+)
+def test_a_stochastic_policy_gets_seeds_that_its_run_did_not_have(factory, repeats, seeds, deterministic):
+    SEEDS.clear()
+    runner = SimulatorSceneRunner(Path("a.db"), run(factory, repeats=repeats))
+    for number in (0, 2):
+        (outcome,) = runner.evaluate([nominal()], number)
+        assert outcome.verdict is Verdict.FAILED
+    runner.close()
+    assert (seeds, runner.deterministic) == (SEEDS, deterministic)
+
+
+def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal():
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+    solved = runner.solve(nominal(), 0)
+    runner.renew()
+    played = [runner.play(nominal(), solved.rollouts[0].actions) for _ in range(2)]
+    runner.close()
+    assert [each.verdict for each in (solved, *played)] == [Verdict.PASSED] * 3
+    assert played[0].rollouts[0].states_hash == played[1].rollouts[0].states_hash
+
+
+def test_it_names_what_changed_since_the_run():
+    here = {
+        "spec": json.dumps(asdict(Frozen().spec), sort_keys=True),
+        "catalogue_digest": CATALOGUE.digest,
+        "simulator": provenance.simulator(provenance.versions()),
+        "commit": provenance.commit(),
+    }
+    for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",))):
+        runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))
+        runner.close()
+        assert runner.changed == expected

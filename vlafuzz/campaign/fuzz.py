@@ -1,0 +1,210 @@
+"""fuzz: the one place where strategy, space, executor and store meet. It imports no simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Protocol
+
+from vlafuzz.campaign.clusters import Embed, clusters
+from vlafuzz.campaign.resume import Past
+from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.execute.base import Executor
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.rigs.robots import rig
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import Measure, Objective, cell, score
+from vlafuzz.search.base import Genome, Proposal, Strategy
+from vlafuzz.store.records import Manifest, Spent, Status, Trial
+from vlafuzz.store.store import Store
+
+PATIENCE = 50  # proposals in a row without a rollout
+GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
+
+
+class Space(Measure, Protocol):
+    """What the campaign needs of a space."""
+
+    def decode(self, genome: Genome) -> Scene:
+        """The scene at these coordinates."""
+
+
+def fuzz(
+    *,
+    manifest: Manifest,
+    stages: Sequence[str],
+    space: Space,
+    strategy: Strategy,
+    executor: Executor,
+    store: Store,
+    objective: Objective = score,
+    embed: Embed | None = None,
+    chunk: int = 1,
+    patience: int | None = PATIENCE,
+    resume: int | None = None,
+    alone: bool = False,
+    watch: Callable[[Tally], None] = lambda tally: None,
+) -> Summary:
+    """Run a strategy against a policy until the budget is spent or there is nothing more to roll out.
+
+    Proposals are asked for in batches of ``manifest.batch`` and told in the order asked: one seed gives the
+    same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
+    The ``budget`` counts policy rollouts and is never exceeded. All trials up to an interruption are stored,
+    but for scenes of the last batch that only ever found the policy gone: they are tried when it is resumed.
+
+    Args:
+        meaningful: makes vectors of scenes, by which near-duplicates among the failures are grouped.
+        chunk: scenes that the executor gets at once; more suits one that evaluates them side by side.
+        patience: proposals in a row without a rollout after which it stops; None for never.
+        resume: a run that ended early, to go on with: a strategy as new is told again what the store has of
+            it. What comes of it is what had come of it without the interruption.
+        alone: other runs of the store answer nothing: for comparisons, in which every run pays for itself.
+        watch: hears of every new trial, and once of all that the store had.
+
+    Raises:
+        CorpusError: the store cannot be written, or the strategy is not the one of the run that is resumed.
+        PolicyError: the policy is gone; the run can be resumed.
+    """
+    run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
+    tally = Tally(run, manifest, stages, before)
+    past, own = Past(store, run), run if alone else None
+    campaign = _Campaign(tally, past, space, strategy, executor, store, objective, chunk, own, watch)
+    status: Status = "failed"
+    try:
+        campaign.loop(patience)
+        status = "stopped" if tally.stopped else "finished"
+    except (KeyboardInterrupt, PolicyError):
+        status = "interrupted"
+        raise
+    finally:
+        store.finish(run, status, *tally.spent)
+    failures = [finding.scene for finding in store.findings(run)] if embed else []
+    groups = clusters(failures, embed) if embed else None
+    return tally.summary(str(store.path), groups)
+
+
+@dataclass
+class _Campaign:
+    tally: Tally
+    past: Past
+    space: Space
+    strategy: Strategy
+    executor: Executor
+    store: Store
+    objective: Objective
+    chunk: int
+    own: int | None  # the run whose answers alone are taken
+    watch: Callable[[Tally], None]
+    unanswered: list[Trial] = field(default_factory=list)  # of the batch, since the last answer: not stored
+    in_a_row: int = 0  # of those, in this batch and before
+
+    def loop(self, patience: int | None) -> None:
+        while not self.tally.stopped and (room := self._room()) > 0:
+            proposals = self._ask(room)
+            if not proposals:
+                break
+            scenes = [self.space.decode(proposal.genome) for proposal in proposals]
+            outcomes = self._evaluate(proposals, scenes)
+            self.tally.judge(scenes, outcomes, patience)
+            pairs = zip(scenes, outcomes, strict=True)
+            scores = [self.objective(*pair, self.space) for pair in pairs]
+            with self.tally.search:
+                self.strategy.tell(proposals, scores)
+        self.past.check_empty()
+
+    def _ask(self, room: int) -> list[Proposal]:
+        with self.tally.search:
+            proposals = self.strategy.ask(room)
+        if len(proposals) > room:  # a user's own strategy may; the budget holds all the same
+            name, given = self.tally.manifest.strategy, len(proposals)
+            raise UsageError(
+                f"strategy {name!r}: asked for {room} proposals, got {given}", hint="give fewer or as many"
+            )
+        return proposals
+
+    def _room(self) -> int:
+        left = self.tally.manifest.budget - self.tally.rollouts
+        return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
+
+    def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
+        """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
+        past = self._recall(proposals, scenes)
+        outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
+        fresh: dict[str, int] = {}
+        for index, scene in enumerate(scenes):
+            if scene.digest in outcomes or scene.digest in fresh:
+                continue
+            with self.tally.store:
+                known = self.store.known(scene, self.tally.manifest.policy_key, self.own)
+            if known is None:
+                fresh[scene.digest] = index
+            else:
+                outcomes[scene.digest] = known
+        for index, outcome in self._run(scenes, list(fresh.values())):
+            outcomes[scenes[index].digest] = outcome
+            self._take(self._trial(proposals[index], scenes[index], outcome, duplicate=False))
+        self._keep_unanswered()
+        for index, scene in enumerate(scenes):
+            if index not in past and fresh.get(scene.digest) != index:
+                self._keep(self._trial(proposals[index], scene, outcomes[scene.digest], duplicate=True))
+        return [outcomes[scene.digest] for scene in scenes]
+
+    def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
+        """What the store has of the batch, counted."""
+        with self.tally.store:
+            past = self.past.take(proposals, scenes)
+        for trial in past.values():
+            self.tally.count(trial)
+        if past and not self.past.left:
+            self.watch(self.tally)
+        return past
+
+    def _run(self, scenes: Sequence[Scene], wanted: list[int]) -> Iterator[tuple[int, Outcome]]:
+        chunks = list(_chunks(wanted, self.chunk))
+        batches = ((tag, [scenes[index] for index in chunk]) for tag, chunk in enumerate(chunks))
+        for tag, outcomes in self.executor.run(batches):
+            yield from zip(chunks[tag], outcomes, strict=True)
+
+    def _take(self, trial: Trial) -> None:
+        """Keep a trial; one to which the policy did not answer, once it answers again.
+
+        Raises:
+            PolicyError: it is gone.
+        """
+        if not trial.outcome.unanswered:
+            if trial.outcome.verdict is not Verdict.INVALID:  # for which nobody was asked
+                self.in_a_row = 0
+                self._keep_unanswered()
+            self._keep(trial)
+            return
+        self.unanswered.append(trial)
+        self.in_a_row += 1
+        if self.in_a_row == GONE:
+            told = f"{GONE} scenes in a row had no answer: {trial.outcome.detail}"
+            raise PolicyError(told, hint="when it is back, the same command goes on", cause="connect")
+
+    def _keep_unanswered(self) -> None:
+        for trial in self.unanswered:
+            self._keep(trial)
+        self.unanswered.clear()
+
+    def _keep(self, trial: Trial) -> None:
+        with self.tally.store:
+            self.store.add(self.tally.run, trial)
+        self.tally.count(trial)
+        self.watch(self.tally)
+
+    def _trial(self, proposal: Proposal, scene: Scene, outcome: Outcome, *, duplicate: bool) -> Trial:
+        place = None
+        if outcome.verdict is Verdict.FAILED:
+            place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
+        severity = self.space.severity(scene)
+        return Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
+
+
+def _chunks(indices: Sequence[int], size: int) -> Iterator[list[int]]:
+    rest = iter(indices)
+    while chunk := list(islice(rest, size)):
+        yield chunk

@@ -1,0 +1,60 @@
+"""Scenes that a run was given, to run or to choose from: read from a file, and named in its manifest."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.formats.scene_lines import load_scenes
+from vlafuzz.formats.sources import is_vlatest
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Manifest
+
+
+def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
+    """Those of a file, to run or to choose from; none where there is neither.
+
+    Raises:
+        UsageError: both are named.
+        SceneError: the file cannot be read.
+    """
+    if scenes and pool:
+        raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
+    path = scenes or pool
+    if path and path.is_file() and is_vlatest(path):
+        hint = "for VLATest's files: `vlafuzz import vlatest FILE --frame robot --out F.jsonl` writes some"
+        raise UsageError(f"{path}: not JSON lines", hint=hint)
+    return load_scenes(path) if path else []
+
+
+def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
+    """What a manifest keeps: what the file is for, where it is and what it holds; nothing where none is."""
+    path = scenes or pool
+    if path is None:
+        return ""
+    digest = hashlib.blake2b("\n".join(scene.digest for scene in read).encode(), digest_size=8).hexdigest()
+    flag = "scenes" if scenes else "pool"
+    return json.dumps({"flag": flag, "file": str(path.resolve()), "digest": digest})
+
+
+def stored_flag(manifest: Manifest) -> dict[str, Path]:
+    """The flag that gives a run its scenes again, with its file; none where it had none."""
+    mark = json.loads(manifest.given or "{}")
+    return {mark["flag"]: Path(mark["file"])} if mark else {}
+
+
+def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> None:
+    """That the file holds the scenes that it held.
+
+    Raises:
+        CorpusError: it holds others.
+    """
+    before, here = (json.loads(each.given or "{}") for each in (was, now))
+    if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
+        raise CorpusError(
+            f"{path}: run {run} had other scenes than {here.get('file', 'there are now')} holds",
+            hint=f"give --{before['flag']} {before['file']} as it was then",
+        )

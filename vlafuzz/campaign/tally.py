@@ -1,0 +1,205 @@
+"""Tally: what a run has come to so far. Summary: what it came to in the end, the JSON of ``run --json``."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Manifest, Spent, Trial
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A run in numbers. Scenes are counted once, however often they were proposed.
+
+    Attributes:
+        rollouts: of the policy, done in this run.
+        duplicates: proposals that were answered with a known outcome, of this run or an earlier one.
+        earlier: distinct scenes, answered by an earlier run of the store.
+        verdicts: distinct scenes by verdict.
+        invalid: distinct scenes by the check that rejects them.
+        stages: distinct scenes in which a stage was reached in some rollout.
+        findings: distinct scenes that failed.
+        distinct_cells: cells in which they lie.
+        clusters: groups of near-duplicates among them; None where nothing says how near two scenes are.
+        progress_mean: over the scenes that passed or failed, in [0, 1]; None without any.
+        first_failure: digest of the first scene that failed.
+        last_error: what the last ERROR was, in a sentence.
+        stopped: why it ended before its budget was spent, in a sentence.
+        checkup: what is known of the policy, see ``Manifest``.
+        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
+            store.
+    """
+
+    run: int
+    task: str
+    policy: str
+    strategy: str
+    seed: int
+    budget: int
+    rollouts: int
+    proposals: int
+    duplicates: int
+    earlier: int
+    verdicts: dict[str, int]
+    invalid: dict[str, int]
+    stages: dict[str, int]
+    findings: int
+    distinct_cells: int
+    clusters: int | None
+    progress_mean: float | None
+    first_failure: str | None
+    last_error: str | None
+    stopped: str | None
+    checkup: str
+    seconds: float
+    search_seconds: float
+    store_seconds: float
+    store: str
+
+
+class Stopwatch:
+    """Adds up the seconds inside of its ``with`` blocks."""
+
+    def __init__(self, seconds: float = 0.0) -> None:
+        self.seconds = seconds
+        self._began = 0.0
+
+    def __enter__(self) -> None:
+        self._began = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self.seconds += time.perf_counter() - self._began
+
+
+@dataclass(slots=True)  # there is one for every scene of a run
+class _Seen:
+    """What came of a scene, the last time that it was proposed: an ERROR may be followed by a verdict."""
+
+    first: int
+    verdict: Verdict
+    check: str
+    progress: float
+    reached: frozenset[str]
+
+
+class Tally:
+    """Counts trials as they are stored, and judges whether proposals still lead to rollouts.
+
+    Args:
+        before: what the run has taken already.
+
+    Attributes:
+        search: to run while the strategy asks or tells, ``store`` while the store is asked or written.
+    """
+
+    def __init__(self, run: int, manifest: Manifest, stages: Sequence[str], before: Spent) -> None:
+        self.run, self.manifest = run, manifest
+        self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
+        self._began = time.perf_counter() - before.seconds
+        self.rollouts = self.proposals = self.duplicates = self.earlier = 0
+        self.last_error: str | None = None
+        self.stopped: str | None = None
+        self.verdicts: Counter[Verdict] = Counter()
+        self._stages = tuple(stages)
+        self._seen: dict[str, _Seen] = {}
+        self._reached: dict[frozenset[str], frozenset[str]] = {}  # each kept once
+        self._cells: set[str] = set()
+        self._asked: set[str] = set()
+        self._barren: list[tuple[str, str]] = []
+
+    def count(self, trial: Trial) -> None:
+        """One more trial."""
+        outcome, digest = trial.outcome, trial.scene.digest
+        self.proposals += 1
+        self.duplicates += trial.duplicate
+        self.rollouts += 0 if trial.duplicate else len(outcome.rollouts)
+        before = self._seen.get(digest)
+        self.earlier += trial.duplicate and before is None
+        first = trial.proposal
+        if before is not None:
+            self.verdicts[before.verdict] -= 1
+            first = min(first, before.first)
+        self.verdicts[outcome.verdict] += 1
+        reached = frozenset(stage for rollout in outcome.rollouts for stage in rollout.reached)
+        reached = self._reached.setdefault(reached, reached)
+        self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
+        if outcome.verdict is Verdict.ERROR:
+            self.last_error = outcome.detail
+        if trial.cell is not None:
+            self._cells.add(trial.cell)
+
+    def judge(self, scenes: Sequence[Scene], outcomes: Sequence[Outcome], patience: int | None) -> None:
+        """Stop when for ``patience`` proposals in a row nothing was rolled out.
+
+        A scene that an earlier run has rolled out is as good as a rollout: a repeated run ends at its budget.
+        """
+        for scene, outcome in zip(scenes, outcomes, strict=True):
+            if scene.digest in self._asked:
+                self._barren.append(("asked before", ""))
+            elif outcome.rollouts:
+                self._barren.clear()
+            else:
+                self._barren.append((_reason(outcome), outcome.detail))
+            self._asked.add(scene.digest)
+        if patience is not None and len(self._barren) >= patience:
+            self.stopped = self._why()
+
+    @property
+    def spent(self) -> Spent:
+        """By now."""
+        return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
+
+    def summary(self, store: str, clusters: int | None = None) -> Summary:
+        """All of it."""
+        manifest, scenes = self.manifest, self._seen.values()
+        judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
+        failed = {digest: seen.first for digest, seen in self._seen.items() if seen.verdict is Verdict.FAILED}
+        return Summary(
+            run=self.run,
+            task=manifest.task,
+            policy=manifest.policy,
+            strategy=manifest.strategy,
+            seed=manifest.seed,
+            budget=manifest.budget,
+            rollouts=self.rollouts,
+            proposals=self.proposals,
+            duplicates=self.duplicates,
+            earlier=self.earlier,
+            verdicts={
+                verdict.name.lower(): self.verdicts[verdict] for verdict in sorted(Verdict, reverse=True)
+            },
+            invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),
+            stages={stage: sum(stage in seen.reached for seen in scenes) for stage in self._stages},
+            findings=len(failed),
+            distinct_cells=len(self._cells),
+            clusters=clusters,
+            progress_mean=math.fsum(judged) / len(judged) if judged else None,
+            first_failure=min(failed, key=failed.__getitem__, default=None),
+            last_error=self.last_error,
+            stopped=self.stopped,
+            checkup=manifest.checkup,
+            seconds=self.spent.seconds,
+            search_seconds=self.search.seconds,
+            store_seconds=self.store.seconds,
+            store=store,
+        )
+
+    def _why(self) -> str:
+        reasons = Counter(reason for reason, _ in self._barren)
+        often = reasons.most_common(1)[0][0]
+        last = next(detail for reason, detail in reversed(self._barren) if reason == often)
+        told = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+        example = f"; the last of them: {last}" if last else ""
+        return f"no rollout in {len(self._barren)} proposals in a row: {told}{example}"
+
+
+def _reason(outcome: Outcome) -> str:
+    if outcome.verdict is Verdict.INVALID:
+        return f"rejected by the {outcome.check} check"
+    return "policy or simulator error"

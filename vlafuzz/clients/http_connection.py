@@ -1,0 +1,71 @@
+"""A connection for HTTP requests, one at a time. Whatever breaks is the policy's error, with its cause."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from http.client import HTTPConnection, HTTPException, HTTPSConnection
+from urllib.parse import urlsplit
+
+from vlafuzz.clients.wire import MOST_BYTES, OPENING, failure, late, short, too_large
+
+
+class HttpLine:
+    """Kept open between requests, and opened anew where the server has closed it meanwhile."""
+
+    def __init__(self, url: str, timeout: float) -> None:
+        self.url, self._timeout = url, timeout
+        parts = urlsplit(url)
+        kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
+        self._path = parts.path or "/act"
+        self._line = kind(parts.hostname or "", parts.port, timeout=min(timeout, OPENING))
+        with self._blamed(min(timeout, OPENING)):
+            self._line.connect()
+
+    def post(self, body: bytes, headers: Mapping[str, str]) -> None:
+        """Send a request."""
+        with self._blamed(self._timeout):
+            if self._line.sock is None or _closed(self._line):
+                self._line.close()
+                self._line.connect()
+            self._line.sock.settimeout(self._timeout)
+            self._line.request("POST", self._path, body, {"Content-Type": "application/json", **headers})
+
+    def reply(self, wait: float) -> tuple[int, bytes]:
+        """Status and body of its response; waits ``wait`` seconds."""
+        until = time.monotonic() + wait
+        with self._blamed(wait):
+            sock = self._line.sock
+            sock.settimeout(max(wait, 0.001))
+            with self._line.getresponse() as response:
+                body = b""
+                while more := response.read1(1 << 16):
+                    body += more
+                    if len(body) > MOST_BYTES:
+                        raise too_large(self.url)
+                    sock.settimeout(max(until - time.monotonic(), 0.001))
+        return response.status, body
+
+    def close(self) -> None:
+        """No more requests."""
+        self._line.close()
+
+    @contextmanager
+    def _blamed(self, wait: float) -> Iterator[None]:
+        try:
+            yield
+        except TimeoutError:
+            raise late(self.url, wait) from None
+        except (OSError, UnicodeError) as error:  # a host's name may be none
+            raise failure(self.url, short(getattr(error, "strerror", None) or error), "connect") from None
+        except HTTPException as error:
+            raise failure(self.url, f"not HTTP: {type(error).__name__}: {short(error)}", "protocol") from None
+
+
+def _closed(line: HTTPConnection) -> bool:
+    """Nothing is awaited, so whatever can be read is the end: servers close what is idle for seconds."""
+    poll = select.poll()
+    poll.register(line.sock, select.POLLIN)
+    return bool(poll.poll(0))

@@ -1,0 +1,211 @@
+"""Model servers: where one is, ``protocol:scheme://host:port``, and options that say what its model is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from urllib.parse import parse_qsl, urlsplit
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from vlafuzz.clients.profiles import options_of
+from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
+from vlafuzz.policies.base import Policy
+
+INSTALL = "pip install 'vlafuzz[remote]'"
+SIDE = 224  # pixels: what nearly all VLAs resize their pictures to
+SIM_HZ = 100
+
+
+def size(text: object) -> object:
+    """``224`` and ``320x240`` in pixels; ``0`` for no picture."""
+    found = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4}))?", str(text))
+    pixels = (int(found[1]), int(found[2] or found[1])) if found else (0, 1)
+    if pixels != (0, 0) and min(pixels) < 16:
+        raise ValueError(f"expected pixels as 224 or 320x240, or 0 for none, got {text!r}")
+    return pixels
+
+
+def divisor(hz: int) -> int:
+    """``hz``, when the simulator's rate is a multiple of it; else ValueError."""
+    if hz < 1 or SIM_HZ % hz:
+        raise ValueError(f"expected a divisor of {SIM_HZ}, got {hz}")
+    return hz
+
+
+def _all(text: object) -> object:
+    return None if text == "all" else text
+
+
+# Layouts of proprioception, in vla-eval's words.
+State = Literal[
+    "0",
+    "1",
+    "eef_pos3_axisangle3_gripper1",
+    "eef_pos3_axisangle3_gripper2",
+    "eef_pos3_quat4_gripper1",
+    "eef_pos3_rpy3_pad1_gripper1",
+]
+Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+Size = Annotated[tuple[int, int], BeforeValidator(size)]
+
+
+class Common(BaseModel):
+    """What can be said of any server's model. Words as in ``ActionSpec`` and ``PolicySpec``.
+
+    Attributes:
+        profile: what says the same for a known model.
+        camera: width and height of the third-person picture; (0, 0) for none.
+        wrist: whether a picture from the wrist comes second.
+        execute: actions of a chunk to execute before asking again; None for all of them.
+        deterministic: same observations and seed, same actions: no server can be trusted to say so.
+        batch: most observations that are sent at once.
+        timeout: seconds to wait for a reply; for n replies to what was sent at once, n times that.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    protocol: ClassVar[str]
+
+    profile: str | None = None
+    camera: Size | None = None
+    wrist: bool | None = None
+    gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
+    position_scale: Scale = 1.0
+    relative_to: Literal["target", "current"] = "target"
+    sticky: int = Field(default=0, ge=0)
+    execute: Annotated[Annotated[int, Field(ge=1)] | None, BeforeValidator(_all)] = None
+    deterministic: bool = False
+    batch: int = Field(default=16, ge=1)
+    timeout: float = Field(default=60.0, gt=0, le=86400)
+
+    @classmethod
+    def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
+        """What the profile says, unless the user says otherwise."""
+        if "profile" not in given:
+            return given
+        return {**options_of(given["profile"], cls.protocol), **given}
+
+    def check(self, name: str) -> None:
+        """Refuse what cannot be executed."""
+
+
+class Options(Common):
+    """What the user says about a model that declares itself. None: as declared, else the default.
+
+    Attributes:
+        state: ``0``, ``1`` (in the layout that the server declares) or the name of a layout.
+        action: how the hand is to move; the protocol has words for more, which cannot be executed.
+        frame: along and about the axes of the robot's base.
+    """
+
+    protocol: ClassVar[str] = "vla-eval"
+
+    state: State | None = None
+    action: Literal["eef_delta"] = "eef_delta"
+    frame: Literal["base"] = "base"
+    rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
+    rotation_scale: Scale = 1.0
+    hz: Annotated[int, AfterValidator(divisor)] = 5
+
+
+Said = TypeVar("Said", bound=Common)
+
+
+@dataclass(frozen=True)
+class Address(Generic[Said]):
+    """A model server by address. ``name`` is what the user wrote, up to the options."""
+
+    name: str
+    url: str
+    options: Said
+
+
+class Remote(Policy, Protocol):
+    """A policy behind a model server. ``form`` is how it is named; making it connects, naming it does not.
+
+    Without ``schemes`` it is in a folder in place of at an address.
+
+    Raises:
+        PrerequisiteError: no server, or a package to install.
+        UsageError: the server declares what is not supported.
+    """
+
+    form: ClassVar[str]
+    schemes: ClassVar[Sequence[str]]
+    options: ClassVar[type[Common]]
+
+    def __init__(self, address: Address[Any]) -> None: ...
+
+
+@contextmanager
+def needed(name: str, install: str = INSTALL) -> Iterator[None]:
+    """Packages that only these policies need are imported in here. ``install``: how to get them."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=install) from None
+
+
+def parse(name: str, kind: type[Remote]) -> Address[Any]:
+    """An address, all of it checked; nothing is connected, and no folder opened.
+
+    Raises:
+        UsageError: not of that form, an unknown option, or a value that an option does not have.
+    """
+    protocol, _, rest = name.partition(":")
+    if not kind.schemes:
+        folder, _, query = rest.partition("?")
+        if not folder:
+            raise UsageError(f"{name!r} names no folder", hint=f"expected {kind.form}?option=value&…")
+        return Address(f"{protocol}:{folder}", folder, _options(name, kind, query))
+    prefix = "" if rest.startswith("//") else f"{protocol}:"  # else the address is the name
+    rest = name.removeprefix(prefix)
+    try:
+        parts = urlsplit(rest)
+        complete = parts.scheme in kind.schemes and parts.hostname and parts.port
+    except ValueError as error:
+        raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
+    if not complete or parts.fragment:
+        raise UsageError(f"{name!r} is no address of a server", hint=f"expected {kind.form}?option=value&…")
+    if parts.username is not None or parts.password is not None:
+        raise UsageError(
+            f"the address of {parts.hostname!r} has a password", hint="stores keep names: leave it"
+        )
+    url = rest.partition("?")[0]
+    return Address(f"{prefix}{url}", url, _options(name, kind, parts.query))
+
+
+def _options(name: str, kind: type[Remote], query: str) -> Common:
+    try:
+        given = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError as error:
+        raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
+    keys = [key for key, _ in given]
+    if twice := sorted({key for key in keys if keys.count(key) > 1}):
+        raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
+    try:
+        options = kind.options.model_validate(kind.options.completed(dict(given)))
+    except ValidationError as error:
+        raise _explain(name, kind.options, error) from None
+    options.check(name)
+    return options
+
+
+def _explain(name: str, kind: type[Common], error: ValidationError) -> UsageError:
+    """Pydantic's first complaint as one sentence with the option and its value."""
+    first: Any = error.errors(include_url=False)[0]
+    option, value = str(first["loc"][0]), first["input"]
+    if first["type"] == "extra_forbidden":
+        return UsageError(f"{name!r}: unknown option {option!r}", suggestion(option, kind.model_fields))
+    if first["type"] == "literal_error":
+        known = re.findall(r"'([^']+)'", first["ctx"]["expected"])
+        return UsageError(f"{name!r}: unknown {option} {value!r}", suggestion(str(value), known))
+    if first["type"] == "value_error":
+        return UsageError(f"{name!r}: {option}: {first['ctx']['error']}")
+    told = first["msg"].partition(",")[0]
+    return UsageError(f"{name!r}: {option}: {told[0].lower()}{told[1:]}, got {value!r}")

@@ -1,0 +1,65 @@
+"""A ZeroMQ socket for requests, one at a time. Whatever breaks is the policy's error, with its cause."""
+
+from __future__ import annotations
+
+import socket
+from urllib.parse import urlsplit
+
+import zmq
+
+from vlafuzz.clients.wire import MOST_BYTES, OPENING, failure, late, short
+
+
+class ZmqLine:
+    """A connection; after an error of no more use, as a request without its reply blocks the next one.
+
+    ZeroMQ opens one in silence and waits for ever, so whether there is a server is asked first.
+    """
+
+    def __init__(self, url: str, timeout: float) -> None:
+        self.url, self._timeout = url, timeout
+        parts = urlsplit(url)
+        try:
+            socket.create_connection((parts.hostname, parts.port), min(timeout, OPENING)).close()
+        except TimeoutError:
+            raise late(url, min(timeout, OPENING)) from None
+        except (OSError, UnicodeError) as error:  # a host's name may be none
+            raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.REQ)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, MOST_BYTES)
+        self._socket.setsockopt(zmq.SNDTIMEO, int(timeout * 1000))
+        self._lost = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._socket.connect(url)
+
+    def ask(self, frame: bytes) -> bytes:
+        """The reply to a request.
+
+        Raises:
+            PolicyError: none in time, or the connection broke.
+        """
+        try:
+            self._socket.send(frame)
+            return self._reply()
+        except zmq.Again:
+            raise late(self.url, self._timeout) from None
+        except zmq.ZMQError as error:
+            raise failure(self.url, short(error), "connect") from None
+
+    def _reply(self) -> bytes:
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._lost, zmq.POLLIN)
+        ready = dict(poller.poll(int(self._timeout * 1000)))
+        if self._socket in ready:
+            return bytes(self._socket.recv())
+        if ready:
+            told = f"the connection broke, or a reply has more than {MOST_BYTES >> 20} MiB"
+            raise failure(self.url, told, "connect")
+        raise late(self.url, self._timeout)
+
+    def close(self) -> None:
+        """No more requests."""
+        self._socket.disable_monitor()
+        self._context.destroy(linger=0)

@@ -1,0 +1,60 @@
+"""Files of scenes: JSON lines, one scene a line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.scene import Scene
+
+
+def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
+    """Each scene of a JSON-lines file with its line number, from 1; a broken line yields its error.
+
+    Raises:
+        SceneError: the file cannot be read at all.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise SceneError(
+            f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line"
+        ) from None
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            yield number, Scene.from_json(line)
+        except SceneError as error:
+            yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
+
+
+def load_scenes(path: Path | str) -> list[Scene]:
+    """All scenes of a JSON-lines file.
+
+    Raises:
+        SceneError: a line is broken, or there is no scene in it.
+    """
+    scenes: list[Scene] = []
+    for _, scene in read_scenes(Path(path)):
+        if isinstance(scene, SceneError):
+            raise scene
+        scenes.append(scene)
+    if not scenes:
+        raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+    return scenes
+
+
+def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
+    """Write JSON lines, atomically.
+
+    Raises:
+        UsageError: the path is a folder.
+    """
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder", hint="name a file in it")
+    beside = path.with_name(path.name + ".tmp")
+    beside.write_text("".join(scene.to_json() + "\n" for scene in scenes), encoding="utf-8")
+    beside.replace(path)

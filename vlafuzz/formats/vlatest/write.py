@@ -1,0 +1,126 @@
+"""Scenes as a file of VLATest (FSE 2025), as far as it can say them: the inverse of ``interchange``."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from vlafuzz.formats.vlatest.format import Entry, Quaternion, Thing, is_ycb, write_entries
+from vlafuzz.formats.vlatest.original import (
+    CUSTOM,
+    YCB,
+    as_original,
+    bare,
+    is_place,
+    original_entry,
+    original_instruction,
+    original_scale,
+)
+from vlafuzz.formats.vlatest.read import quaternion
+from vlafuzz.formats.vlatest.table import Counterpart, Table, our_box, vlatest_table
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.tasks.instructions import load_wordings, say
+
+UNSAID = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
+
+
+class _UnsaidError(Exception):
+    """Why a scene cannot be said."""
+
+
+def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> dict[str, int]:
+    """Write what can be said, atomically.
+
+    Positions go from our box onto theirs, as ``fit`` reads them; scenes that were imported as they are, in
+    the frame ``original`` or ``robot``, are written as they were.
+
+    Returns:
+        How many scenes are left out, by reason.
+    """
+    written: list[Entry] = []
+    unsaid: Counter[str] = Counter()
+    for scene in scenes:
+        try:
+            theirs = as_original(scene)
+            written.append(_original(theirs, ycb=is_ycb(path)) if theirs else _fit(scene, catalogue))
+        except _UnsaidError as error:
+            unsaid[str(error)] += 1
+    write_entries(path, written)
+    return dict(unsaid)
+
+
+def _original(scene: Scene, *, ycb: bool) -> Entry:
+    _refuse(scene, original_instruction(scene.task, [bare(target.object) for target in scene.targets]))
+    for placement in scene.placements:
+        if not placement.object.startswith((CUSTOM, YCB)):
+            raise _UnsaidError(f"VLATest has no {placement.object}")
+        if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
+            raise _UnsaidError(
+                "VLATest has objects of YCB in files named ycb_… only, and only them: see --out"
+            )
+        if placement.quaternion is None:
+            raise _UnsaidError(UNSAID + "rest poses")
+        if placement.scale != original_scale(scene.task, placement.object):
+            raise _UnsaidError(UNSAID + "sizes")
+    if len({placement.object for placement in scene.placements}) < len(scene.placements):
+        raise _UnsaidError("VLATest has no object twice")
+    return original_entry(scene)
+
+
+def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
+    if scene.robot in vlatest_table().original.robots.values():
+        raise _UnsaidError(UNSAID + f"scenes of the {scene.robot} in another frame than its own")
+    table = vlatest_table()
+    spoken = [catalogue[target.object].spoken for target in scene.targets]
+    _refuse(scene, say(load_wordings()[scene.task][0], spoken))
+    names = _names([placement.object for placement in scene.placements], table.objects)
+    things = tuple(
+        Thing(name, _there(scene.task, placement, table), _turned(placement, table, name))
+        for placement, name in zip(scene.placements, names, strict=True)
+    )
+    return Entry(things, tuple(range(len(scene.targets))))
+
+
+def _refuse(scene: Scene, instruction: str) -> None:
+    """What no file of theirs can say."""
+    differs = {
+        "light": scene.light != Light(),
+        "camera": scene.camera != Camera(),
+        "wording": scene.instructions != (instruction,),
+    }
+    for name in (name for name, differs in differs.items() if differs):
+        raise _UnsaidError(UNSAID + name)
+
+
+def _names(objects: Sequence[str], known: Mapping[str, Counterpart]) -> list[str]:
+    """Their names, each once: options are kept by name there."""
+    names: list[str] = []
+    for wanted in objects:
+        theirs = [name for name, ours in known.items() if ours.name == wanted and name not in names]
+        if not theirs:
+            raise _UnsaidError(f"VLATest has no {wanted}" + (" twice" if wanted in objects[:-1] else ""))
+        names.append(theirs[0])
+    return names
+
+
+def _there(task: str, placement: Placement, table: Table) -> tuple[float, float]:
+    frame, ours = table.frames[task], our_box()
+
+    def along(value: float, theirs: tuple[float, float], low: float, high: float) -> float:
+        return round(sum(theirs) / 2 - (value - (low + high) / 2) * (theirs[1] - theirs[0]) / (high - low), 6)
+
+    x = along(placement.x, frame.x, ours.x.low, ours.x.high)
+    return x, along(placement.y, frame.y, ours.y.low, ours.y.high)
+
+
+def _turned(placement: Placement, table: Table, name: str) -> Quaternion:
+    if placement.quaternion is not None or placement.scale != 1.0:
+        raise _UnsaidError(UNSAID + "rest pose for an object that is turned or scaled freely")
+    poses = table.objects[name].poses
+    for pose, level in ((poses.level, True), (poses.turned, False)):
+        if pose.rest == placement.rest:
+            return quaternion(math.radians(placement.yaw - 180.0 - pose.yaw), level=level)
+    raise _UnsaidError(f"VLATest has no {placement.object} that is {placement.rest}")

@@ -1,0 +1,52 @@
+"""Controls: policies whose result is known beforehand. A measurement that they do not fit is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+
+
+class Frozen:
+    """Never moves: it must solve nothing."""
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("frozen")
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Nothing to prepare."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """Stay, gripper open."""
+        return [ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]])) for _ in observations]
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class Random:
+    """Moves at random, up to 5 cm and 0.2 rad a step; a rollout depends on its seed alone."""
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("random")
+        self._rngs: dict[str, np.random.Generator] = {}
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Seed each rollout."""
+        for episode in episodes:
+            self._rngs[episode.episode] = np.random.default_rng(episode.seed)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """One random action each."""
+        return [ActionChunk(self._draw(self._rngs[observation.episode])) for observation in observations]
+
+    def close(self) -> None:
+        """No more rollouts."""
+        self._rngs.clear()
+
+    def _draw(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        scale = np.array([[0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0]])
+        return np.asarray(rng.uniform(-1, 1, (1, 7)) * scale)

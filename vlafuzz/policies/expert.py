@@ -1,0 +1,81 @@
+"""The expert: a scripted controller that knows the simulator's state. It shows that a scene can be solved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vlafuzz.errors import PolicyError
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec, Privileged
+from vlafuzz.policies.pick_place import Belief, PickPlaceController
+from vlafuzz.policies.planning import Thing
+from vlafuzz.rigs.robots import rig
+from vlafuzz.tasks.tabletop import task
+
+GRASPS = 4
+LEANS = (0.0, 0.3, -0.3)  # radians
+ATTEMPTS = GRASPS * len(LEANS)
+
+
+class Expert:
+    """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else.
+
+    Args:
+        fluent: as ``Hands``: for demonstrations.
+
+    Attributes:
+        attempt: how rollouts begin: the first ``GRASPS`` are the best grasps from straight above, then the
+            same with the hand leaning one way and the other.
+    """
+
+    def __init__(self, *, fluent: bool = False) -> None:
+        self._fluent, self.attempt = fluent, 0
+        self.spec = PolicySpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
+        self._controller: dict[str, PickPlaceController | None] = {}
+        self._tasks: dict[str, str] = {}
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """These rollouts begin."""
+        for episode in episodes:
+            self._controller[episode.episode] = None
+            self._tasks[episode.episode] = episode.task
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """One action each."""
+        return [self._act(observation) for observation in observations]
+
+    def close(self) -> None:
+        """No more rollouts."""
+        self._controller.clear()
+
+    def _act(self, observation: Observation) -> ActionChunk:
+        known = observation.privileged
+        if known is None:
+            raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
+        controller = self._controller.get(observation.episode)
+        if controller is None:
+            controller = self._controller[observation.episode] = PickPlaceController(
+                self._tasks[observation.episode],
+                rig(known.scene.robot),
+                fluent=self._fluent,
+                attempt=self.attempt % GRASPS,
+                lean=LEANS[self.attempt // GRASPS],
+            )
+        return ActionChunk(controller.act(_belief(known))[None])
+
+
+def _belief(known: Privileged) -> Belief:
+    state = known.state
+    things = [
+        Thing(model, state.positions[index], state.rotations[index])
+        for index, model in enumerate(known.models)
+    ]
+    targets = task(known.scene.task).targets
+    return Belief(
+        a=things[0],
+        b=things[1] if targets == 2 else None,
+        others=tuple(things[targets:]),
+        tcp=state.tcp,
+        tcp_rotation=state.tcp_rotation,
+        held=state.held == 0,
+        done=known.done,
+    )

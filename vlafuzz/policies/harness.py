@@ -1,0 +1,122 @@
+"""Between policy and robot: a queue of actions, their units, a sticky gripper, and the guards."""
+
+from __future__ import annotations
+
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import PolicyError
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
+
+Array = NDArray[np.float64]
+AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # SciPy's: capital letters turn along
+
+
+class Harness:
+    """One rollout of a policy: asks it when its last chunk is used up, and hands out metric actions.
+
+    ``finish()`` ends it; it also ends when nobody holds this object any more.
+    """
+
+    def __init__(self, policy: Policy, start: EpisodeStart) -> None:
+        self._policy, self._spec = policy, policy.spec
+        self._queue: deque[Array] = deque()
+        self._gripper = Gripper(self._spec.action)
+        with blamed_on(self._spec.name):
+            policy.reset([start])
+        self.finish = weakref.finalize(self, _finish, policy, start)
+
+    def action(self, observe: Callable[[], Observation]) -> Array:
+        """The next action: ``(7,)`` metres, radians, gripper of -1 or 1.
+
+        ``observe`` is called only when the policy is asked.
+
+        Raises:
+            PolicyError: the policy's answer is not a chunk of finite actions.
+        """
+        if not self._queue:
+            observation = observe()
+            with blamed_on(self._spec.name):
+                chunk = check_chunks(self._policy.act([observation]), 1, self._spec.name)[0]
+            self._queue.extend(chunk[: self._spec.execute])
+        return self._metric(self._queue.popleft())
+
+    def _metric(self, action: Array) -> Array:
+        spec = self._spec.action
+        rotation = action[3:6] * spec.rotation_scale
+        if spec.rotation in AXES:
+            rotation = Rotation.from_euler(AXES[spec.rotation], rotation).as_rotvec()
+        return np.concatenate(
+            [action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]]
+        )
+
+
+def _finish(policy: Policy, start: EpisodeStart) -> None:
+    if isinstance(policy, Finishing):
+        policy.finish([start])
+
+
+@contextmanager
+def blamed_on(name: str) -> Iterator[None]:
+    """Whatever a policy's own code raises is the policy's error, with its cause."""
+    try:
+        yield
+    except PolicyError:
+        raise
+    except Exception as error:
+        raise PolicyError(f"{name} raised {type(error).__name__}: {error}") from error
+
+
+class Gripper:
+    """Turns a policy's gripper number into open (1) or closed (-1); keeps a change for ``sticky`` steps."""
+
+    def __init__(self, spec: ActionSpec) -> None:
+        self._convention, self._sticky = spec.gripper, spec.sticky
+        self._now, self._kept = 1.0, 0
+
+    def command(self, value: float) -> float:
+        """The command for one control step."""
+        threshold = 0.5 if self._convention.endswith("01") else 0.0
+        wanted = 1.0 if (value > threshold) == self._convention.startswith("open") else -1.0
+        if self._kept > 0:
+            self._kept -= 1
+        elif wanted != self._now:
+            self._now, self._kept = wanted, self._sticky
+        return self._now
+
+
+def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> list[Array]:
+    """The actions of each chunk, ``(steps, 7)``.
+
+    Raises:
+        PolicyError: wrong number of chunks, wrong shape, or not finite.
+    """
+    if len(chunks) != expected:
+        raise PolicyError(
+            f"{name}: {expected} observations, {len(chunks)} chunks of actions",
+            hint="answer every observation with one chunk",
+            cause="bad_action",
+        )
+    return [_check(chunk, name) for chunk in chunks]
+
+
+def _check(chunk: ActionChunk, name: str) -> Array:
+    actions = np.asarray(getattr(chunk, "actions", chunk), dtype=np.float64)
+    if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
+        raise PolicyError(
+            f"{name}: actions of shape {actions.shape}",
+            hint="expected (steps, 7), at least one step",
+            cause="bad_action",
+        )
+    if not np.all(np.isfinite(actions)):
+        raise PolicyError(
+            f"{name}: an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}",
+            cause="bad_action",
+        )
+    return actions

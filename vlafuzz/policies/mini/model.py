@@ -1,0 +1,170 @@
+"""The network: words steer a small convolutional net through FiLM, soft points say where things are.
+
+A miniature of RT-1 (Brohan et al. 2022, <https://arxiv.org/abs/2212.06817>: FiLM, binned actions) with the
+spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and chunks
+of actions.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from vlafuzz.policies.mini import words
+from vlafuzz.policies.mini.actions import BINS, HORIZON, STATE
+
+TEXT = 128
+POINTS = 24  # soft points; the first three are trained to be on a, b and the hand
+WATCHED = 3
+FEATURES = 64
+DESCRIBED = 8  # points whose features are read
+HIDDEN = 512
+DROPPED = 0.1
+
+
+class Film(nn.Module):
+    """Scales and shifts channels as the words say. Begins as the identity."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.line = nn.Linear(TEXT, 2 * channels)
+        nn.init.zeros_(self.line.weight)
+        nn.init.zeros_(self.line.bias)
+
+    def forward(self, x: Tensor, text: Tensor) -> Tensor:
+        scale, shift = self.line(text)[:, :, None, None].chunk(2, dim=1)
+        shifted: Tensor = x * (1 + scale) + shift
+        return shifted
+
+
+class Block(nn.Module):
+    """A residual block with FiLM."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, 3, padding=1, bias=False)
+        self.second = nn.Conv2d(channels, channels, 3, padding=1, bias=False)
+        self.norms = nn.ModuleList(nn.GroupNorm(8, channels) for _ in range(2))
+        self.film = Film(channels)
+
+    def forward(self, x: Tensor, text: Tensor) -> Tensor:
+        y = functional.relu(self.norms[0](self.first(x)))
+        return functional.relu(x + self.film(self.norms[1](self.second(y)), text))
+
+
+class Down(nn.Module):
+    """Half the size, other channels."""
+
+    def __init__(self, before: int, after: int, kernel: int = 3) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(before, after, kernel, stride=2, padding=kernel // 2, bias=False)
+        self.norm = nn.GroupNorm(8, after)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return functional.relu(self.norm(self.conv(x)))
+
+
+class Reader(nn.Module):
+    """Words to a vector: embeddings, places, one transformer layer, mean."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words = nn.Embedding(words.SIZE, TEXT)
+        self.places = nn.Parameter(torch.randn(words.LENGTH, TEXT) * 0.1)
+        self.mixed = nn.Linear(TEXT, 3 * TEXT)
+        self.out = nn.Linear(TEXT, TEXT)
+        self.norms = nn.ModuleList(nn.LayerNorm(TEXT) for _ in range(3))
+        self.deep = nn.Sequential(nn.Linear(TEXT, 2 * TEXT), nn.ReLU(), nn.Linear(2 * TEXT, TEXT))
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        there = tokens > 0
+        x = self.words(tokens) + self.places
+        q, k, v = self.mixed(self.norms[0](x)).unflatten(-1, (3, 4, TEXT // 4)).permute(2, 0, 3, 1, 4)
+        seen = functional.scaled_dot_product_attention(q, k, v, attn_mask=there[:, None, None, :])
+        x = x + self.out(seen.transpose(1, 2).flatten(2))
+        x = self.norms[2](x + self.deep(self.norms[1](x)))
+        weights = there[..., None].to(x.dtype)
+        mean: Tensor = (x * weights).sum(1) / weights.sum(1).clamp(min=1.0)
+        return mean
+
+
+class Network(nn.Module):
+    """Picture, words and proprioception to a chunk of actions."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reader = Reader()
+        self.stem = Down(5, 32, kernel=5)  # 64 × 64
+        self.to_middle, self.middle = Down(32, 64), nn.ModuleList(Block(64) for _ in range(2))  # 32 × 32
+        self.to_far, self.far = Down(64, 128), nn.ModuleList(Block(128) for _ in range(2))  # 16 × 16
+        self.lift = nn.Conv2d(128, FEATURES, 1)
+        self.side = nn.Conv2d(64, FEATURES, 1)
+        self.fused = nn.Conv2d(FEATURES, FEATURES, 3, padding=1)
+        self.queries = nn.Linear(TEXT, POINTS * FEATURES)
+        self.summary = nn.Conv2d(128, 16, 1)
+        seen = 3 * POINTS + DESCRIBED * FEATURES + 16 * 64 + TEXT + STATE
+        self.trunk = nn.Sequential(
+            nn.Linear(seen, HIDDEN),
+            nn.LayerNorm(HIDDEN),
+            nn.ReLU(),
+            nn.Dropout(DROPPED),
+            nn.Linear(HIDDEN, HIDDEN),
+            nn.ReLU(),
+            nn.Dropout(DROPPED),
+        )
+        self.moves = nn.Linear(HIDDEN, HORIZON * 6 * BINS)
+        self.gripper = nn.Linear(HIDDEN, HORIZON)
+        self.places = nn.Linear(HIDDEN, 6)
+
+    def forward(self, pictures: Tensor, tokens: Tensor, state: Tensor) -> dict[str, Tensor]:
+        """What to do, and where things are.
+
+        Args:
+            pictures: ``(n, 3, 128, 128)`` in [0, 1].
+            tokens: ``(n, words.LENGTH)``.
+            state: ``(n, STATE)``, see ``actions.proprioception``.
+
+        Returns:
+            ``moves`` ``(n, HORIZON, 6, BINS)`` logits, ``gripper`` ``(n, HORIZON)`` logits of open,
+            ``points`` ``(n, POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
+        """
+        text = self.reader(tokens)
+        middle, far = self._see(pictures, text)
+        fused = functional.relu(self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0))
+        fused = functional.relu(self.fused(fused))
+        points, spread, features = self._look(fused, text)
+        summary = functional.adaptive_avg_pool2d(functional.relu(self.summary(far)), 8).flatten(1)
+        seen = torch.cat([points.flatten(1) * 2 - 1, spread, features, summary, text, state], dim=1)
+        hidden = self.trunk(seen)
+        return {
+            "moves": self.moves(hidden).unflatten(1, (HORIZON, 6, BINS)),
+            "gripper": self.gripper(hidden),
+            "points": points,
+            "places": self.places(hidden).unflatten(1, (2, 3)),
+        }
+
+    def _see(self, pictures: Tensor, text: Tensor) -> tuple[Tensor, Tensor]:
+        count, _, height, width = pictures.shape
+        rows = torch.linspace(-1, 1, height, device=pictures.device, dtype=pictures.dtype)
+        columns = torch.linspace(-1, 1, width, device=pictures.device, dtype=pictures.dtype)
+        grid = torch.stack(torch.meshgrid(rows, columns, indexing="ij"))
+        x = torch.cat([pictures * 2 - 1, grid.expand(count, -1, -1, -1)], dim=1)
+        x = self.to_middle(self.stem(x))
+        for block in self.middle:
+            x = block(x, text)
+        middle, x = x, self.to_far(x)
+        for block in self.far:
+            x = block(x, text)
+        return middle, x
+
+    def _look(self, fused: Tensor, text: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        queries = self.queries(text).unflatten(1, (POINTS, FEATURES))
+        heat = (queries @ fused.flatten(2) / 8.0).float().softmax(-1)
+        cells = torch.arange(32, device=fused.device).float().add(0.5) / 32
+        across, down = (
+            heat.unflatten(-1, (32, 32)).sum(-2) @ cells,
+            heat.unflatten(-1, (32, 32)).sum(-1) @ cells,
+        )
+        features = heat[:, :DESCRIBED].to(fused.dtype) @ fused.flatten(2).transpose(1, 2)
+        return torch.stack([across, down], -1), heat.amax(-1), features.flatten(1)

@@ -1,0 +1,118 @@
+"""Mini as a policy: weights and card from a folder, pictures and words in, metric actions out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors.torch import load_file
+
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.policies.base import (
+    ActionChunk,
+    ActionSpec,
+    CameraRequest,
+    EpisodeStart,
+    Observation,
+    PolicySpec,
+)
+from vlafuzz.policies.mini import words
+from vlafuzz.policies.mini.actions import HORIZON, LONG, decode, proprioception
+from vlafuzz.policies.mini.model import Network
+
+SHIPPED = Path(__file__).parent
+WEIGHTS, CARD = "weights.safetensors", "policy.json"
+CAMERA = CameraRequest("front", 128, 128)
+
+
+@dataclass
+class Memory:
+    """What is remembered of an episode: the last opening, the gripper's command, since when."""
+
+    opening: NDArray[np.float32]
+    command: float = 1.0
+    since: int = LONG
+
+
+class Mini:
+    """A small learned policy that sees a picture, reads the instruction and acts. Runs on a CPU.
+
+    Trained by us in this very simulator: something to try a fuzzer on, no evidence about other models.
+    Answers are worked out one observation at a time: in a batch the last bits would depend on the company.
+    """
+
+    def __init__(self, folder: Path = SHIPPED) -> None:
+        self._card = read_card(folder)
+        self.spec = PolicySpec(
+            "mini",
+            version=self._card["version"],
+            action=ActionSpec(relative_to="current"),
+            cameras=(CAMERA,),
+            state=True,
+            max_batch=64,
+            provenance={"weights": self._card["weights"]},
+        )
+        self._network = Network().eval()
+        self._network.load_state_dict(
+            {name: value.float() for name, value in load_file(folder / WEIGHTS).items()}
+        )
+        torch.set_num_threads(1)  # more would change the last bits, and workers are many
+        self._tokens: dict[str, torch.Tensor] = {}
+        self._memory: dict[str, Memory] = {}
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """These rollouts begin."""
+        for episode in episodes:
+            self._memory.pop(episode.episode, None)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """A chunk of actions each, of which the first one is to be executed."""
+        return [self._act(observation) for observation in observations]
+
+    def close(self) -> None:
+        """No more rollouts."""
+        self._memory.clear()
+
+    @torch.inference_mode()
+    def _act(self, seen: Observation) -> ActionChunk:
+        if CAMERA.name not in seen.images or seen.state is None:
+            raise PolicyError("mini needs a picture and proprioception, and got none", cause="protocol")
+        known = self._memory.setdefault(seen.episode, Memory(seen.state[6:]))
+        state = proprioception(seen.state[None], known.opening, np.array([known.since]))
+        picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name])).permute(2, 0, 1)
+        found = self._network(
+            picture[None].float() / 255, self._read(seen.instruction), torch.from_numpy(state)
+        )
+        actions = np.ones((HORIZON, 7))
+        actions[:, :6] = decode(found["moves"])[0].numpy()
+        actions[:, 6] = np.where(found["gripper"][0].numpy() > 0, 1.0, -1.0)
+        command = float(actions[0, 6])
+        since = known.since + 1 if command == known.command else 1
+        self._memory[seen.episode] = Memory(seen.state[6:], command, since)
+        return ActionChunk(actions)
+
+    def _read(self, instruction: str) -> torch.Tensor:
+        if instruction not in self._tokens:
+            self._tokens[instruction] = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
+        return self._tokens[instruction]
+
+
+def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
+    """The model card beside the weights.
+
+    Raises:
+        PrerequisiteError: there is none, or no weights.
+    """
+    for name in (CARD, WEIGHTS):
+        if not (folder / name).is_file():
+            raise PrerequisiteError(
+                f"{folder / name}: not there", hint="scripts/train_mini.py makes it; a complete wheel has it"
+            )
+    card: dict[str, Any] = json.loads((folder / CARD).read_text(encoding="utf-8"))
+    return card

@@ -1,0 +1,122 @@
+"""Eyes: a calibrated camera's view of outlines, turned into where an object stands and how it lies."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.model import ObjectModel, RestPose
+from vlafuzz.policies.base import Outlines, Silhouette
+from vlafuzz.policies.planning import Thing
+from vlafuzz.rigs.rig import CameraPose
+
+Array = NDArray[np.float64]
+NOISE = 3 / 255  # a colour nearer to the table's than this, in every channel, is not seen against it
+VISIBLE = 0.6  # share of an outline below which the object is lost
+SIZE_WEIGHT = 0.25  # of a size wrong by a factor of e, against a colour wrong by 1 in one channel
+YAWS = np.radians(np.arange(0, 180, 15))
+
+
+class OutlineLocalizer:
+    """Looks through the camera where it *should* be: if it is moved, everything appears shifted."""
+
+    def __init__(self, nominal: CameraPose) -> None:
+        self._view = nominal
+
+    def find(self, model: ObjectModel, outlines: Outlines) -> Thing | None:
+        """The thing that is most like an object, where it seems to be; None when nothing is seen."""
+        seen = [thing for thing in outlines.things if self._sees(thing, outlines.table)]
+        if not seen:
+            return None
+        guesses = [(thing, *self._pose(model, thing.pixels)) for thing in seen]
+        _, placed, _ = min(guesses, key=lambda guess: self._unlikeness(model, guess[0], guess[2]))
+        return placed
+
+    def hand(self, outlines: Outlines, height: float) -> Array | None:
+        """``(2,)`` where the hand seems to be, at its known height, metres; None when out of view."""
+        if outlines.hand is None:
+            return None
+        return self._view.back_project(outlines.hand[None], height)[0, :2]
+
+    def _sees(self, thing: Silhouette, table: Array) -> bool:
+        contrast = np.abs(_camera_values(thing.colour) - _camera_values(table)).max()
+        return thing.whole >= VISIBLE and bool(contrast > NOISE)
+
+    def _unlikeness(self, model: ObjectModel, thing: Silhouette, size_ratio: float) -> float:
+        colour = float(np.linalg.norm(_camera_values(thing.colour) - model.colour))
+        return colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
+
+    def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
+        """Where the object is if these are its pixels, and how large they are against what they should be.
+
+        Rest pose and yaw are those whose outline has the most similar spread; the place is where the
+        middle of the pixels
+        meets the plane at half the object's height.
+        """
+        seen = _spread(pixels)
+        best, best_error, best_ratio = None, np.inf, 1.0
+        for rest in model.rests:
+            place = self._view.back_project(pixels.mean(axis=0)[None], rest.top / 2)[0, :2]
+            for yaw in YAWS:
+                thing = _standing(model, rest, place, yaw)
+                expected = _spread(self._interior(thing))
+                error = float(np.abs(seen - expected).sum() / np.trace(expected))
+                if error < best_error:
+                    best, best_error = thing, error
+                    best_ratio = float(np.sqrt(np.linalg.det(seen) / np.linalg.det(expected)))
+        assert best is not None
+        return self._centred(best, pixels), best_ratio
+
+    def _centred(self, thing: Thing, pixels: Array) -> Thing:
+        """Moved so that the middle of its outline is the middle of the pixels."""
+        height = float(thing.position[2])
+        middles = np.stack([pixels.mean(axis=0), self._interior(thing).mean(axis=0)])
+        seen, expected = self._view.back_project(middles, height)
+        shift = np.append((seen - expected)[:2], 0.0)
+        return Thing(thing.model, thing.position + shift, thing.rotation)
+
+    def _interior(self, thing: Thing) -> Array:
+        """``(k, 2)`` points that fill the outline evenly."""
+        uv, _ = self._view.project(thing.corners)
+        return _fill(_hull(uv))
+
+
+def _camera_values(colour: Array) -> Array:
+    return np.asarray(np.round(colour * 255) / 255)
+
+
+def _standing(model: ObjectModel, rest: RestPose, place: Array, yaw: float) -> Thing:
+    w, x, y, z = rest.quaternion
+    base = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    return Thing(model, np.array([*place, rest.height]), turn @ base)
+
+
+def _spread(points: Array) -> Array:
+    return np.asarray(np.cov(points.T))
+
+
+def _hull(points: Array) -> Array:
+    return np.asarray(cv2.convexHull(points.astype(np.float32))[:, 0], dtype=np.float64)
+
+
+_TICKS = np.linspace(0.04, 0.96, 24)
+_GRID = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
+
+
+def _fill(hull: Array) -> Array:
+    """Points of a regular grid over the bounding box that lie inside a convex polygon."""
+    low, high = hull.min(axis=0), hull.max(axis=0)
+    points = low + _GRID * (high - low)
+    edges = np.roll(hull, -1, axis=0) - hull
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    side = points @ normals.T - np.einsum("ij,ij->i", hull, normals)
+    inside = np.all(side <= 0, axis=1) | np.all(side >= 0, axis=1)
+    return np.asarray(points[inside])

@@ -1,0 +1,302 @@
+"""Hands: take an object that is believed to be somewhere, bring it where the task says, check, try again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.policies import planning
+from vlafuzz.policies.planning import Goal, Reach, Thing
+from vlafuzz.policies.steering import STEP, Steering
+from vlafuzz.rigs.rig import Rig
+
+Array = NDArray[np.float64]
+OPEN, CLOSE = 1.0, -1.0
+HOVER = 0.06  # metres above the grasp, fingertips over the object's top at least
+LEVEL = 0.004  # metres off in x and y at which the hand goes down
+ALIGNED = 0.06  # radians
+PATIENCE = 4  # control steps to close, or to stay without getting nearer
+GENTLE = 0.012  # metres a step for the last stretch down and the first one up
+FINGERTIP = 0.012  # metres below the TCP
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Where things are, as far as the policy knows.
+
+    Attributes:
+        a: what to take.
+        b: where it goes; None for pick-up.
+        others: to keep away from.
+        tcp: ``(3,)`` metres; ``tcp_rotation``: ``(3, 3)``.
+        held: something is between the fingers.
+        done: the task looks done; stay.
+    """
+
+    a: Thing
+    b: Thing | None
+    others: tuple[Thing, ...]
+    tcp: Array
+    tcp_rotation: Array
+    held: bool
+    done: bool = False
+
+
+class PickPlaceController:
+    """One episode of grasping and placing. Actions are metric and count from where the hand is now.
+
+    Args:
+        fluent: wait for nothing, and go down the more the better the hand is in place: what to do then hardly
+            depends on what was done before, and who only sees the present can learn it.
+        attempt: the grasp to begin with, from the best one on.
+        lean: see ``Steering``.
+    """
+
+    def __init__(
+        self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0
+    ) -> None:
+        self._task, self._rig, self._fluent = task, rig, fluent
+        self._steering = Steering(rig, lean)
+        self._phase: Callable[[Belief], Array] = self._approach
+        self.attempt = attempt
+        self._waited = 0
+        self._plan: Reach | None = None
+        self._planned_for: Array = np.zeros(3)
+        self._goal: Goal | None = None
+        self._last_tcp: Array = np.full(3, np.inf)
+
+    def act(self, belief: Belief) -> Array:
+        """``(7,)`` the next action."""
+        action = self._phase(belief)
+        self._last_tcp = belief.tcp
+        return action
+
+    # phases, in their order
+
+    def _approach(self, belief: Belief) -> Array:
+        if self._fluent and belief.held:  # somebody else took it
+            self._take(belief)
+            return self._lift(belief)
+        reach = self._choose(belief)
+        over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
+        over[:2] += self._steering.behind(over, over[2] - reach.z)
+        self._keep_clear(belief, over)
+        if self._is_over(belief, over, reach.yaw):
+            self._enter(self._descend)
+            return self._descend(belief)
+        if self._fluent:
+            over[2] -= HOVER * self._in_place(belief, over, reach.yaw)
+        return self._toward(belief, over, reach.yaw, OPEN)
+
+    def _descend(self, belief: Belief) -> Array:
+        reach = self._choose(belief)
+        down = np.array([reach.x, reach.y, reach.z])
+        self._waited += 1
+        upright = self._steering.upright(belief.tcp, belief.tcp_rotation)
+        if (upright and abs(belief.tcp[2] - reach.z) < 0.006) or self._waited > PATIENCE:
+            self._enter(self._close)
+            return self._close(belief)
+        return self._toward(belief, down, reach.yaw, OPEN)
+
+    def _close(self, belief: Belief) -> Array:
+        self._waited += 1
+        if belief.held and self._waited >= (2 if self._fluent else 3):
+            self._take(belief)
+            return self._lift(belief)
+        if self._waited > PATIENCE + 1:
+            return self._retry(belief)
+        assert self._plan is not None
+        hold = np.array([*belief.tcp[:2], self._plan.z])
+        return self._toward(belief, hold, self._plan.yaw, CLOSE)
+
+    def _lift(self, belief: Belief) -> Array:
+        if not belief.held:
+            return self._retry(belief)
+        if self._goal is None and belief.b:  # it was told only now where it goes
+            self._aim(belief)
+        if self._goal is None:
+            up = np.array([*self._taken_at[:2], self._taken_at[2] + 0.12])
+            return self._toward(belief, up, self._yaw, CLOSE)
+        height = self._carry_height(belief)
+        if belief.tcp[2] > height - 0.015:
+            self._enter(self._carry)
+            return self._carry(belief)
+        return self._toward(belief, np.array([*self._taken_at[:2], height]), self._yaw, CLOSE)
+
+    def _carry(self, belief: Belief) -> Array:
+        if not belief.held:
+            return self._retry(belief)
+        assert self._goal is not None
+        if self._fluent:
+            self._aim_again(belief)
+        over = np.array([*self._target_xy(belief), max(self._carry_height(belief), 0.0)])
+        self._waited += 1
+        level = _level(over, belief.tcp)
+        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(
+            belief, self._goal_yaw
+        ):
+            self._enter(self._lower)
+            return self._lower(belief)
+        if self._fluent:
+            air = max(float(over[2]) - self._goal.floor - self._hang - 0.03, 0.0)
+            over[2] -= air * self._in_place(belief, over, self._goal_yaw)
+        return self._toward(belief, over, self._goal_yaw, CLOSE)
+
+    def _lower(self, belief: Belief) -> Array:
+        if not belief.held:
+            return self._retry(belief)
+        assert self._goal is not None
+        floor = self._goal.floor + self._hang
+        air = float(belief.tcp[2] - floor)
+        self._waited += 1
+        stalled = self._waited > 2 and air < 0.03 and self._last_tcp[2] - belief.tcp[2] < 0.003
+        if air < 0.004 or stalled:
+            self._enter(self._release)
+            return self._release(belief)
+        down = min(air, STEP) if air > 0.05 else min(air + 0.004, GENTLE)
+        below = np.array([*self._target_xy(belief), belief.tcp[2] - (air - 0.03 if air > 0.05 else down)])
+        return self._toward(belief, below, self._goal_yaw, CLOSE)
+
+    def _release(self, belief: Belief) -> Array:
+        self._waited += 1
+        if self._waited > 2:
+            self._enter(self._retreat)
+            return self._retreat(belief)
+        assert self._goal is not None
+        return self._toward(belief, belief.tcp, self._goal_yaw, OPEN)
+
+    def _retreat(self, belief: Belief) -> Array:
+        assert self._goal is not None
+        self._waited += 1
+        if self._waited > 2 * PATIENCE and not belief.done:
+            return self._retry(belief)
+        height = self._goal.floor + self._hang + 0.12
+        if self._waited <= 3:  # a fast start swings the fingers sideways, and a can rolls away
+            height = min(height, belief.tcp[2] + GENTLE)
+        return self._toward(belief, np.array([*belief.tcp[:2], height]), self._goal_yaw, OPEN)
+
+    # what the phases share
+
+    def _enter(self, phase: Callable[[Belief], Array]) -> None:
+        self._phase, self._waited = phase, 0
+
+    def _retry(self, belief: Belief) -> Array:
+        self.attempt += 1
+        self._plan = None
+        self._enter(self._approach)
+        up = np.array([*belief.tcp[:2], belief.tcp[2] + 0.08])
+        return self._toward(belief, up, self._hand_yaw(belief), OPEN)
+
+    def _choose(self, belief: Belief) -> Reach:
+        moved = math.dist(belief.a.position, self._planned_for) > 0.004
+        if self._plan is None or moved:
+            around = belief.others + ((belief.b,) if belief.b else ())
+            found = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
+            if self._plan is not None and found:  # it moved a little: keep to the same kind of grasp
+                yaw = self._plan.yaw
+                found.sort(
+                    key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost
+                )
+                self._plan = found[0]
+            else:
+                self._plan = found[self.attempt % len(found)] if found else self._blind(belief)
+            self._planned_for = belief.a.position.copy()
+        return self._plan
+
+    def _blind(self, belief: Belief) -> Reach:
+        """No grasp fits the way it lies: go for its middle all the same, and hope to turn it over."""
+        x, y, z = belief.a.position
+        return Reach(float(x), float(y), max(float(z), 0.015), self._hand_yaw(belief), 0.07, 9.0)
+
+    def _is_over(self, belief: Belief, over: Array, yaw: float) -> bool:
+        self._waited += 1
+        patient = LEVEL if self._waited < 3 * PATIENCE else 3 * LEVEL
+        return _level(over, belief.tcp) < patient and self._turned(belief, yaw)
+
+    def _in_place(self, belief: Belief, over: Array, yaw: float) -> float:
+        """How much of the way down may be gone already, in [0, 1]: none from 12 mm or 0.15 rad off on."""
+        aside = max(_level(over, belief.tcp) - LEVEL, 0.0) / 0.008
+        turn = max(abs(yaw - self._hand_yaw(belief)) - ALIGNED, 0.0) / 0.09
+        return 1.0 - min(max(aside, turn), 1.0)
+
+    def _aim_again(self, belief: Belief) -> None:
+        """The place beside b that is nearest from here; others do not depend on where a is."""
+        if self._task == "move-near" and belief.b is not None:
+            self._goal, self._b_was = self._find_place(belief, belief.b), belief.b.position[:2].copy()
+
+    def _find_place(self, belief: Belief, b: Thing) -> Goal:
+        a, others = belief.a, belief.others
+        return planning.goal_near(a, b, others, self._yaw, self._rig, in_view=self._fluent)
+
+    def _turned(self, belief: Belief, yaw: float) -> bool:
+        return abs(yaw - self._hand_yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE
+
+    def _keep_clear(self, belief: Belief, over: Array) -> None:
+        """Raise the way to ``over`` above what lies below it, while it is far."""
+        if _level(over, belief.tcp) < 0.02:
+            return
+        around = (*belief.others, *((belief.b,) if belief.b else ()))
+        needed = planning.travel_height(belief.tcp[:2], over[:2], around, 0.07) + FINGERTIP
+        if needed > over[2]:
+            over[2] = needed
+        if belief.tcp[2] < over[2] - 0.03:
+            over[:2] = belief.tcp[:2]
+
+    def _take(self, belief: Belief) -> None:
+        a = belief.a
+        self._yaw = self._hand_yaw(belief)
+        self._taken_at = belief.tcp.copy()
+        self._offset = a.position[:2] - belief.tcp[:2]
+        self._hang = float(belief.tcp[2] - a.corners[:, 2].min())
+        self._radius = float(np.linalg.norm(a.corners[:, :2] - a.position[:2], axis=1).max())
+        self._aim(belief)
+        self._enter(self._lift)
+
+    def _aim(self, belief: Belief) -> None:
+        self._goal = self._find_goal(belief)
+        self._b_was = belief.b.position[:2].copy() if belief.b else np.zeros(2)
+        self._goal_yaw = self._yaw
+        if self._goal is not None:
+            self._goal_yaw = planning.nearest_yaw(
+                self._yaw + self._goal.turn, self._rig.neutral_yaw(*self._goal.place)
+            )
+
+    def _find_goal(self, belief: Belief) -> Goal | None:
+        if self._task == "pick-up" or belief.b is None:
+            return None
+        if self._task == "move-near":
+            return self._find_place(belief, belief.b)
+        return (
+            planning.goal_in(belief.a, belief.b)
+            if self._task == "put-in"
+            else planning.goal_on(belief.a, belief.b)
+        )
+
+    def _target_xy(self, belief: Belief) -> Array:
+        assert self._goal is not None
+        drift = belief.b.position[:2] - self._b_was if belief.b else np.zeros(2)
+        turn = self._goal_yaw - self._yaw
+        cosine, sine = np.cos(turn), np.sin(turn)
+        turned = np.array([[cosine, -sine], [sine, cosine]]) @ self._offset
+        return np.asarray(self._goal.place + drift - turned)
+
+    def _carry_height(self, belief: Belief) -> float:
+        assert self._goal is not None
+        passed: Sequence[Thing] = (*belief.others, *((belief.b,) if belief.b else ()))
+        clear = planning.travel_height(self._taken_at[:2], self._goal.place, passed, self._radius + 0.02)
+        return max(clear, self._goal.floor + 0.04) + self._hang
+
+    def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
+        return self._steering.toward(belief.tcp, belief.tcp_rotation, target, yaw, gripper)
+
+    def _hand_yaw(self, belief: Belief) -> float:
+        return self._steering.hand_yaw(belief.tcp, belief.tcp_rotation)
+
+
+def _level(a: Array, b: Array) -> float:
+    """Distance seen from above."""
+    return math.hypot(a[0] - b[0], a[1] - b[1])

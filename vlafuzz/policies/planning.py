@@ -1,0 +1,228 @@
+"""Plans on beliefs: which grasp to take, how high to travel, where to put an object down. Pure geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.grasps import find_grasps
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rigs.rig import Hand, Rig
+
+Array = NDArray[np.float64]
+UPRIGHT = np.cos(np.radians(8.0))  # a rest pose's own grasps serve up to this tilt
+MARGIN = 0.006  # metres around fingers and hand
+HIDING = 0.25  # metres that a goes farther so as not to stand right in front of b
+GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
+_ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
+_DIRECTIONS = np.stack(
+    [np.cos(_ANGLES), np.sin(_ANGLES)]
+)  # (2, 32); a convex outline is farthest along one of them
+TRAVEL = 0.03  # metres between fingertips or load and what they pass over
+
+
+@dataclass(frozen=True, eq=False)
+class Thing:
+    """An object where it is believed to be: ``position`` (3,) of its origin, metres, ``rotation`` (3, 3)."""
+
+    model: ObjectModel
+    position: Array
+    rotation: Array
+
+    @cached_property
+    def corners(self) -> Array:
+        """``(m, 3)`` hull vertices in the world."""
+        return np.asarray(self.model.vertices @ self.rotation.T + self.position)
+
+    @cached_property
+    def top(self) -> float:
+        """Highest point, metres."""
+        return float(self.corners[:, 2].max())
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Where the hand goes for a grasp: TCP, direction of the closing axis, width. Metres and radians."""
+
+    x: float
+    y: float
+    z: float
+    yaw: float
+    width: float
+    cost: float
+
+
+def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) -> list[Reach]:
+    """All grasps of a thing where it lies, the best first: good contact, clear of others, little turning."""
+    found = []
+    for yaw, width, offset, z, quality in _grasps(thing):
+        if not rig.hand.takes(width, z):
+            continue
+        x, y = thing.position[:2] + offset
+        z = max(z, rig.hand.lowest, thing.top - rig.hand.deep)
+        yaw = nearest_yaw(yaw, rig.neutral_yaw(x, y))
+        turn = yaw - hand_yaw
+        cost = 1.0 - quality + 2.0 * _crowding(np.array([x, y, z]), yaw, others, rig.hand) + 0.2 * abs(turn)
+        found.append(Reach(float(x), float(y), float(z), yaw, width, cost))
+    return sorted(found, key=lambda reach: reach.cost)
+
+
+def nearest_yaw(yaw: float, to: float) -> float:
+    """The direction of a closing axis, up to half a turn, that is nearest to ``to``. Radians."""
+    return to + (yaw - to + np.pi / 2) % np.pi - np.pi / 2
+
+
+def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
+    """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the thing's present pose."""
+    bottom = float(thing.corners[:, 2].min())
+    for rest in thing.model.rests:
+        w, x, y, z = rest.quaternion
+        up = np.array(
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
+        )  # the world's z in the object's frame
+        if thing.rotation[2] @ up > UPRIGHT and rest.grasps:
+            level = thing.rotation @ _matrix(rest.quaternion).T
+            yaw = float(np.arctan2(level[1, 0], level[0, 0]))
+            turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+            return [
+                (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality)
+                for g in rest.grasps
+            ]
+    shift = np.array([0.0, 0.0, thing.position[2] - bottom])
+    parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
+    return [
+        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality)
+        for g in find_grasps(parts, shift)
+    ]
+
+
+def _matrix(quaternion: Array) -> Array:
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> float:
+    """How many of the gripper's boxes another object's bounding box (in the gripper's frame) cuts into."""
+    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    across = np.array([-along[1], along[0], 0.0])
+    frame = np.stack([across, along, [0.0, 0.0, 1.0]])
+    cuts = 0
+    for other in others:
+        local = (other.corners - tcp) @ frame.T
+        low, high = local.min(axis=0) - MARGIN, local.max(axis=0) + MARGIN
+        for half, (near, far), (below, above) in (hand.fingers, hand.palm):
+            if high[0] < -half or low[0] > half or high[2] < below or low[2] > above:
+                continue
+            cuts += bool(high[1] > near and low[1] < far) or bool(low[1] < -near and high[1] > -far)
+    return float(cuts)
+
+
+def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: float) -> float:
+    """Height over all that is near the way from ``start`` to ``end``, ``(2,)`` each; metres, 0 if clear."""
+    way = start + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 0.02))[:, None] * (end - start)
+    along, highest = way @ _DIRECTIONS, 0.0
+    for other in others:
+        apart = (other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - along  # (points, directions)
+        if apart.max(axis=1).min() < radius:
+            highest = max(highest, other.top + TRAVEL)
+    return highest
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where a is put down.
+
+    Attributes:
+        place: ``(2,)`` of its origin, metres.
+        turn: on the way there, radians, up to half a turn.
+        floor: height of what is below, metres.
+    """
+
+    place: Array
+    turn: float
+    floor: float
+
+
+def goal_on(a: Thing, b: Thing) -> Goal:
+    """On the middle of b."""
+    return Goal(b.position[:2].copy(), 0.0, b.top)
+
+
+def goal_in(a: Thing, b: Thing) -> Goal:
+    """In the middle of b, a's long side along b's."""
+    container = b.model.container
+    if container is None:  # who mixes the two up still has to put a somewhere
+        return goal_on(a, b)
+    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (
+        0.0 if container.width >= container.depth else np.pi / 2
+    )
+    turn = nearest_yaw(long_side, _long_axis(a)) - _long_axis(a) if _elongation(a) > 1.15 else 0.0
+    return Goal(b.position[:2].copy(), float(turn), float(b.position[2] + container.floor))
+
+
+def _outline(thing: Thing) -> Array:
+    points = thing.corners[:, :2]
+    return np.asarray(points - (points.max(axis=0) + points.min(axis=0)) / 2)
+
+
+def _long_axis(thing: Thing) -> float:
+    _, vectors = np.linalg.eigh(np.cov(_outline(thing).T))
+    return float(np.arctan2(vectors[1, -1], vectors[0, -1]))
+
+
+def _elongation(thing: Thing) -> float:
+    values = np.linalg.eigvalsh(np.cov(_outline(thing).T))
+    return float(np.sqrt(values[-1] / max(values[0], 1e-9)))
+
+
+def goal_near(
+    a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False
+) -> Goal:
+    """Beside b: the nearest free place whose gap to b is right, fingers not between the two.
+
+    ``in_view``: rather not between b and the camera.
+    """
+    angles = np.arange(0.0, 2 * np.pi, np.pi / 12)
+    away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    outline = a.corners[:, :2] - a.position[:2]
+    places = b.position[:2] + _distances(_clearance(outline, b), b.position[:2], away)[:, None] * away
+    costs = np.linalg.norm(places - a.position[:2], axis=1) + 0.15 * np.abs(np.cos(angles - closing))
+    costs += _unreachable(places, rig)
+    if in_view:
+        way = np.array(rig.view.eye[:2]) - b.position[:2]
+        costs += HIDING * np.maximum(away @ (way / np.linalg.norm(way)), 0.0)
+    for other in others:
+        apart = (_clearance(outline, other) - places @ _DIRECTIONS).max(axis=1)
+        costs += np.where(apart > 0.05, 0.0, 1.0 + 10 * (0.05 - apart))
+    return Goal(places[costs.argmin()], 0.0, 0.0)
+
+
+def _clearance(outline: Array, other: Thing) -> Array:
+    """``(32,)`` how far an outline at (0, 0) is from a thing along each direction; the largest one counts."""
+    return np.asarray((other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - (outline @ _DIRECTIONS).max(axis=0))
+
+
+def _distances(clearance: Array, centre: Array, away: Array) -> Array:
+    """``(n,)`` how far from b's centre a has to be for the right gap, along ``(n, 2)`` unit vectors."""
+    needed = GAP - (clearance - centre @ _DIRECTIONS)
+    growth = -away @ _DIRECTIONS  # of each clearance with the distance
+    reached = np.divide(needed, growth, out=np.full_like(growth, np.inf), where=growth > 1e-9)
+    return np.asarray(reached.min(axis=1))
+
+
+def _unreachable(places: Array, rig: Rig) -> Array:
+    x, y = places.T
+    (low_x, high_x), (low_y, high_y) = rig.workspace.x, rig.workspace.y
+    outside = (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y)
+    far = np.hypot(x - rig.base[0], y - rig.base[1]) > rig.reach - 0.02
+    return np.asarray(3.0 * outside + 3.0 * far)

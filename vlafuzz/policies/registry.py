@@ -1,0 +1,127 @@
+"""Policies by name."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable
+from typing import Protocol, cast
+
+from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.plugins import is_reference, load_factory, make_of
+from vlafuzz.policies.base import Policy, PolicySpec
+from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.pinhole import Pinhole
+
+
+def _mini() -> Policy:
+    """A small learned policy that sees a picture, reads the instruction and acts; on a CPU."""
+    from vlafuzz.policies.mini.policy import Mini  # loads torch
+
+    return Mini()
+
+
+POLICIES: dict[str, Callable[[], Policy]] = {
+    "mini": _mini,
+    "pinhole": Pinhole,
+    "expert": Expert,
+    "random": Random,
+    "frozen": Frozen,
+}
+# Behind a model server, by the protocol that it speaks; named as protocol:address, HTTP by the address alone.
+# Clients stand above this package and are loaded when one is named.
+SERVERS = {
+    "vla-eval": "vlafuzz.clients.vla_eval:VlaEval",
+    "openpi": "vlafuzz.clients.openpi:OpenPi",
+    "http": "vlafuzz.clients.openvla:OpenVla",
+    "groot": "vlafuzz.clients.groot:Groot",
+    "lerobot": "vlafuzz.clients.lerobot:LeRobot",  # no server, but named like one
+}
+
+
+class Client(Protocol):
+    """The class of a policy behind a model server; ``form`` is how users name it."""
+
+    form: str
+
+    def __call__(self, address: object) -> Policy:
+        """Connect."""
+
+
+def client(protocol: str) -> Client:
+    """The class of the policies that are reached by a protocol, a key of ``SERVERS``."""
+    module, _, name = SERVERS[protocol].partition(":")
+    return cast(Client, getattr(importlib.import_module(module), name))
+
+
+def known_policies() -> dict[str, str]:
+    """What there is: name → what it is, in a sentence."""
+    clients = [client(protocol) for protocol in SERVERS]
+    named = POLICIES | {kind.form: kind for kind in clients}
+    return {
+        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
+        for name, factory in named.items()
+    }
+
+
+def check_policy_name(name: str) -> None:
+    """Fail early for a name that ``make_policy`` would not know. Connects to no server.
+
+    Raises:
+        UsageError: no such policy.
+    """
+    if is_reference(name):
+        load_factory(name)
+    elif kind := _server(name):
+        _address(name, kind)
+    elif name in SERVERS:
+        form = client(name).form
+        raise UsageError(f"unknown policy {name!r}: no address", hint=f"expected {form}?option=value&…")
+    elif name not in POLICIES:
+        near = suggestion(name.partition(":")[0], [*POLICIES, *SERVERS])
+        raise UsageError(f"unknown policy {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
+
+
+def is_shared(name: str) -> bool:
+    """Whether all workers share one policy of that name: see ``Policy``. Makes none.
+
+    Raises:
+        UsageError: no such policy.
+    """
+    check_policy_name(name)
+    factory = load_factory(name) if is_reference(name) else _server(name) or POLICIES[name]
+    return bool(getattr(factory, "shared", False))
+
+
+def make_policy(name: str) -> Policy:
+    """The policy of that name.
+
+    Raises:
+        UsageError: no such policy, or a factory that makes something else.
+        PrerequisiteError: no server answers, or the user's own code raises.
+    """
+    check_policy_name(name)
+    if kind := _server(name):
+        return kind(_address(name, kind))
+    if not is_reference(name):
+        return POLICIES[name]()
+    made = make_of(name)
+    if not isinstance(getattr(made, "spec", None), PolicySpec):
+        raise UsageError(
+            f"{name!r} made a {type(made).__name__}, which has no spec",
+            hint="see vlafuzz.policies.base.Policy",
+        )
+    return cast(Policy, made)
+
+
+def _server(name: str) -> Client | None:
+    protocol, colon, _ = name.partition(":")
+    protocol = "http" if protocol == "https" else protocol
+    return client(protocol) if colon and protocol in SERVERS else None
+
+
+def _address(name: str, kind: Client) -> object:
+    """The address in a name, checked; nothing is connected."""
+    parse: Callable[[str, Client], object] = importlib.import_module("vlafuzz.clients.remote").parse
+    return parse(name, kind)

@@ -1,0 +1,156 @@
+"""The rigs that there are, as data: the Panda, and what VLATest uses, the WidowX 250s and the Google robot.
+
+The last two want the robots' files from a pack of the user's. With ``-photo``, the third-person camera sees a
+photo behind robot and objects, as in the reference. Names of sources: G, BE, PO are VLATest's
+``grasp_single_in_scene_customizable.py``, ``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from vlafuzz.errors import SceneError, suggestion
+from vlafuzz.rigs.rig import Hand, Lights, Original, Rig, Table, View, Workspace
+
+# The workspace is a margin wider than the operators' default ranges; reach and opening are the Panda's
+# (data sheet: 0.855 m
+# to the wrist, 0.08 m opening), less what pointing down costs (measured with the inverse kinematics at
+# table height).
+PANDA = Rig(
+    robot="panda",
+    base=(-0.615, 0.0, 0.0),
+    reach=0.79,
+    opening=0.08,
+    rest=(0.0, math.pi / 8, 0.0, -math.pi * 5 / 8, 0.0, math.pi * 3 / 4, math.pi / 4, 0.04, 0.04),
+    workspace=Workspace(x=(-0.24, 0.16), y=(-0.30, 0.30)),
+    view=View(eye=(0.42, 0.0, 0.52), target=(-0.04, 0.0, 0.02), fov=60.0),
+    lights=Lights(ambient=0.18, directional=(((0.3, 0.4, -1.0), 0.72), ((-0.6, -0.5, -1.0), 0.31))),
+    table=Table(centre=(-0.25, 0.0), half=(0.6, 0.7, 0.03), floor=-0.75),
+)
+
+# BE's lights, in our frame: its robots look along -x, ours along x. Nothing casts shadows, as there.
+_LIGHTS = Lights(0.3, (((0.0, 0.0, -1.0), 2.2), ((1.0, 0.5, -1.0), 0.7), ((-1.0, -1.0, -1.0), 0.7)))
+
+# Base, joints and table height: PO:245, BE:280-288. The camera is that of ManiSkill's bridge agent, 0.16 m
+# beside the base and 0.36 m above, f = 623.588 at 640 x 480; its principal point is half a pixel off the
+# middle, ours is in it. The hand is measured on the collision meshes, reach with the inverse kinematics
+# 0.1 m over the table.
+WIDOWX = Rig(
+    robot="widowx",
+    base=(-0.347, -0.05, 0.0),
+    reach=0.46,
+    opening=0.052,
+    rest=(-0.01840777, 0.0398835, 0.22242722, -0.00460194, 1.36524296, 0.00153398, 0.037, 0.037),
+    joints=(
+        "waist",
+        "shoulder",
+        "elbow",
+        "forearm_roll",
+        "wrist_angle",
+        "wrist_rotate",
+        "left_finger",
+        "right_finger",
+    ),
+    workspace=Workspace(x=(-0.22, 0.14), y=(-0.20, 0.20)),
+    surface=Workspace(x=(-0.27, 0.17), y=(-0.23, 0.23)),
+    view=View(eye=(-0.347, -0.21, 0.36), target=(-0.01523, -0.02655, 0.0), fov=42.102, aspect=4 / 3),
+    lights=_LIGHTS,
+    table=Table(centre=(0.0, 0.0), half=(0.5, 0.45, 0.03), floor=-0.87),
+    neutral=math.pi / 2,
+    hand=Hand(
+        widest=0.046,
+        thinnest=0.014,
+        lowest=0.018,
+        highest=0.12,  # a bottle at its neck is beyond what the arm lifts straight up
+        deep=0.020,
+        lead=1.3,
+        fingers=(0.0145, (0.026, 0.042), (-0.016, 0.04)),
+        palm=(0.036, (0.0, 0.053), (0.022, 0.16)),
+    ),
+    physics_hz=500,
+    seconds=24,  # the reference's 120 steps
+    urdf="widowx/wx250s.urdf",
+    operators="widowx",
+    original=Original(base=(0.147, 0.028, 0.87), yaw=180.0, table=0.87),
+)
+
+# Base and joints: G:161-164, BE:265-276; objects are dropped onto a table 0.87 m high, its box is BE:180-201.
+# The camera sits in the head: link_camera at these joints, f = 425 at 640 x 512.
+# The wrist ends at 1.79 rad, so the hand leans outward the farther and the higher it is: see stoops.
+GOOGLE = Rig(
+    robot="google",
+    base=(-0.60, 0.0, -0.79095),
+    reach=0.82,
+    opening=0.141,
+    rest=(
+        -0.2639457174606611,
+        0.0831913360274175,
+        0.5017611504652179,
+        1.156859026208673,
+        0.028583671314766423,
+        1.592598203487462,
+        -1.080652960128774,
+        0.0,
+        0.0,
+        -0.00285961,
+        0.7851361,
+    ),
+    joints=(
+        "joint_torso",
+        "joint_shoulder",
+        "joint_bicep",
+        "joint_elbow",
+        "joint_forearm",
+        "joint_wrist",
+        "joint_gripper",
+        "joint_finger_right",
+        "joint_finger_left",
+        "joint_head_pan",
+        "joint_head_tilt",
+    ),
+    workspace=Workspace(x=(-0.24, 0.08), y=(-0.26, 0.26)),
+    surface=Workspace(x=(-0.26, 0.35), y=(-0.37, 0.37)),
+    view=View(eye=(-0.45401, -0.00042, 0.42241), target=(-0.03131, -0.00163, 0.0), fov=62.126, aspect=1.25),
+    lights=_LIGHTS,
+    table=Table(centre=(0.045, 0.0), half=(0.315, 0.38, 0.03), floor=-0.87),
+    neutral=math.radians(190),
+    hand=Hand(
+        lowest=0.010,
+        # Fitted to the inverse kinematics: straight down to 0.64 m at the table, 0.44 m a hand above; at
+        # 0.2 m over the table nowhere, and leaning by 0.35 rad to 0.56 m.
+        lean_model=(2.5, 0.69, 1.67),
+        lead=1.5,
+        fingers=(0.026, (0.060, 0.111), (-0.006, 0.08)),
+        palm=(0.046, (0.0, 0.070), (0.038, 0.16)),
+    ),
+    physics_hz=513,
+    control_hz=3,
+    seconds=40,  # the reference's 120 steps of move-near
+    urdf="googlerobot/google_robot_meta_sim_fix_wheel_fix_fingertip.urdf",
+    operators="google",
+    original=Original(base=(0.35, 0.20, 0.07905), yaw=180.0, table=0.87),
+)
+
+_BRIDGE = "bridge_real_eval_1.png"
+_CAN, _NEAR = "google_coke_can_real_eval_1.png", "google_move_near_real_eval_1.png"
+_BY_TASK = {"pick-up": _CAN, "move-near": _NEAR, "put-on": _CAN, "put-in": _CAN}
+_ALL = (
+    PANDA,
+    WIDOWX,
+    replace(WIDOWX, robot="widowx-photo", photos=dict.fromkeys(_BY_TASK, _BRIDGE)),
+    GOOGLE,
+    replace(GOOGLE, robot="google-photo", photos=_BY_TASK),
+)
+RIGS = {each.robot: each for each in _ALL}
+
+
+def rig(robot: str) -> Rig:
+    """The rig of a robot.
+
+    Raises:
+        SceneError: no such robot.
+    """
+    if robot not in RIGS:
+        raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, RIGS))
+    return RIGS[robot]

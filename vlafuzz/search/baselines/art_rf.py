@@ -1,0 +1,79 @@
+"""Adaptive random testing with a random forest: fresh scenes far from all before, likely to fail."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import RandomForestClassifier
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.archive import Archive
+from vlafuzz.search.base import Genome, Proposal, Source
+from vlafuzz.search.proposal_factory import ProposalFactory
+
+CANDIDATES = 10  # for each proposal, as is usual for FSCS
+FARTHEST = 5  # of these, by distance, the forest may choose from
+TREES = 50
+REMEMBERED = 800  # scenes that the forest learns from
+SOONEST, GROWTH = 16, 0.15  # scenes after which it is fitted again: so many, and this share of all it knows
+
+Points = NDArray[np.float64]  # (n, k)
+
+
+class ArtRf:
+    """After FATE-VLA's description of its hybrid (Kanwal, Valle, Ali, Arrieta 2026, <https://arxiv.org/abs/2606.02307>).
+
+    Fixed-size-candidate-set adaptive random testing (Chen, Leung, Mak 2004,
+    <https://doi.org/10.1007/978-3-540-30502-6_23>): of ten fresh scenes those count that are farthest from
+    everything proposed so far. Of these, a random forest that learnt from the outcomes chooses the one that
+    fails most likely; as long as it has seen no failure, or no pass, the farthest is taken.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        self._space, self._seed, self._asked = space, seed, 0
+        self._nursery, self._proposed = ProposalFactory(space), Archive()
+        self._known: deque[tuple[Points, bool]] = deque(maxlen=REMEMBERED)
+        self._forest: RandomForestClassifier | None = None
+        self._fits = self._new = 0
+
+    def ask(self, n: int) -> list[Proposal]:
+        """The best of ten fresh scenes, ``n`` times."""
+        first, self._asked = self._asked, self._asked + n
+        return [self._proposal(number) for number in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Learn which scenes fail."""
+        for proposal, score in zip(proposals, scores, strict=True):
+            if score.rolled_out:
+                self._known.append((self._point(proposal.genome), score.failed))
+                self._new += 1
+        failed = [each for _, each in self._known]
+        if self._new >= max(SOONEST, GROWTH * len(failed)) and 0 < sum(failed) < len(failed):
+            state = int(np.random.default_rng([self._seed, self._fits]).integers(2**32))
+            forest = RandomForestClassifier(TREES, min_samples_leaf=2, random_state=state)
+            self._forest = forest.fit(np.array([point for point, _ in self._known]), failed)
+            self._fits, self._new = self._fits + 1, 0
+
+    def _proposal(self, number: int) -> Proposal:
+        rng = np.random.default_rng([self._seed, number])
+        genomes = [self._space.encode(self._space.sample(rng)) for _ in range(CANDIDATES)]
+        genomes = [genome for genome, new in zip(genomes, self._nursery.new(genomes), strict=True) if new]
+        if not genomes:
+            return Proposal(number, self._nursery.fresh(rng))
+        points = np.array([self._point(genome) for genome in genomes])
+        best = self._best(points)
+        self._proposed.add(points[best])
+        return Proposal(number, self._nursery.registered(genomes[best]))
+
+    def _best(self, points: Points) -> int:
+        """Index of the likeliest failure among the farthest."""
+        farthest = np.argsort(-self._proposed.novelty(points, neighbours=1), kind="stable")[:FARTHEST]
+        if self._forest is None:
+            return int(farthest[0])
+        return int(farthest[np.argmax(self._forest.predict_proba(points[farthest])[:, 1])])
+
+    def _point(self, genome: Genome) -> Points:
+        return self._space.embed(self._space.decode(genome))

@@ -1,0 +1,119 @@
+"""MCTS: a tree says which operators to disturb and how far; branches whose scenes fail are tried more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from vlafuzz.scoring import Score
+from vlafuzz.search.base import Genome, Proposal, Source
+from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.space.params import Gene
+
+EXTENTS = ("nominal", "near", "far")  # how far an operator is disturbed: not, up to half of its range, beyond
+CURIOSITY = 0.7  # weight of what was tried rarely, beside what failed often
+MOST_NODES = 20_000  # beyond, the tree does not grow
+TRIES = 10  # draws that turn out to be known before a fresh scene takes their place
+
+Rng = np.random.Generator
+
+
+class Node:
+    """What became of the scenes that begin with the same extents."""
+
+    def __init__(self) -> None:
+        self.children: dict[int, Node] = {}
+        self.visits, self.failures = 0, 0.0
+
+    def promise(self, extent: int) -> float:
+        """Upper confidence bound of the failures below (UCB1); without limit where nothing was tried."""
+        child = self.children.get(extent)
+        if child is None or child.visits == 0:
+            return math.inf
+        known = child.failures / child.visits
+        return known + CURIOSITY * math.sqrt(math.log(self.visits) / child.visits)
+
+
+class Mcts:
+    """Monte Carlo tree search in RoboTest's manner, but rewarded for failures.
+
+    UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest
+    <https://github.com/scuama/RoboTest> rewards successes. The n-th level of the tree decides how far the
+    n-th operator is from nominal; a path is completed at random, and drawn as a scene. One that is out counts
+    as a pass until its outcome is told, so that a batch spreads over the tree.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        self._space, self._seed, self._asked = space, seed, 0
+        self._nursery, self._root, self._nodes = ProposalFactory(space), Node(), 1
+        self._operators = list(dict.fromkeys(gene.operator for gene in space.genes))
+        self._out: dict[int, list[Node]] = {}
+
+    def ask(self, n: int) -> list[Proposal]:
+        """``n`` scenes of promising branches."""
+        first, self._asked = self._asked, self._asked + n
+        return [self._proposal(number) for number in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Reward the branches of the failures; forget what was not judged."""
+        for proposal, score in zip(proposals, scores, strict=True):
+            for node in self._out.pop(proposal.id):
+                node.failures += score.failed
+                node.visits -= not score.rolled_out
+
+    def _proposal(self, number: int) -> Proposal:
+        rng = np.random.default_rng([self._seed, number])
+        extents, path = self._descend(rng)
+        self._out[number] = path
+        for node in path:
+            node.visits += 1
+        for _ in range(TRIES):
+            genome = self._nursery.fair(self._drawn(extents, rng), rng)
+            if self._nursery.new([genome])[0]:
+                return Proposal(number, self._nursery.registered(genome))
+        return Proposal(number, self._nursery.fresh(rng))
+
+    def _descend(self, rng: Rng) -> tuple[dict[str, int], list[Node]]:
+        """An extent for each operator, and the nodes on the way; at most one of them is new."""
+        node: Node | None = self._root
+        path, extents = [self._root], dict[str, int]()
+        for operator in self._operators:
+            if node is None:
+                extents[operator] = int(rng.integers(len(EXTENTS)))
+                continue
+            promises = [node.promise(extent) for extent in range(len(EXTENTS))]
+            best = [extent for extent, promise in enumerate(promises) if promise == max(promises)]
+            extents[operator] = best[rng.integers(len(best))]
+            node = self._entered(node, extents[operator], path)
+        return extents, path
+
+    def _entered(self, node: Node, extent: int, path: list[Node]) -> Node | None:
+        """The child to go on from; None below a new one, or where the tree may not grow."""
+        known = node.children.get(extent)
+        if known is None and self._nodes < MOST_NODES:
+            path.append(node.children.setdefault(extent, Node()))
+            self._nodes += 1
+        elif known is not None:
+            path.append(known)
+        return known
+
+    def _drawn(self, extents: dict[str, int], rng: Rng) -> Genome:
+        """A random scene of which every operator is as far from nominal as wanted."""
+        genome = self._space.encode(self._space.sample(rng))
+        pairs = zip(self._space.genes, genome, strict=True)
+        return np.array([_disturbed(gene, where, EXTENTS[extents[gene.operator]]) for gene, where in pairs])
+
+
+def _disturbed(gene: Gene, where: float, extent: str) -> float:
+    """A gene's coordinate, moved along its range; categories and neutral genes are nominal or as drawn."""
+    grid = gene.grid
+    level, nominal = min(int(where * grid.size), grid.size - 1), grid.nominal_level
+    if extent == "nominal" and not gene.neutral:
+        level = nominal
+    elif gene.kind != "category" and not gene.neutral and level != nominal:
+        farthest = grid.size - 1 - nominal if level > nominal else -nominal
+        share = (level - nominal) / farthest / 2 + (0.5 if extent == "far" else 0.0)
+        level = nominal + round(share * farthest)
+    return (level + 0.5) / grid.size

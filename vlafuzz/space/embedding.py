@@ -1,0 +1,54 @@
+"""Scenes as vectors in which distance means difference: for nearest neighbours and for learning."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.space.compose import camera
+from vlafuzz.space.operators import CameraPosition
+from vlafuzz.space.params import Gene
+
+Vector = NDArray[np.float64]
+
+
+class SceneEmbedding:
+    """Maps values to vectors of one length.
+
+    Two scenes that differ in one operator only are at most 1 apart, whichever operator it is. Numbers are
+    centred, so that zeros, which stand for what a scene does not have, are as far from one end as from the
+    other. Angles are points of a circle, categories one-hot, the camera's place is a point in space.
+    """
+
+    def __init__(self, genes: Sequence[Gene]) -> None:
+        self._genes = tuple(gene for gene in genes if gene.operator != CameraPosition.name)
+        moved = [gene for gene in genes if gene.path == "camera.distance"]
+        self._farthest = moved[0].grid.high if moved else 0.0
+        count = Counter(gene.operator for gene in self._genes)
+        self._weights = {name: 1 / math.sqrt(number) for name, number in count.items()}
+
+    def vector(self, values: Mapping[str, float]) -> Vector:
+        """``(length,)`` of the values of a scene; genes that have none there give zeros."""
+        numbers: list[float] = []
+        for gene in self._genes:
+            weight = self._weights[gene.operator]
+            numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
+        if self._farthest:
+            numbers += [number / (2 * self._farthest) for number in camera(values).offset]
+        return np.array(numbers)
+
+
+def _numbers(gene: Gene, value: float | None) -> Iterator[float]:
+    """A value as numbers that are at most 1 away from those of any other value; zeros for none."""
+    none = value is None or math.isnan(value)
+    if gene.kind == "category":
+        yield from (math.sqrt(0.5) * (index == value) for index in range(gene.grid.size))
+    elif gene.kind == "angle":
+        yield 0.0 if none else math.sin(math.radians(value or 0.0)) / 2
+        yield 0.0 if none else math.cos(math.radians(value or 0.0)) / 2
+    else:
+        yield 0.0 if none else gene.grid.share(value or 0.0) - 0.5

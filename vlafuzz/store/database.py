@@ -1,0 +1,200 @@
+"""How a store's file is opened: one writer, many readers, and one sentence for whatever is wrong with it."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from urllib.parse import quote
+
+from vlafuzz.errors import CorpusError
+from vlafuzz.store.migrations import MIGRATIONS, migrate
+
+APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show
+BUSY = 10.0  # seconds to wait for another process's transaction; ours take milliseconds
+
+_EXPLAINED = {
+    "SQLITE_NOTADB": ("is not a store of vlafuzz", "give a store that `vlafuzz run` wrote"),
+    "SQLITE_CORRUPT": ("is damaged", "`sqlite3 STORE .recover | sqlite3 NEW.db` saves what is readable"),
+    "SQLITE_EMPTY": ("is empty", "`vlafuzz run --store STORE` fills it"),
+    "SQLITE_FULL": ("the disk is full", "make room; all trials up to here are stored, --resume goes on"),
+    "SQLITE_READONLY": ("cannot be written", "give a store in a folder that you may write to"),
+    "SQLITE_CANTOPEN": ("cannot be opened", "check that you may read and write its folder"),
+    "SQLITE_BUSY": ("another process keeps it busy", "try again when that has ended"),
+    "SQLITE_IOERR": ("cannot be read or written", "check the disk; all trials up to here are stored"),
+}
+
+
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Turn what SQLite says of a file into a CorpusError; a mistake of ours stays what it is."""
+    try:
+        yield
+    except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
+        raise
+    except sqlite3.Error as error:
+        name = getattr(error, "sqlite_errorname", "")
+        for prefix in _EXPLAINED:
+            if name.startswith(prefix):
+                raise _problem(path, prefix) from error
+        raise
+
+
+def _problem(path: Path, name: str) -> CorpusError:
+    what, hint = _EXPLAINED[name]
+    return CorpusError(f"{path}: {what}", hint=hint.replace("STORE", str(path)))
+
+
+def connect_to_write(path: Path) -> sqlite3.Connection:
+    """Open a store, or make one. The caller holds the lock."""
+    if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it, and fail at the first write
+        raise _problem(path, "SQLITE_READONLY")
+    connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
+    try:
+        _check(path, connection, new_allowed=True)
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")  # what `add` acknowledged survives a power cut, too
+        connection.execute("PRAGMA foreign_keys = ON")
+        migrate(connection, APPLICATION_ID)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def check_is_file(path: Path) -> None:
+    """That it is no folder.
+
+    Raises:
+        CorpusError: it is.
+    """
+    if path.is_dir():
+        raise CorpusError(f"{path}: is a folder", hint="give the file of a store in it")
+
+
+def connect_to_read(path: Path) -> sqlite3.Connection:
+    """Open a store that is there."""
+    check_is_file(path)
+    if not path.is_file():
+        raise CorpusError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
+    connection = _reader(path)
+    try:
+        _check(path, connection, new_allowed=False)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def is_outdated(connection: sqlite3.Connection) -> bool:
+    """Whether an earlier vlafuzz wrote it."""
+    return _pragma(connection, "user_version") < len(MIGRATIONS)
+
+
+def _reader(path: Path) -> sqlite3.Connection:
+    uri = f"file:{quote(str(path.absolute()))}?mode="
+    # Not "ro", where that may be: who opens it so leaves SQLite's two files beside the store.
+    connection = sqlite3.connect(uri + "rw", uri=True, timeout=BUSY, isolation_level=None)
+    try:
+        connection.execute("PRAGMA query_only = ON")
+        _pragma(connection, "user_version")
+    except sqlite3.OperationalError:
+        # Even to read, WAL makes a file beside the store. In a read-only folder it cannot, but nobody writes.
+        connection.close()
+        if os.access(path.parent, os.W_OK) or path.with_name(path.name + "-wal").exists():
+            raise
+        return sqlite3.connect(uri + "ro&immutable=1", uri=True, isolation_level=None)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> None:
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    application = _pragma(connection, "application_id")
+    if tables == 0 and application == 0:
+        if not new_allowed:
+            raise _problem(path, "SQLITE_EMPTY")
+        return
+    if application != APPLICATION_ID:
+        raise _problem(path, "SQLITE_NOTADB")
+    version = _pragma(connection, "user_version")
+    if version > len(MIGRATIONS):
+        raise CorpusError(
+            f"{path}: its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here",
+            hint="upgrade vlafuzz",
+        )
+    if _lacks_part_of_a_page(path, connection) or (
+        connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok"
+    ):
+        raise _problem(path, "SQLITE_CORRUPT")
+
+
+def _lacks_part_of_a_page(path: Path, connection: sqlite3.Connection) -> bool:
+    """SQLite notices a missing page, but takes the missing part of one for zeros."""
+    with suppress(FileNotFoundError):
+        if path.with_name(path.name + "-wal").stat().st_size:
+            return False  # the page may well be in there
+    return path.stat().st_size % _pragma(connection, "page_size") != 0
+
+
+def _pragma(connection: sqlite3.Connection, name: str) -> int:
+    return int(connection.execute(f"PRAGMA {name}").fetchone()[0])
+
+
+class WriterLock:
+    """Held by the one process that writes to a store. The kernel drops it when the process ends, however."""
+
+    def __init__(self, path: Path) -> None:
+        check_is_file(path)
+        self._beside = path.with_name(path.name + ".lock")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._acquire(path)
+        except OSError as error:
+            if error.errno == errno.ENOSPC:
+                raise _problem(path, "SQLITE_FULL") from None
+            reason = (error.strerror or "unknown reason").lower()
+            raise CorpusError(
+                f"{path}: cannot be written: {reason}", hint=_EXPLAINED["SQLITE_READONLY"][1]
+            ) from None
+
+    def release(self) -> None:
+        """Somebody else may write now."""
+        # Removed before the lock goes: afterwards it may be somebody else's file.
+        self._beside.unlink(missing_ok=True)
+        os.close(self._file)
+
+    def _acquire(self, path: Path) -> int:
+        while True:
+            file = os.open(self._beside, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = os.read(file, 20).decode() or "another"
+                os.close(file)
+                raise CorpusError(
+                    f"{path}: process {holder} is writing to it",
+                    hint="wait until it ends, or give another store",
+                ) from None
+            if self._is_current(file):
+                try:
+                    os.ftruncate(file, 0)
+                    os.write(file, str(os.getpid()).encode())
+                except OSError:
+                    self._beside.unlink(missing_ok=True)
+                    os.close(file)
+                    raise
+                return file
+            os.close(file)  # its last holder removed it after we had opened it
+
+    def _is_current(self, file: int) -> bool:
+        try:
+            return os.path.samestat(os.fstat(file), os.stat(self._beside))
+        except FileNotFoundError:
+            return False

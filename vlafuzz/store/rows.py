@@ -1,0 +1,233 @@
+"""Values to rows and back. NaN never goes in: what is not a number is NULL."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+import zlib
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import CorpusError
+from vlafuzz.evidence import Causes, Threshold, Witness
+from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
+
+Row = dict[str, Any]
+_ACTION = 7  # numbers of an action
+_OF_RUN = (
+    "id",
+    "status",
+    "started",
+    "ended",
+    "seconds",
+    "search_seconds",
+    "store_seconds",
+)  # not its manifest's
+
+
+def number(value: float) -> float | None:
+    """The value, or None when it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def _seconds(rollout: Rollout) -> float:
+    return number(rollout.seconds) or 0.0
+
+
+def pack(array: NDArray[np.float32]) -> bytes:
+    """Float32, little-endian, compressed."""
+    return zlib.compress(np.ascontiguousarray(array, dtype="<f4").tobytes())
+
+
+def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
+    """The array of that shape; of no rows when there is no blob.
+
+    Raises:
+        CorpusError: it is damaged.
+    """
+    try:
+        data = zlib.decompress(blob) if blob is not None else b""
+        return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
+    except (zlib.error, ValueError) as error:
+        told = f"a trace or its actions in the store are damaged: {error}"
+        raise CorpusError(told, hint="take a copy of the store that is whole") from None
+
+
+def run_row(manifest: Manifest) -> Row:
+    """Columns of ``run``."""
+    row = asdict(manifest)
+    row["versions"] = json.dumps(row["versions"], sort_keys=True)
+    row["stop_early"] = int(manifest.stop_early)
+    return row | {"policy_key": manifest.policy_key}
+
+
+def to_run(row: sqlite3.Row) -> Run:
+    """A row of ``run``."""
+    values = dict(row)
+    values.pop("policy_key")
+    about = {name: values.pop(name) for name in _OF_RUN}
+    values["versions"] = json.loads(values["versions"])
+    values["stop_early"] = bool(values["stop_early"])
+    return Run(manifest=Manifest(**values), **about)
+
+
+def trial_row(run: int, trial: Trial) -> Row:
+    """Columns of ``trial``."""
+    outcome = trial.outcome
+    known = outcome.verdict >= Verdict.PASSED
+    return {
+        "run": run,
+        "proposal": trial.proposal,
+        "scene": trial.scene.digest,
+        "genome": None if trial.genome is None else np.asarray(trial.genome, dtype="<f8").tobytes(),
+        "verdict": outcome.verdict.name.lower(),
+        "progress": number(outcome.progress) if known else None,
+        "severity": number(trial.severity),
+        "lost_stage": outcome.lost_stage,
+        "cell": trial.cell,
+        "detail": outcome.detail,
+        "check_name": outcome.check,
+        "duplicate": int(trial.duplicate),
+        "seconds": 0.0 if trial.duplicate else sum(_seconds(rollout) for rollout in outcome.rollouts),
+    }
+
+
+def to_trial(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Trial:
+    """A row of ``trial`` with its scene's JSON."""
+    genome = None if row["genome"] is None else np.frombuffer(row["genome"], dtype="<f8").astype(np.float64)
+    return Trial(
+        proposal=row["proposal"],
+        scene=Scene.from_json(row["json"]),
+        outcome=to_outcome(row, rollouts),
+        severity=row["severity"] or 0.0,
+        genome=genome,
+        cell=row["cell"],
+        duplicate=bool(row["duplicate"]),
+    )
+
+
+def to_outcome(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Outcome:
+    """The outcome in a row of ``trial``."""
+    return Outcome(
+        Verdict[row["verdict"].upper()],
+        rollouts,
+        row["progress"] or 0.0,
+        row["lost_stage"],
+        row["detail"],
+        row["check_name"],
+    )
+
+
+def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
+    """Columns of ``rollout``. Actions are kept where they lead to a failure."""
+    return {
+        "trial": trial,
+        "number": number_,
+        "success_once": int(rollout.success_once),
+        "success_at_end": int(rollout.success_at_end),
+        "published_success": int(rollout.published_success),
+        "reached": json.dumps(rollout.reached),
+        "progress": number(rollout.progress),
+        "steps": rollout.steps,
+        "trace": pack(rollout.trace),
+        "actions": None if rollout.success_once else pack(rollout.actions),
+        "states_hash": rollout.states_hash,
+        "seconds": _seconds(rollout),
+    }
+
+
+def to_rollout(row: sqlite3.Row) -> Rollout:
+    """A row of ``rollout``."""
+    return Rollout(
+        success_once=bool(row["success_once"]),
+        success_at_end=bool(row["success_at_end"]),
+        published_success=bool(row["published_success"]),
+        reached=tuple(json.loads(row["reached"])),
+        progress=row["progress"] or 0.0,
+        trace=unpack(row["trace"], -1),
+        actions=unpack(row["actions"], -1, _ACTION),
+        states_hash=row["states_hash"],
+        seconds=row["seconds"],
+    )
+
+
+def to_finding(row: sqlite3.Row) -> Finding:
+    """A row of ``finding`` with its scene's JSON and its proposal."""
+    return Finding(
+        Scene.from_json(row["json"]),
+        row["policy_key"],
+        row["run"],
+        row["proposal"],
+        row["evidence"],
+        row["cell"],
+    )
+
+
+def triage_row(kept: Triaged) -> Row:
+    """Columns of ``triage``; of scenes the digests."""
+    causes, witness = kept.causes, kept.witness
+    without = {name: scene.digest for name, scene in kept.counterparts.items()}
+    return {
+        "scene": kept.scene.digest,
+        "policy_key": kept.policy_key,
+        "bucket": kept.bucket,
+        "detail": kept.detail,
+        "repeats": kept.repeats,
+        "failures": kept.failures,
+        "deviating": json.dumps(kept.deviating),
+        "shrunk": kept.shrunk.digest if kept.shrunk else None,
+        "lost_stage": kept.lost_stage,
+        "operators": json.dumps(kept.operators),
+        "necessary": json.dumps(causes.necessary),
+        "sufficient": json.dumps(causes.sufficient),
+        "thresholds": json.dumps([asdict(threshold) for threshold in causes.thresholds]),
+        "counterparts": json.dumps(without),
+        "unresolved": json.dumps(kept.unresolved),
+        "signature": kept.signature,
+        "witness_actions": pack(witness.actions) if witness else None,
+        "witness_hash": witness.states_hash if witness else None,
+        "witness_grasp": witness.attempt if witness else None,
+        "complete": int(kept.complete),
+        "shrink_rollouts": kept.shrink_rollouts,
+        "policy_rollouts": kept.policy_rollouts,
+        "expert_rollouts": kept.expert_rollouts,
+        "seconds": number(kept.seconds) or 0.0,
+    }
+
+
+def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
+    """A row of ``triage``; ``scene`` gives the scene of a digest."""
+    causes = Causes(
+        tuple(json.loads(row["necessary"])),
+        tuple(json.loads(row["sufficient"])),
+        tuple(map(_to_threshold, json.loads(row["thresholds"]))),
+    )
+    witness = None
+    if row["witness_hash"] is not None:
+        actions = unpack(row["witness_actions"], -1, _ACTION)
+        witness = Witness(actions, row["witness_hash"], row["witness_grasp"])
+    same = ("policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds")
+    costs = ("shrink_rollouts", "policy_rollouts", "expert_rollouts")
+    plain: Row = {name: row[name] for name in (*same, *costs)}
+    plain |= {name: tuple(json.loads(row[name])) for name in ("deviating", "operators", "unresolved")}
+    return Triaged(
+        scene=scene(row["scene"]),
+        **plain,
+        shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
+        causes=causes,
+        counterparts={name: scene(each) for name, each in json.loads(row["counterparts"]).items()},
+        witness=witness,
+        complete=bool(row["complete"]),
+    )
+
+
+def _to_threshold(stored: Row) -> Threshold:
+    at = tuple((path, value) for path, value in stored["at"])
+    return Threshold(stored["operator"], at, stored["share"])

@@ -1,0 +1,283 @@
+"""Corpus: runs, trials and findings in one SQLite file, with one writer."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, Self
+
+from vlafuzz.errors import CorpusError
+from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.store import rows
+from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
+from vlafuzz.store.records import UNFINISHED, Finding, Manifest, Run, Spent, Status, Triaged, Trial
+
+_SHOWN = 5  # digests, when a prefix fits several
+
+
+class Store:
+    """A store, open. What ``add`` has returned from is on the disk."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None) -> None:
+        self.path, self._connection, self._lock = path, connection, lock
+        connection.row_factory = sqlite3.Row
+
+    @classmethod
+    def open(cls, path: Path, mode: Literal["read", "write"] = "read") -> Self:
+        """Open a store; to write, also make it.
+
+        Raises:
+            CorpusError: it is not there, not a store, damaged, newer than this vlafuzz, or being written.
+        """
+        path = Path(path)
+        if mode == "write":
+            return cls._open_to_write(path)
+        with explained(path):
+            connection = connect_to_read(path)
+            if is_outdated(connection):
+                connection.close()
+                cls._open_to_write(path).close()
+                connection = connect_to_read(path)
+            return cls(path, connection, None)
+
+    @classmethod
+    def _open_to_write(cls, path: Path) -> Self:
+        lock = WriterLock(path)
+        try:
+            with explained(path):
+                return cls(path, connect_to_write(path), lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    def close(self) -> None:
+        """Nothing is lost without it, but others can write only afterwards."""
+        self._connection.close()
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # writing
+
+    def begin(self, manifest: Manifest) -> int:
+        """A new run; its id."""
+        with self._transaction():
+            return self._insert("run", rows.run_row(manifest) | {"started": _now()})
+
+    def reopen(self, run: int) -> Spent:
+        """Go on with a run that ended early; what it is known to have taken.
+
+        Raises:
+            CorpusError: it did not end early.
+        """
+        rolling = "max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
+        query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
+        with self._transaction():
+            reopened = self._connection.execute(
+                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}",
+                (run,),
+            )
+            if not reopened.rowcount:
+                raise CorpusError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
+            return Spent(*self._connection.execute(query, (run,)).fetchone())
+
+    def add(self, run: int, trial: Trial) -> None:
+        """Keep a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
+        with self._transaction():
+            self._insert_scene(trial.scene)
+            number = self._insert("trial", rows.trial_row(run, trial))
+            for index, rollout in enumerate(() if trial.duplicate else trial.outcome.rollouts):
+                self._insert("rollout", rows.rollout_row(number, index, rollout))
+            if trial.outcome.verdict is Verdict.FAILED:
+                self._insert("finding", self._finding_row(run, number, trial), "OR IGNORE")
+
+    def settle(self, triaged: Triaged) -> None:
+        """Keep what triage made of a finding, with all its scenes, and how far its evidence now goes."""
+        with self._transaction():
+            for scene in (triaged.shrunk, *triaged.counterparts.values()):
+                if scene is not None:
+                    self._insert_scene(scene)
+            self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
+            self._connection.execute(
+                "UPDATE finding SET evidence = ? WHERE scene = ? AND policy_key = ?",
+                (triaged.evidence, triaged.scene.digest, triaged.policy_key),
+            )
+
+    def finish(
+        self,
+        run: int,
+        status: Status,
+        seconds: float,
+        search_seconds: float | None = None,
+        store_seconds: float | None = None,
+    ) -> None:
+        """The run is over, after so many seconds; see ``Spent``."""
+        query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
+        with self._transaction():
+            self._connection.execute(
+                f"{query} WHERE id = ?", (status, _now(), seconds, search_seconds, store_seconds, run)
+            )
+
+    # reading
+
+    def runs(self) -> list[Run]:
+        """All of them, the oldest first."""
+        return [rows.to_run(row) for row in self._select("SELECT * FROM run ORDER BY id")]
+
+    def trials(self, run: int) -> Iterator[Trial]:
+        """Those of a run, in the order of its proposals."""
+        self._require(run)
+        query = "SELECT trial.*, json FROM trial JOIN scene ON digest = scene WHERE run = ? ORDER BY proposal"
+        for row in self._select(query, run):
+            yield rows.to_trial(row, self._rollouts(row["id"]))
+
+    def count(self, run: int) -> int:
+        """Number of trials of a run."""
+        (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)
+        return int(row["trials"])
+
+    def judged(self, runs: Sequence[int]) -> tuple[int, int]:
+        """Of the scenes of some runs, how many failed, and how many did or passed; by the last verdict."""
+        query = (
+            "SELECT total(verdict = 'failed') AS failed, count(*) AS judged FROM"
+            " (SELECT verdict, max(id) FROM trial WHERE verdict IN ('passed', 'failed')"
+            " AND run IN (SELECT value FROM json_each(?)) GROUP BY scene)"
+        )
+        (row,) = self._select(query, json.dumps(list(runs)))
+        return int(row["failed"]), int(row["judged"])
+
+    def stored(self, run: int, first: int, size: int) -> list[Trial]:
+        """Those of ``size`` proposals that a run has, in the order in which they were added.
+
+        Outcomes are those that the strategy was told: a duplicate has the rollouts that it was answered with.
+        """
+        source = (
+            "SELECT max(source.id) FROM trial AS source JOIN run ON run.id = source.run"
+            " WHERE source.scene = trial.scene AND NOT source.duplicate AND source.id <= trial.id"
+        )
+        own = f"{source} AND source.run = trial.run"
+        other = f"{source} AND policy_key = (SELECT policy_key FROM run WHERE id = trial.run)"
+        query = (
+            f"SELECT trial.*, json, iif(duplicate, coalesce(({own}), ({other})), id) AS origin FROM trial"
+            " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
+        )
+        found = self._select(query, run, first, first + size)
+        return [rows.to_trial(row, self._rollouts(row["origin"])) for row in found]
+
+    def findings(self, run: int | None = None) -> list[Finding]:
+        """Those of the store, or those that failed in one run, whichever saw them first; the oldest first."""
+        query = (
+            "SELECT finding.*, json, proposal FROM finding"
+            " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
+        )
+        if run is None:
+            found = self._select(f"{query} ORDER BY finding.id")
+        else:
+            self._require(run)
+            seen = (
+                "EXISTS (SELECT 1 FROM trial AS seen JOIN run ON run.id = seen.run WHERE run.id = ?"
+                " AND seen.verdict = 'failed' AND seen.scene = finding.scene"
+                " AND run.policy_key = finding.policy_key)"
+            )
+            found = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
+        return [rows.to_finding(row) for row in found]
+
+    def triaged(self) -> list[Triaged]:
+        """What triage made of findings, in the order in which it did."""
+        found = self._select("SELECT * FROM triage ORDER BY rowid")
+        return [rows.to_triaged(row, self._scene) for row in found]
+
+    def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
+        """The outcome of that scene under that key; None when it is to be (re)tried.
+
+        An ERROR says nothing of the scene and is not known. Actions come back for failing rollouts only.
+
+        Args:
+            run: only what this run rolled out itself; by default from any run.
+        """
+        own = () if run is None else (run,)
+        query = (
+            "SELECT trial.* FROM trial JOIN run ON run.id = run WHERE scene = ? AND policy_key = ?"
+            f"{' AND run.id = ?' * len(own)}"
+            " AND NOT duplicate AND verdict != 'error' ORDER BY trial.id DESC LIMIT 1"
+        )
+        for row in self._select(query, scene.digest, policy_key, *own):
+            return rows.to_outcome(row, self._rollouts(row["id"]))
+        return None
+
+    def scene(self, prefix: str) -> Scene:
+        """The scene whose digest begins so.
+
+        Raises:
+            CorpusError: none does, or several do.
+        """
+        prefix = prefix.lower()
+        query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
+        found = self._select(query, prefix, _SHOWN)
+        if not found:
+            raise CorpusError(
+                f"{self.path}: no scene {prefix!r}", hint="`vlafuzz export` writes a store's scenes to a file"
+            )
+        if len(found) > 1:
+            raise CorpusError(
+                f"{self.path}: {prefix!r} fits several scenes",
+                hint="give more digits: " + ", ".join(row["digest"] for row in found),
+            )
+        return Scene.from_json(found[0]["json"])
+
+    # SQL
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        assert self._lock is not None, "open the store to write"
+        with explained(self.path):
+            self._connection.execute("BEGIN IMMEDIATE")
+            with self._connection:
+                yield
+
+    def _insert_scene(self, scene: Scene) -> None:
+        self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
+
+    def _insert(self, table: str, row: rows.Row, conflict: str = "") -> int:
+        names = ", ".join(f'"{name}"' for name in row)
+        marks = ", ".join(f":{name}" for name in row)
+        done = self._connection.execute(f"INSERT {conflict} INTO {table} ({names}) VALUES ({marks})", row)
+        return int(done.lastrowid or 0)
+
+    def _finding_row(self, run: int, trial: int, kept: Trial) -> rows.Row:
+        (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()
+        scene = kept.scene.digest
+        return {"scene": scene, "policy_key": key, "run": run, "trial": trial, "cell": kept.cell or ""}
+
+    def _select(self, query: str, *values: str | int) -> list[sqlite3.Row]:
+        with explained(self.path):
+            return self._connection.execute(query, values).fetchall()
+
+    def _scene(self, digest: str) -> Scene:
+        (row,) = self._select("SELECT json FROM scene WHERE digest = ?", digest)
+        return Scene.from_json(row["json"])
+
+    def _rollouts(self, trial: int) -> tuple[Rollout, ...]:
+        found = self._select("SELECT * FROM rollout WHERE trial = ? ORDER BY number", trial)
+        return tuple(rows.to_rollout(row) for row in found)
+
+    def _require(self, run: int) -> None:
+        known = [row["id"] for row in self._select("SELECT id FROM run ORDER BY id")]
+        if run not in known:
+            shown = ", ".join(map(str, known)) or "none yet"
+            raise CorpusError(f"{self.path}: no run {run}", hint=f"its runs: {shown}")
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

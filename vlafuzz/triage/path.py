@@ -1,0 +1,101 @@
+"""The way to nominal: operators as triage counts them, and a scene's values step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.operators import (
+    CameraOrientation,
+    CameraPosition,
+    ConfounderCount,
+    ConfounderOrientation,
+    ConfounderPosition,
+    ConfounderType,
+    Light,
+    TargetOrientation,
+    TargetPosition,
+    Wording,
+)
+from vlafuzz.space.params import Gene
+
+CONFOUNDERS = "confounders"
+# Whatever can be reset as a whole, in the order in which it is tried. Operators 4 to 7 say one thing
+# together; the targets' types are what a finding is about.
+GROUPS: dict[str, tuple[str, ...]] = {
+    CONFOUNDERS: (
+        ConfounderType.name,
+        ConfounderPosition.name,
+        ConfounderOrientation.name,
+        ConfounderCount.name,
+    ),
+    **{
+        kind.name: (kind.name,)
+        for kind in (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
+    },
+}
+
+
+def deviating(space: SearchSpace, scene: Scene) -> list[str]:
+    """The groups that are not nominal in a scene.
+
+    Raises:
+        SceneError: the scene has something that is not a value of any operator.
+    """
+    return [name for name, operators in GROUPS.items() if space.reset(scene, operators) != scene]
+
+
+def nominal(space: SearchSpace, scene: Scene) -> Scene:
+    """The scene with nothing but its targets' types left."""
+    return space.reset(scene, [operator for group in GROUPS.values() for operator in group])
+
+
+def free_genes(space: SearchSpace, scene: Scene, operators: Sequence[str]) -> list[Gene]:
+    """The genes of some operators that are not nominal in a scene, without those that make none severer."""
+    values = space.values(scene)
+    genes = [gene for gene in space.by_path.values() if gene.operator in operators and not gene.neutral]
+    return [gene for gene in genes if gene.distance(values[gene.path]) > 0 and _in_use(gene, scene)]
+
+
+def _in_use(gene: Gene, scene: Scene) -> bool:
+    part, _, slot = gene.slot.partition(".")
+    return part != "confounders" or int(slot) < len(scene.confounders)
+
+
+class PathToNominal:
+    """From nominal to a scene along some of its genes, all at once; categories stay as they are.
+
+    Attributes:
+        length: steps: of the grid where one gene moves, else of the one that has farthest to go.
+    """
+
+    def __init__(self, space: SearchSpace, scene: Scene, genes: Sequence[Gene]) -> None:
+        self._space, self._scene, self._values = space, scene, space.values(scene)
+        numbers = [gene for gene in genes if gene.kind != "category"]
+        self._away = {gene: _steps(gene, self._values[gene.path]) for gene in numbers}
+        self.length = max(map(abs, self._away.values()), default=0)
+
+    def at(self, step: int) -> Scene:
+        """The scene that many steps from nominal."""
+        if step == self.length:
+            return self._scene  # off the grid or not
+        values = dict(self._values)
+        for gene, away in self._away.items():
+            values[gene.path] = value_at(gene, round(away * step / self.length))
+        return self._space.composer.compose(values)
+
+
+def value_at(gene: Gene, away: int) -> float:
+    """The value that many levels from nominal."""
+    grid = gene.grid
+    return grid.value((grid.nominal_level + away) % grid.size)
+
+
+def _steps(gene: Gene, value: float) -> int:
+    """Levels from nominal to a value; of a whole turn the shorter way round."""
+    grid = gene.grid
+    away = grid.snap(value) - grid.nominal_level
+    if grid.wraps:
+        away = (away + grid.size // 2) % grid.size - grid.size // 2
+    return away

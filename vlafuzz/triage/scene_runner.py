@@ -1,0 +1,155 @@
+"""SimulatorDesk: what scenes of a run are worked on with afterwards: policy, expert and simulator."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vlafuzz.conditions import provenance
+from vlafuzz.conditions.operators import stored_operators
+from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.errors import PrerequisiteError
+from vlafuzz.evidence import Actions
+from vlafuzz.execute.local import evaluate_safely
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.registry import make_policy
+from vlafuzz.renderer import probe
+from vlafuzz.rigs.robots import rig
+from vlafuzz.scene import Scene
+from vlafuzz.sim.base import FILM_SPEED, Film
+from vlafuzz.space import SearchSpace
+from vlafuzz.store.records import Manifest
+from vlafuzz.triage.witness import Player
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.film import Reel
+    from vlafuzz.sim.maniskill.stills import Stills
+    from vlafuzz.sim.maniskill.video import Recording
+
+
+class SimulatorSceneRunner:
+    """See ``findings.Desk``. From here on, seconds go by.
+
+    Args:
+        source: store or corpus that the manifest is from, for messages.
+        policy: another one than the run's.
+        later: seeds to leave out beside the run's own, of a stochastic policy.
+
+    Attributes:
+        changed: what decides over outcomes and is not as it was in the run, by its name in the manifest.
+    """
+
+    def __init__(
+        self, source: Path, manifest: Manifest, policy: str | None = None, *, later: int = 0
+    ) -> None:
+        catalogue = stored_catalogue(manifest)
+        self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task, manifest.robot)
+        self.stages = self.space.task.stage_names
+        self._manifest, self._policy = manifest, make_policy(policy or manifest.policy)
+        self._expert = Expert()
+        self._player = Player(self._expert.spec)
+        spec = self._policy.spec
+        self.deterministic = spec.deterministic and manifest.repeats == 1
+        # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
+        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
+        self.renderer = probe().name if spec.cameras else None
+        here = {
+            "spec": json.dumps(asdict(spec), sort_keys=True),
+            "catalogue_digest": catalogue.digest,
+            "simulator": provenance.simulator(provenance.versions()),
+            "commit": provenance.commit(),
+        }
+        self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
+        self._stills: Stills | None = None
+        self._filmed: dict[bool, tuple[ManiSkillEvaluator, Reel]] = {}  # by whether given actions are played
+        self._policies, self._experts = self._evaluator(self._policy), self._evaluator(self._expert)
+        self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
+
+    def _evaluator(
+        self, of: Policy, *, checked: bool = True, recording: Recording | None = None
+    ) -> ManiSkillEvaluator:
+        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+        manifest = self._manifest
+        return ManiSkillEvaluator(
+            manifest.task,
+            of,
+            self.space.catalogue,
+            min_distance=manifest.min_distance,
+            seed=manifest.seed,
+            criteria=manifest.criteria,
+            placement=manifest.placement,
+            stop_early=manifest.stop_early,
+            checked=checked,
+            recording=recording,
+        )
+
+    def renew(self) -> None:
+        """See ``findings.Desk``."""
+        self._policies.renew()
+
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        """See ``findings.Desk``."""
+        self._policies.seed = self._seed + number
+        return evaluate_safely(self._policies, scenes)
+
+    def solve(self, scene: Scene, attempt: int) -> Outcome:
+        """See ``findings.Desk``."""
+        self._expert.attempt = attempt
+        return evaluate_safely(self._experts, [scene])[0]
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """See ``findings.Desk``."""
+        self._player.actions = actions
+        return evaluate_safely(self._players, [scene])[0]
+
+    def picture(self, scene: Scene) -> bytes | None:
+        """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
+        if self._stills is None:
+            from vlafuzz.sim.maniskill.stills import Stills
+
+            manifest = self._manifest
+            self._stills = Stills(manifest.task, self.space.catalogue, placement=manifest.placement)
+        try:
+            return self._stills.png(scene)
+        except PrerequisiteError:
+            return None
+
+    def film(self, scene: Scene, actions: Actions | None = None) -> Film | None:
+        """What the policy does in a fair scene, or the robot that executes actions; None if that broke.
+
+        Raises:
+            PrerequisiteError: nothing here can render.
+        """
+        from vlafuzz.sim.maniskill.film import Reel, to_jpeg, to_mp4
+
+        played = actions is not None
+        of: Policy = self._player if played else self._policy
+        if played not in self._filmed:
+            reel = Reel()
+            self._filmed[played] = self._evaluator(of, checked=False, recording=reel), reel
+        evaluator, reel = self._filmed[played]
+        if actions is not None:
+            self._player.actions = actions
+        outcome = evaluate_safely(evaluator, [scene])[0]
+        frames = reel.cut()
+        if not outcome.rollouts:
+            return None
+        hz = rig(scene.robot).control_hz or of.spec.action.hz
+        video = to_mp4(frames, hz * FILM_SPEED)
+        return Film(video, to_jpeg(frames[0]), outcome.verdict is Verdict.FAILED)
+
+    def close(self) -> None:
+        """Let go of simulator and policy."""
+        if self._stills is not None:
+            self._stills.close()
+        for evaluator, _ in self._filmed.values():
+            evaluator.renew()  # policy and player are closed below
+        for each in (self._policies, self._experts, self._players):
+            each.close()
