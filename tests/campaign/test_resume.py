@@ -74,7 +74,7 @@ def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summ
     defaults = {
         "strategy": Climber(),
         "executor": LocalExecutor(Moody()),
-        "meaningful": SPACE.encode,
+        "embed": SPACE.encode,
         "patience": None,
     }
     with Store.open(path, "write") as store:

@@ -14,7 +14,7 @@ import vla_eval
 
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.integrations.vla_eval import Store
+from vlafuzz.integrations.vla_eval import Corpus
 from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.registry import make_policy
@@ -120,11 +120,11 @@ def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follo
 )
 def test_options_that_there_are_not(corpus: Path, params: dict[str, object], says: str):
     with pytest.raises(UsageError, match=says):
-        Store(str(corpus), **params)
+        Corpus(str(corpus), **params)
 
 
 def test_what_is_no_action_is_an_error_and_the_next_episode_is_fine(corpus: Path):
-    benchmark = Store(str(corpus), camera=0)
+    benchmark = Corpus(str(corpus), camera=0)
     task = benchmark.get_tasks()[0]
     assert (task["suite"], task["instruction"]) == ("failing", "pick up pepsi can")
     for action in ({}, {"actions": ["a"]}, {"actions": [[0.0] * 6]}, {"actions": [float("nan")] * 7}):

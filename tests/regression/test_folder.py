@@ -77,8 +77,8 @@ def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
 
 
 def test_a_newer_schema_is_told(folder: Path) -> None:
-    change(folder, schema=2, something_new=True)
-    assert complaint(folder) == f"{folder / 'manifest.json'}: schema 2 is newer than 1"
+    change(folder, schema=3, something_new=True)
+    assert complaint(folder) == f"{folder / 'manifest.json'}: schema 3 is newer than 2"
 
 
 def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
@@ -95,7 +95,7 @@ def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
         ("{", "not the manifest of a corpus"),
         ("[]", "input should be"),
         ("{}", "not the manifest of a corpus: 'schema'"),
-        ('{"schema": 1}', "name: field required"),
+        ('{"schema": 2}', "name: field required"),
     ],
 )
 def test_a_broken_manifest_is_told(folder: Path, text: str, says: str) -> None:

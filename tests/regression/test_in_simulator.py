@@ -24,7 +24,7 @@ def corpus(folder: Path) -> None:
 
 
 def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Path, capsys):
-    make_corpus(tmp_path / "a")
+    corpus(tmp_path / "a")
     arguments = ["regress", str(tmp_path / "a"), "--policy"]
     assert main([*arguments, "frozen", "--baseline", "expert"]) == 1
     assert main([*arguments, "frozen"]) == 0

@@ -72,11 +72,11 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 from tests.doubles import failed, manifest, trial
-from vlafuzz.store.store import Corpus
-with Corpus.open(Path(sys.argv[1]), "write") as corpus:
-    run = corpus.begin(manifest())
+from vlafuzz.store.store import Store
+with Store.open(Path(sys.argv[1]), "write") as store:
+    run = store.begin(manifest())
     for number in range(100_000):
-        corpus.add(run, trial(number, failed()))
+        store.add(run, trial(number, failed()))
         print(number, flush=True)
 """
 
@@ -290,7 +290,8 @@ def set_back(path: Path, version: int, *statements: str) -> None:
     """Make a store what an earlier version would have written."""
     raw = sqlite3.connect(path)
     later = (f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER)
-    for statement in (*statements, *later, f"PRAGMA user_version = {version}"):
+    former = (f"ALTER TABLE {table} RENAME COLUMN {new} TO {old}" for table, old, new in migrations.RENAMED)
+    for statement in (*former, *statements, *later, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()
     raw.close()

@@ -58,7 +58,7 @@ IDLE = {"batch", "deterministic", "timeout"}  # options that are vla-eval's busi
 LAVAPIPE = "VLAFUZZ_LAVAPIPE_ICD"  # names the driver for ``render: cpu`` where vla-eval does not find it
 
 
-class Store(StepBenchmark):
+class Corpus(StepBenchmark):
     """The scenes of a corpus.
 
     Args:

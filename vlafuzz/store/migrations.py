@@ -167,16 +167,18 @@ def _given(connection: sqlite3.Connection) -> None:
         connection.execute(f"ALTER TABLE run ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
 
 
+RENAMED = (
+    ("run", "subject", "policy"),
+    ("run", "subject_key", "policy_key"),
+    ("finding", "subject_key", "policy_key"),
+    ("triage", "subject_key", "policy_key"),
+    ("triage", "subject_rollouts", "policy_rollouts"),
+)
+
+
 def _policy(connection: sqlite3.Connection) -> None:
     """What is tested was called the subject."""
-    renamed = (
-        ("run", "subject", "policy"),
-        ("run", "subject_key", "policy_key"),
-        ("finding", "subject_key", "policy_key"),
-        ("triage", "subject_key", "policy_key"),
-        ("triage", "subject_rollouts", "policy_rollouts"),
-    )
-    for table, old, new in renamed:
+    for table, old, new in RENAMED:
         connection.execute(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}")
 
 
