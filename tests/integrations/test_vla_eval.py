@@ -72,11 +72,11 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
 
 
 def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, said):
-    corpus = read_corpus(corpus)
-    (run,) = corpus.runs
+    read = read_corpus(corpus)
+    (run,) = read.runs
     with serving(follower, "vla-eval") as name:
         found = evaluated(url(name), corpus, episodes_per_task=2)
-    asked = {probe.scene.digest: probe.scene for probe in probes(corpus)}
+    asked = {probe.scene.digest: probe.scene for probe in probes(read)}
     apart, fresh = run.min_distance, Follower(follower.course)
     with closing(
         ManiSkillEvaluator(run.task, fresh, load_catalogue(), min_distance=apart, seed=run.seed, repeats=2)

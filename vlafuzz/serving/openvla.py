@@ -21,7 +21,6 @@ SILENCE = 600.0  # seconds after which a client that says nothing is let go of
 @contextmanager
 def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
     """The port on which requests are answered, a thread for every connection."""
-
     handler = type("Handler", (_Handler,), {"served": served})
     server = _Server((address, port), handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
