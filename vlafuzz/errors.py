@@ -4,9 +4,10 @@ VlafuzzError
 ├── UsageError           a flag, name or file that the user gave is wrong        (exit code 2)
 │   ├── CatalogueError   a YAML catalogue of operators or objects
 │   ├── SceneError       a scene or a file of scenes
-│   └── CorpusError      a store
+│   ├── StoreError       a store: the file with runs, trials and findings
+│   └── CorpusError      an exported corpus: the folder of minimal failing scenes
 ├── PrerequisiteError    something must be installed or started first            (exit code 3)
-├── PolicyError         the policy under test broke: an ERROR outcome, never a failed scene
+├── PolicyError          the policy under test broke: an ERROR outcome, never a failed scene
 └── SimulatorError       the simulator broke: an ERROR outcome, never a failed scene
 
 What a scene does is never an exception: it is an outcome.
@@ -50,8 +51,12 @@ class SceneError(UsageError):
     """A scene, or a file of scenes, cannot be read or built."""
 
 
+class StoreError(UsageError):
+    """A store cannot be opened, read or written, or lacks what is asked of it."""
+
+
 class CorpusError(UsageError):
-    """A store cannot be opened, read or written."""
+    """An exported corpus cannot be read or written, or has nothing to replay."""
 
 
 class PrerequisiteError(VlafuzzError):

@@ -24,7 +24,7 @@ from tests.doubles import (
 )  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
@@ -239,7 +239,7 @@ def test_another_strategy_than_then_is_refused_and_changes_nothing(tmp_path: Pat
     path = tmp_path / "a.db"
     cut(path, 12)
     before = contents(path)[:2]
-    with pytest.raises(CorpusError, match="run 1 was made by another version") as caught:
+    with pytest.raises(StoreError, match="run 1 was made by another version") as caught:
         play(path, resume=1, strategy=strategy)
     assert "leave out --resume" in str(caught.value.hint)
     assert contents(path)[:2] == before
@@ -247,7 +247,7 @@ def test_another_strategy_than_then_is_refused_and_changes_nothing(tmp_path: Pat
 
 def test_a_run_that_is_over_is_not_gone_on_with(tmp_path: Path):
     play(tmp_path / "a.db")
-    with pytest.raises(CorpusError, match="run 1 is over"):
+    with pytest.raises(StoreError, match="run 1 is over"):
         play(tmp_path / "a.db", resume=1)
 
 
@@ -324,7 +324,7 @@ def test_a_full_disk_ends_it_in_a_sentence_and_with_more_room_it_goes_on(tmp_pat
     stored: list[int] = []
     about = manifest(budget=120, batch=7)
     play(whole, about=about)
-    with pytest.raises(CorpusError, match=r"disk is full|cannot be read or written") as caught:
+    with pytest.raises(StoreError, match=r"disk is full|cannot be read or written") as caught:
         play(disk / "a.db", about=about, watch=lambda tally: stored.append(tally.proposals))
     assert "all trials up to here are stored" in str(caught.value.hint)
     enlarge()

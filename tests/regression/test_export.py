@@ -10,7 +10,7 @@ from tests.doubles import failed, manifest, passed
 from tests.triage.planted import SPACE
 from tests.triage.runners import PlantedRunner
 from tests.triage.test_pipeline import DARK, TILTED, scenes
-from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression.export import FLAKY, UNSOLVED, export
 from vlafuzz.scene import Scene
@@ -71,17 +71,17 @@ def test_what_no_longer_fails_is_left_out_and_said(store: Store):
     made = export(store, lambda run: CheckingDesk([DARK]), name="a")
     assert {case.operators for case in made.cases} == {("light",)}
     assert set(made.evidence.left_out) == {FLAKY}
-    with pytest.raises(CorpusError, match=r"no minimal finding holds: it no longer fails \(\d\)"):
+    with pytest.raises(StoreError, match=r"no minimal finding holds: it no longer fails \(\d\)"):
         export(store, lambda run: CheckingDesk([lambda scene: False]), name="a")
 
 
 def test_what_fails_without_its_operators_too_is_left_out(store: Store):
-    with pytest.raises(CorpusError, match="without light it no longer passes"):
+    with pytest.raises(StoreError, match="without light it no longer passes"):
         export(store, lambda run: CheckingDesk([lambda scene: True]), name="a", run=1)
 
 
 def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
-    with pytest.raises(CorpusError, match=UNSOLVED):
+    with pytest.raises(StoreError, match=UNSOLVED):
         export(store, lambda run: CheckingDesk([DARK], solvable=lambda scene: False), name="a", run=1)
 
 
@@ -92,14 +92,14 @@ def test_what_fails_at_a_later_stage_is_left_out(store: Store):
             late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
             return [late if each.lost_stage else passed() for each in outcomes]
 
-    with pytest.raises(CorpusError, match="later stage"):
+    with pytest.raises(StoreError, match="later stage"):
         export(store, lambda run: Later([DARK]), name="a", run=1)
 
 
 def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
     with Store.open(tmp_path / "b.db", "write") as store:
         store.begin(manifest())
-        with pytest.raises(CorpusError, match="has no minimal finding"):
+        with pytest.raises(StoreError, match="has no minimal finding"):
             export(store, runner, name="a")
 
 

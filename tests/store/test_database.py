@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed, trial
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.store import migrations
 from vlafuzz.store.store import Store
 
@@ -35,7 +35,7 @@ def store(path: Path):
 
 
 def test_a_second_writer_is_told_who_writes(store: Store, path: Path):
-    with pytest.raises(CorpusError, match=f"process {os.getpid()} is writing to it"):
+    with pytest.raises(StoreError, match=f"process {os.getpid()} is writing to it"):
         Store.open(path, "write")
 
 
@@ -106,7 +106,7 @@ def test_a_killed_writer_loses_nothing_that_was_acknowledged(path: Path):
 def test_a_full_disk_is_one_sentence_and_keeps_what_is_stored(path: Path):
     limited = start_writer(path, stderr=subprocess.PIPE, preexec_fn=no_room)
     told, complaint = limited.communicate(timeout=20)
-    assert "CorpusError" in complaint.splitlines()[-1]
+    assert "StoreError" in complaint.splitlines()[-1]
     assert "cannot be read or written" in complaint or "disk is full" in complaint
     with Store.open(path, "write") as store:
         assert len(list(store.trials(1))) == len(told.split())
@@ -176,7 +176,7 @@ def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: P
     path = tmp_path / "a.db"
     make(path)
     before = path.read_bytes()
-    with pytest.raises(CorpusError, match=says) as caught:
+    with pytest.raises(StoreError, match=says) as caught:
         Store.open(path, mode)
     assert caught.value.hint
     assert path.read_bytes() == before
@@ -193,7 +193,7 @@ def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: P
 )
 def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make, says: str):
     make(tmp_path / "a.db")
-    with pytest.raises(CorpusError, match=says) as caught:
+    with pytest.raises(StoreError, match=says) as caught:
         Store.open(tmp_path / "a.db")
     assert caught.value.hint
 
@@ -203,14 +203,14 @@ def test_a_disk_without_room_for_a_lock_is_full_and_nothing_is_left_there(path: 
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "write", full)
-    with pytest.raises(CorpusError, match="the disk is full"):
+    with pytest.raises(StoreError, match="the disk is full"):
         Store.open(path, "write")
     assert not list(path.parent.iterdir())
 
 
 def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path):
     (tmp_path / "runs").write_text("in the way")
-    with pytest.raises(CorpusError, match="cannot be written"):
+    with pytest.raises(StoreError, match="cannot be written"):
         Store.open(tmp_path / "runs" / "a.db", "write")
 
 
@@ -238,7 +238,7 @@ def test_a_read_only_store_can_be_read_but_not_written(folder: int, file: int):
     def act() -> None:
         with Store.open(path) as store:
             assert len(store.findings()) == 30
-        with pytest.raises(CorpusError, match=r"a\.db: cannot be written") as caught:
+        with pytest.raises(StoreError, match=r"a\.db: cannot be written") as caught:
             Store.open(path, "write")
         assert caught.value.hint == "give a store in a folder that you may write to"
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed, trial
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.outcome import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
 from vlafuzz.store.store import Store
@@ -94,7 +94,7 @@ def test_every_table_is_merged(tmp_path: Path):
 
 def test_an_existing_file_is_refused_and_left_alone(two: list[Path], tmp_path: Path):
     (tmp_path / "out.db").write_text("mine")
-    with pytest.raises(CorpusError, match=r"out\.db: is there already"):
+    with pytest.raises(StoreError, match=r"out\.db: is there already"):
         merge(two, tmp_path / "out.db")
     assert (tmp_path / "out.db").read_text() == "mine"
 
@@ -102,7 +102,7 @@ def test_an_existing_file_is_refused_and_left_alone(two: list[Path], tmp_path: P
 @pytest.mark.parametrize("spoil", [Path.unlink, lambda path: path.write_bytes(path.read_bytes()[:9000])])
 def test_a_store_that_cannot_be_read_leaves_nothing_behind(two: list[Path], tmp_path: Path, spoil):
     spoil(two[1])
-    with pytest.raises(CorpusError, match=r"other\.db: "):
+    with pytest.raises(StoreError, match=r"other\.db: "):
         merge(two, tmp_path / "out.db")
     assert {path.name for path in tmp_path.iterdir()} <= {"one.db", "other.db"}
 
@@ -123,6 +123,6 @@ def test_a_store_that_is_being_written_is_merged_as_it_is_at_that_moment(two: li
 def test_a_store_that_a_run_is_writing_is_no_place_for_it(two: list[Path], tmp_path: Path):
     with (
         Store.open(tmp_path / "out.db", "write"),
-        pytest.raises(CorpusError, match="is writing to it"),
+        pytest.raises(StoreError, match="is writing to it"),
     ):
         merge(two, tmp_path / "out.db")

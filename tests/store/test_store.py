@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene, trial
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.store.store import Store
 
@@ -121,7 +121,7 @@ def test_a_damaged_trace_is_a_sentence(store: Store, path: Path):
     raw = sqlite3.connect(path)
     raw.execute("UPDATE rollout SET trace = x'00ff00ff'")
     raw.commit()
-    with pytest.raises(CorpusError, match="damaged"):
+    with pytest.raises(StoreError, match="damaged"):
         list(store.trials(run))
 
 
@@ -178,15 +178,15 @@ def test_a_beginning_that_fits_several_scenes_or_none_is_refused(store: Store):
     run = store.begin(manifest())
     for proposal in range(20):
         store.add(run, trial(proposal, passed()))
-    with pytest.raises(CorpusError, match="fits several scenes") as caught:
+    with pytest.raises(StoreError, match="fits several scenes") as caught:
         store.scene("")
     assert "more digits" in str(caught.value.hint)
-    with pytest.raises(CorpusError, match="no scene 'xyz'"):
+    with pytest.raises(StoreError, match="no scene 'xyz'"):
         store.scene("xyz")
 
 
 def test_an_unknown_run_is_refused_with_the_known_ones(store: Store):
     store.begin(manifest())
-    with pytest.raises(CorpusError, match="no run 7") as caught:
+    with pytest.raises(StoreError, match="no run 7") as caught:
         list(store.trials(7))
     assert caught.value.hint == "its runs: 1"

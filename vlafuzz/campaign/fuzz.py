@@ -64,7 +64,7 @@ def fuzz(
         watch: hears of every new trial, and once of all that the store had.
 
     Raises:
-        CorpusError: the store cannot be written, or the strategy is not the one of the run that is resumed.
+        StoreError: the store cannot be written, or the strategy is not the one of the run that is resumed.
         PolicyError: the policy is gone; the run can be resumed.
     """
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Proposal
 from vlafuzz.store.records import FLAGS, UNFINISHED, Manifest, Run, Trial
@@ -31,25 +31,25 @@ def unfinished(store: Store, misfit: Misfit) -> Run:
     """The newest run that ended early and fits.
 
     Raises:
-        CorpusError: there is none, or there are several that are not the same run.
+        StoreError: there is none, or there are several that are not the same run.
     """
     runs = store.runs()
     early = [run for run in runs if run.status in UNFINISHED]
     if not early:
         shown = ", ".join(f"{run.id} {run.status}" for run in runs) or "none yet"
-        raise CorpusError(f"{store.path}: no run ended early (runs: {shown})", hint=_AFRESH)
+        raise StoreError(f"{store.path}: no run ended early (runs: {shown})", hint=_AFRESH)
     misfits = {run.id: misfit(run.manifest) for run in early}
     fitting = [run for run in early if misfits[run.id] is None]
     if not fitting:
         newest = early[-1].id
-        raise CorpusError(
+        raise StoreError(
             f"{store.path}: no run that ended early fits: run {newest} has {misfits[newest]}",
             hint=f"give the flags of run {newest}, or --store alone to take them from it",
         )
     if len({_about(run.manifest) for run in fitting}) > 1:
         shown = "; ".join(f"run {run.id}: {_told(run.manifest)}" for run in fitting)
         alike = len({_told(run.manifest) for run in fitting}) == 1
-        raise CorpusError(
+        raise StoreError(
             f"{store.path}: {len(fitting)} runs that ended early fit ({shown})",
             hint="give --operators or --vary" if alike else "give those flags in which they differ",
         )
@@ -60,13 +60,13 @@ def check_version(path: object, run: Run, here: Manifest) -> None:
     """That what decides over outcomes is as it was when the run began.
 
     Raises:
-        CorpusError: policy, simulator, catalogue or our own code are others now.
+        StoreError: policy, simulator, catalogue or our own code are others now.
     """
     for name in _OF_VERSION:
         was, now = getattr(run.manifest, name), getattr(here, name)
         if was != now:
             values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph
-            raise CorpusError(
+            raise StoreError(
                 f"{path}: run {run.id} was made by another version: its {name} differs{values}",
                 hint=f"go on with the version that began it, or {_AFRESH}",
             )
@@ -87,7 +87,7 @@ class Past:
         """The stored trials of a batch by their place in it; not all of them where it was cut short.
 
         Raises:
-            CorpusError: these are not the proposals that were made then.
+            StoreError: these are not the proposals that were made then.
         """
         if not self.left:
             return {}
@@ -108,16 +108,16 @@ class Past:
         """That nothing is left which no batch had.
 
         Raises:
-            CorpusError: there is.
+            StoreError: there is.
         """
         if self.left:
             raise self._diverged(self._corpus.count(self._run) - self.left)
 
-    def _diverged(self, proposal: int) -> CorpusError:
+    def _diverged(self, proposal: int) -> StoreError:
         told = (
             f"run {self._run} was made by another version: its strategy now gives another proposal {proposal}"
         )
-        return CorpusError(
+        return StoreError(
             f"{self._corpus.path}: {told}", hint=f"go on with the version that began it, or {_AFRESH}"
         )
 

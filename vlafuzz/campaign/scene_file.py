@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.formats.scene_lines import load_scenes
 from vlafuzz.formats.sources import is_vlatest
 from vlafuzz.scene import Scene
@@ -50,11 +50,11 @@ def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> No
     """That the file holds the scenes that it held.
 
     Raises:
-        CorpusError: it holds others.
+        StoreError: it holds others.
     """
     before, here = (json.loads(each.given or "{}") for each in (was, now))
     if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
-        raise CorpusError(
+        raise StoreError(
             f"{path}: run {run} had other scenes than {here.get('file', 'there are now')} holds",
             hint=f"give --{before['flag']} {before['file']} as it was then",
         )

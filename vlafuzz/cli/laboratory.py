@@ -11,7 +11,7 @@ from typing import NamedTuple
 from vlafuzz.campaign import config, launch
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.cli.pace import Pace
-from vlafuzz.errors import CorpusError, UsageError, VlafuzzError
+from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.objects import Pack
 from vlafuzz.scene import Scene
@@ -106,7 +106,7 @@ class StudyRunner:
                 pace.begin(str(part))
                 try:
                     _fuzz(jobs[part].plan, run, self.store, pace)
-                except CorpusError:
+                except StoreError:
                     raise
                 except UsageError as error:  # boxes of the paper have no room for all of its confounders
                     self.left_out.append(f"{part}: {error.message}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.space import OPERATORS, OperatorSet
 from vlafuzz.store.records import Manifest
 
@@ -23,14 +23,14 @@ def stored_operators(store: Path, manifest: Manifest) -> OperatorSet:
     """Those of a manifest: what ``operators_json`` wrote, read back.
 
     Raises:
-        CorpusError: another version wrote it, whose operators are others.
+        StoreError: another version wrote it, whose operators are others.
     """
     try:
         found = json.loads(manifest.operators)
         operators = {name: kind.model_validate(found["operators"][name]) for name, kind in OPERATORS.items()}
         return OperatorSet(store, found["min_distance"], operators, frozenset(found["varied"]), {})
     except (KeyError, ValueError) as error:
-        raise CorpusError(
+        raise StoreError(
             f"{store}: its operators are those of another version: {' '.join(str(error).split())}",
             hint="go on with the version that began the run",
         ) from None

@@ -11,7 +11,7 @@ from itertools import groupby
 from typing import NamedTuple, Protocol
 
 from vlafuzz.conditions import provenance
-from vlafuzz.errors import CorpusError, UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.evidence import Witness
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.corpus import Case, Corpus, Evidence, Share
@@ -66,7 +66,7 @@ def export(
 
     Raises:
         UsageError: several tasks or policies are in the store.
-        CorpusError: it has no minimal finding, or none that holds.
+        StoreError: it has no minimal finding, or none that holds.
     """
     chosen = _choose(store, run)
     runs = {each.id: each for each in store.runs()}
@@ -89,7 +89,7 @@ def export(
                 watch(done, len(chosen))
     if not cases:
         told = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
-        raise CorpusError(f"{store.path}: no minimal finding holds: {told}", hint="`vlafuzz triage` it here")
+        raise StoreError(f"{store.path}: no minimal finding holds: {told}", hint="`vlafuzz triage` it here")
     return Corpus(
         name,
         [runs[number].manifest for number in numbers],
@@ -110,7 +110,7 @@ def _choose(store: Store, run: int | None) -> list[_Chosen]:
         if finding and each.bucket == "minimal" and each.shrunk and each.witness:
             chosen.setdefault(each.shrunk, _Chosen(finding, each, each.shrunk, each.witness))
     if not chosen:
-        raise CorpusError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
+        raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
     return sorted(chosen.values(), key=lambda each: each.finding.run)
 
 

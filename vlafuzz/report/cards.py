@@ -32,7 +32,7 @@ class Spaces:
         """In which the run's scenes are.
 
         Raises:
-            CorpusError: another version wrote it, whose operators are others.
+            StoreError: another version wrote it, whose operators are others.
             UsageError: a pack of its objects is gone.
         """
         key = (run.task, run.robot, run.operators, run.packs)

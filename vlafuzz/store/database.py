@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import quote
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.store.migrations import MIGRATIONS, migrate
 
 APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show
@@ -31,7 +31,7 @@ _EXPLAINED = {
 
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a file into a CorpusError; a mistake of ours stays what it is."""
+    """Turn what SQLite says of a file into a StoreError; a mistake of ours stays what it is."""
     try:
         yield
     except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
@@ -44,9 +44,9 @@ def explained(path: Path) -> Iterator[None]:
         raise
 
 
-def _problem(path: Path, name: str) -> CorpusError:
+def _problem(path: Path, name: str) -> StoreError:
     what, hint = _EXPLAINED[name]
-    return CorpusError(f"{path}: {what}", hint=hint.replace("STORE", str(path)))
+    return StoreError(f"{path}: {what}", hint=hint.replace("STORE", str(path)))
 
 
 def connect_to_write(path: Path) -> sqlite3.Connection:
@@ -70,17 +70,17 @@ def check_is_file(path: Path) -> None:
     """That it is no folder.
 
     Raises:
-        CorpusError: it is.
+        StoreError: it is.
     """
     if path.is_dir():
-        raise CorpusError(f"{path}: is a folder", hint="give the file of a store in it")
+        raise StoreError(f"{path}: is a folder", hint="give the file of a store in it")
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """Open a store that is there."""
     check_is_file(path)
     if not path.is_file():
-        raise CorpusError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
+        raise StoreError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
     connection = _reader(path)
     try:
         _check(path, connection, new_allowed=False)
@@ -125,7 +125,7 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
         raise _problem(path, "SQLITE_NOTADB")
     version = _pragma(connection, "user_version")
     if version > len(MIGRATIONS):
-        raise CorpusError(
+        raise StoreError(
             f"{path}: its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here",
             hint="upgrade vlafuzz",
         )
@@ -160,7 +160,7 @@ class WriterLock:
             if error.errno == errno.ENOSPC:
                 raise _problem(path, "SQLITE_FULL") from None
             reason = (error.strerror or "unknown reason").lower()
-            raise CorpusError(
+            raise StoreError(
                 f"{path}: cannot be written: {reason}", hint=_EXPLAINED["SQLITE_READONLY"][1]
             ) from None
 
@@ -178,7 +178,7 @@ class WriterLock:
             except BlockingIOError:
                 holder = os.read(file, 20).decode() or "another"
                 os.close(file)
-                raise CorpusError(
+                raise StoreError(
                     f"{path}: process {holder} is writing to it",
                     hint="wait until it ends, or give another store",
                 ) from None

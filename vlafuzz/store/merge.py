@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained
 from vlafuzz.store.records import EVIDENCE, EVIDENCE_OF
 from vlafuzz.store.store import Store
@@ -50,7 +50,7 @@ def merge(sources: Sequence[Path], out: Path) -> Merged:
     """Write a new store with everything in the sources. Runs are numbered anew, in the order given.
 
     Raises:
-        CorpusError: ``out`` is there already, or a store cannot be read or written; then there is no ``out``.
+        StoreError: ``out`` is there already, or a store cannot be read or written; then there is no ``out``.
     """
     for source in sources:
         Store.open(source).close()  # brings an older one up to date
@@ -58,7 +58,7 @@ def merge(sources: Sequence[Path], out: Path) -> Merged:
     unfinished = out.with_name(out.name + ".part")
     try:
         if out.exists():
-            raise CorpusError(f"{out}: is there already", hint="give the name of a new file")
+            raise StoreError(f"{out}: is there already", hint="give the name of a new file")
         _remove(unfinished)  # of a merge that was killed
         merged = _write(sources, unfinished, out)
         unfinished.replace(out)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.evidence import Causes, Threshold, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
@@ -50,14 +50,14 @@ def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
     """The array of that shape; of no rows when there is no blob.
 
     Raises:
-        CorpusError: it is damaged.
+        StoreError: it is damaged.
     """
     try:
         data = zlib.decompress(blob) if blob is not None else b""
         return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
     except (zlib.error, ValueError) as error:
         told = f"a trace or its actions in the store are damaged: {error}"
-        raise CorpusError(told, hint="take a copy of the store that is whole") from None
+        raise StoreError(told, hint="take a copy of the store that is whole") from None
 
 
 def run_row(manifest: Manifest) -> Row:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
 
-from vlafuzz.errors import CorpusError
+from vlafuzz.errors import StoreError
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store import rows
@@ -32,7 +32,7 @@ class Store:
         """Open a store; to write, also make it.
 
         Raises:
-            CorpusError: it is not there, not a store, damaged, newer than this vlafuzz, or being written.
+            StoreError: it is not there, not a store, damaged, newer than this vlafuzz, or being written.
         """
         path = Path(path)
         if mode == "write":
@@ -79,7 +79,7 @@ class Store:
         """Go on with a run that ended early; what it is known to have taken.
 
         Raises:
-            CorpusError: it did not end early.
+            StoreError: it did not end early.
         """
         rolling = "max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
@@ -89,7 +89,7 @@ class Store:
                 (run,),
             )
             if not reopened.rowcount:
-                raise CorpusError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
+                raise StoreError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
             return Spent(*self._connection.execute(query, (run,)).fetchone())
 
     def add(self, run: int, trial: Trial) -> None:
@@ -220,17 +220,17 @@ class Store:
         """The scene whose digest begins so.
 
         Raises:
-            CorpusError: none does, or several do.
+            StoreError: none does, or several do.
         """
         prefix = prefix.lower()
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
         found = self._select(query, prefix, _SHOWN)
         if not found:
-            raise CorpusError(
+            raise StoreError(
                 f"{self.path}: no scene {prefix!r}", hint="`vlafuzz export` writes a store's scenes to a file"
             )
         if len(found) > 1:
-            raise CorpusError(
+            raise StoreError(
                 f"{self.path}: {prefix!r} fits several scenes",
                 hint="give more digits: " + ", ".join(row["digest"] for row in found),
             )
@@ -276,7 +276,7 @@ class Store:
         known = [row["id"] for row in self._select("SELECT id FROM run ORDER BY id")]
         if run not in known:
             shown = ", ".join(map(str, known)) or "none yet"
-            raise CorpusError(f"{self.path}: no run {run}", hint=f"its runs: {shown}")
+            raise StoreError(f"{self.path}: no run {run}", hint=f"its runs: {shown}")
 
 
 def _now() -> str:
