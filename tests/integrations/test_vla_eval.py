@@ -14,7 +14,7 @@ import vla_eval
 
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.integrations.vla_eval import Corpus
+from vlafuzz.integrations.vla_eval import CorpusBenchmark
 from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.registry import make_policy
@@ -24,11 +24,11 @@ from vlafuzz.serving.serve import serving
 from vlafuzz.shipped import corpus_dir
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
-NAME = "vlafuzz.integrations.vla_eval:Corpus"
+NAME = "vlafuzz.integrations.vla_eval:Corpus"  # as users' YAML files have it
 
 
 class Follower:
-    """Follows a course, whatever it sees: four actions at a time, three of them executed. Notes its seeds."""
+    """Follows a course, whatever it sees: four actions at a time, three of them executed. Records seeds."""
 
     def __init__(self, course: np.ndarray) -> None:
         self.spec = PolicySpec("follower", action=ActionSpec(relative_to="current"), state=True, execute=3)
@@ -58,7 +58,7 @@ def evaluated(url: str, corpus: Path, **more: object) -> dict[str, list[dict[str
     params = {"corpus": str(corpus), "camera": 0, "relative_to": "current"} | more.pop("params", {})
     config = {"benchmarks": [{"benchmark": NAME, "params": params} | more]}
     (result,) = vla_eval.run(config, server_url=url, no_save=True, docker=False)
-    return {task["task"]: [each["metrics"] for each in task["episodes"]] for task in result["tasks"]}
+    return {task["task"]: [episode["metrics"] for episode in task["episodes"]] for task in result["tasks"]}
 
 
 def url(name: str) -> str:
@@ -66,23 +66,23 @@ def url(name: str) -> str:
 
 
 @pytest.fixture
-def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
+def log(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
     with caplog.at_level(logging.INFO, "vla_eval"):
         yield caplog
 
 
-def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, said):
+def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, log):
     read = read_corpus(corpus)
     (run,) = read.runs
     with serving(follower, "vla-eval") as name:
-        found = evaluated(url(name), corpus, episodes_per_task=2)
-    asked = {probe.scene.digest: probe.scene for probe in probes(read)}
+        metrics = evaluated(url(name), corpus, episodes_per_task=2)
+    scenes = {probe.scene.digest: probe.scene for probe in probes(read)}
     apart, fresh = run.min_distance, Follower(follower.course)
     with closing(
         ManiSkillEvaluator(run.task, fresh, load_catalogue(), min_distance=apart, seed=run.seed, repeats=2)
     ) as evaluator:
-        outcomes = evaluator.evaluate(list(asked.values()))
-    assert found == {
+        outcomes = evaluator.evaluate(list(scenes.values()))
+    assert metrics == {
         digest: [
             {
                 "success": rollout.success_once,
@@ -91,23 +91,23 @@ def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, s
             }
             for rollout in outcome.rollouts
         ]
-        for digest, outcome in zip(asked, outcomes, strict=True)
+        for digest, outcome in zip(scenes, outcomes, strict=True)
     }
-    assert {metrics["success"] for episodes in found.values() for metrics in episodes} == {True, False}
-    assert follower.seeds == fresh.seeds == [run.seed, run.seed + 1] * len(asked)
-    assert "Spec validation passed" in said.text  # what our server declares is what the options say
+    assert {episode["success"] for episodes in metrics.values() for episode in episodes} == {True, False}
+    assert follower.seeds == fresh.seeds == [run.seed, run.seed + 1] * len(scenes)
+    assert "Spec validation passed" in log.text  # what our server declares is what the options say
 
 
 def test_a_suite_alone(corpus: Path, follower: Follower):
     with serving(follower, "vla-eval") as name:
-        found = evaluated(url(name), corpus, tasks=["failing"])
-    assert list(found) == [case.scene.digest for case in read_corpus(corpus).cases]
+        metrics = evaluated(url(name), corpus, tasks=["failing"])
+    assert list(metrics) == [case.scene.digest for case in read_corpus(corpus).cases]
 
 
-def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follower: Follower, said):
+def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follower: Follower, log):
     with serving(follower, "vla-eval") as name:
         evaluated(url(name), corpus, tasks=["failing"], max_tasks=1, params={"gripper": "close_positive"})
-    assert "Spec mismatch: action [gripper]: gripper: binary_close_negative" in said.text
+    assert "Spec mismatch: action [gripper]: gripper: binary_close_negative" in log.text
 
 
 @pytest.mark.parametrize(
@@ -115,16 +115,16 @@ def test_conventions_that_the_server_does_not_share_are_told(corpus: Path, follo
     [
         ({"camra": 128}, "unknown option 'camra'"),
         ({"camera": 3}, "camera: expected pixels as 224 or 320x240, or 0 for none, got '3'"),
-        ({"timeout": 3}, "params: timeout: means nothing here"),
+        ({"timeout": 3}, "params: timeout: has no effect here"),
     ],
 )
 def test_options_that_there_are_not(corpus: Path, params: dict[str, object], says: str):
     with pytest.raises(UsageError, match=says):
-        Corpus(str(corpus), **params)
+        CorpusBenchmark(str(corpus), **params)
 
 
 def test_what_is_no_action_is_an_error_and_the_next_episode_is_fine(corpus: Path):
-    benchmark = Corpus(str(corpus), camera=0)
+    benchmark = CorpusBenchmark(str(corpus), camera=0)
     task = benchmark.get_tasks()[0]
     assert (task["suite"], task["instruction"]) == ("failing", "pick up pepsi can")
     for action in ({}, {"actions": ["a"]}, {"actions": [[0.0] * 6]}, {"actions": [float("nan")] * 7}):
@@ -153,16 +153,23 @@ def test_vla_eval_run_of_a_shipped_corpus_agrees_with_regress_scene_by_scene(
     corpus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     with closing(make_policy("mini")) as mini, serving(mini, "vla-eval") as name:
-        told = CONFIG.format(url=url(name), folder=tmp_path, benchmark=NAME, corpus=corpus)
-        (tmp_path / "corpus.yaml").write_text(told)
-        asked = [sys.executable, "-m", "vla_eval.cli.main", "run", "--config", str(tmp_path / "corpus.yaml")]
-        done = subprocess.run(asked, capture_output=True, text=True, check=False)
+        config = CONFIG.format(url=url(name), folder=tmp_path, benchmark=NAME, corpus=corpus)
+        (tmp_path / "corpus.yaml").write_text(config)
+        command = [
+            sys.executable,
+            "-m",
+            "vla_eval.cli.main",
+            "run",
+            "--config",
+            str(tmp_path / "corpus.yaml"),
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (written,) = tmp_path.rglob("*.json")
     there = {
-        task["task"]: [each["metrics"]["success"] for each in task["episodes"]]
+        task["task"]: [episode["metrics"]["success"] for episode in task["episodes"]]
         for task in json.loads(written.read_text())["tasks"]
     }
     assert main(["regress", str(corpus_dir() / corpus), "--policy", "mini", "--json"]) == 0
     here = json.loads(capsys.readouterr().out)["scenes"]
-    assert there == {each["scene"]: [each["policy passed"] == "1 of 1"] for each in here}
+    assert there == {row["scene"]: [row["policy passed"] == "1 of 1"] for row in here}

@@ -7,10 +7,10 @@ A file for ``vla-eval run --config FILE`` (written to vla-eval 0.8.0, installed 
       - benchmark: "vlafuzz.integrations.vla_eval:Corpus"
         params: {corpus: mini-pick-up, camera: 128, relative_to: current}
 
-``params`` are ``corpus`` and the options that vlafuzz's own names of vla-eval servers have; `vlafuzz serve`
-prints those of its policy. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite
-is ``failing``, ``counterpart`` or ``nominal``, and ``tasks: [failing]`` runs those alone. More than one
-episode a task is for stochastic models. A scene that is not fair any more is an error, not a failure.
+``params`` are ``corpus`` and the options of vlafuzz's ``vla-eval:`` policies; `vlafuzz serve` prints those of
+the policy that it serves. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite
+is ``failing``, ``counterpart`` or ``nominal``, and ``tasks: [failing]`` runs only that suite. Run more than
+one episode per task for stochastic models. A scene that is no longer fair is an error, not a failure.
 """
 
 from __future__ import annotations
@@ -50,26 +50,26 @@ from vlafuzz.rigs.robots import rig
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
 
-if TYPE_CHECKING:  # the renderer is chosen before anything loads it
+if TYPE_CHECKING:  # vla-eval chooses the renderer before the simulator is imported
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 NAME = "vla-eval"  # in messages
-IDLE = {"batch", "deterministic", "timeout"}  # options that are vla-eval's business here
+UNUSED = {"batch", "deterministic", "timeout"}  # options of the policy that vla-eval itself decides here
 LAVAPIPE = "VLAFUZZ_LAVAPIPE_ICD"  # names the driver for ``render: cpu`` where vla-eval does not find it
 
 
-class Corpus(StepBenchmark):
-    """The scenes of a corpus.
+class CorpusBenchmark(StepBenchmark):
+    """The scenes of a corpus as tasks of a vla-eval benchmark.
 
     Args:
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
-        send_state: whether proprioception is sent where the option ``state`` says nothing; most servers
-            declare it, as they do ``send_wrist_image``.
-        options: how the model's cameras and actions are, as in ``vlafuzz.clients.remote.Options``.
+        send_state: whether to send proprioception where the option ``state`` is not given; most servers
+            declare this, and ``send_wrist_image``.
+        options: the model's cameras and action conventions, as in ``vlafuzz.clients.remote.Options``.
 
     Raises:
-        CorpusError: it is no such folder, or is damaged.
-        UsageError: no such option, or a pack of the corpus's objects is gone.
+        CorpusError: the folder is not a corpus, or is damaged.
+        UsageError: an option is unknown, or an object pack of the corpus is missing.
     """
 
     render_backends = frozenset({"gpu", "cpu"})
@@ -78,48 +78,48 @@ class Corpus(StepBenchmark):
         self, corpus: str, *, send_state: bool = False, send_wrist_image: bool = False, **options: object
     ) -> None:
         super().__init__()
-        if idle := sorted(IDLE & options.keys()):
-            raise UsageError(f"params: {idle[0]}: means nothing here", hint="leave it out")
-        said = parse(f"{NAME}:ws://server:1?{urlencode(options)}", VlaEval).options
+        if unused := sorted(UNUSED & options.keys()):
+            raise UsageError(f"params: {unused[0]}: has no effect here", hint="leave it out")
+        parsed = parse(f"{NAME}:ws://server:1?{urlencode(options)}", VlaEval).options
         hello = Hello(
             protocol_version=PROTOCOL_VERSION,
             observation_params={"send_state": send_state, "send_wrist_image": send_wrist_image},
         )
-        self.spec, self._layout = spec_of(NAME, hello, said), layout_of(NAME, hello, said)
-        self._bundle = read_corpus(Path(corpus))
-        self._probes = {probe.scene.digest: probe for probe in probes(self._bundle)}
-        self._catalogue = stored_catalogue(*self._bundle.runs)
+        self.spec, self._layout = spec_of(NAME, hello, parsed), layout_of(NAME, hello, parsed)
+        self._corpus = read_corpus(Path(corpus))
+        self._probes = {probe.scene.digest: probe for probe in probes(self._corpus)}
+        self._catalogue = stored_catalogue(*self._corpus.runs)
         self._player = Player(self.spec)
         self._player.spec = replace(self.spec, execute=1)
         self._evaluators: dict[tuple[object, ...], ManiSkillEvaluator] = {}  # by conditions
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """See vla-eval's ``Benchmark``: on a GPU where there is one, or with ``render: cpu`` on lavapipe."""
+        """See vla-eval's ``Benchmark``: render on a GPU if there is one, with ``render: cpu`` on lavapipe."""
         return dict(configure_sapien_render(mode, LAVAPIPE))
 
     def get_tasks(self) -> list[dict[str, Any]]:
-        """One a scene."""
+        """One task per scene."""
         return [
             {
                 "name": digest,
                 "suite": probe.group,
-                "task": self._bundle.task,
+                "task": self._corpus.task,
                 "what": probe.what,
                 "instruction": probe.scene.instruction,
-                "seed": self._bundle.runs[probe.run].seed,
+                "seed": self._corpus.runs[probe.run].seed,
             }
             for digest, probe in self._probes.items()
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Build a scene. The n-th episode has a seed that is n more, as a repeat of `vlafuzz regress` has.
+        """Build a scene. The n-th episode adds n to the seed, as the n-th repeat of `vlafuzz regress` does.
 
         Raises:
-            SceneError: it is not fair.
+            SceneError: the scene is not fair.
         """
         probe = self._probes[task["name"]]
-        run = self._bundle.runs[probe.run]
+        run = self._corpus.runs[probe.run]
         task["seed"] = run.seed + task.get("episode_idx", 0)  # the runner sends the task after this
         with self._renewed_after_errors():
             evaluator = self._evaluator(run)
@@ -130,25 +130,25 @@ class Corpus(StepBenchmark):
             return self._episode.observe()
 
     def step(self, action: Mapping[str, Any]) -> StepResult:
-        """Execute an action ``(7,)``, or a chunk ``(steps, 7)`` up to what the option ``execute`` says.
+        """Execute an action ``(7,)``, or the first ``execute`` (an option) of a chunk ``(steps, 7)``.
 
         Raises:
-            PolicyError: it is none.
+            PolicyError: the action is malformed.
         """
         self._player.actions = _chunk(action)[: self.spec.execute]
         with self._renewed_after_errors():
             for number in range(len(self._player.actions)):
                 if not self._episode.over:
-                    self._episode.advance(self._harness.action(partial(self._asked, number)))
+                    self._episode.advance(self._harness.action(partial(self._observation, number)))
             over = self._episode.over
             return StepResult(None if over else self._episode.observe(), 0.0, over, {})
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """As vlafuzz itself sends it."""
+        """The same message that vlafuzz sends to a vla-eval server."""
         return message_of(raw_obs, self.spec.cameras, LAYOUTS.get(self._layout or ""))
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
-        """Success as vlafuzz judges it, and how far it came."""
+        """Success as vlafuzz judges it, and progress."""
         rollout = self._episode.rollout()
         return {
             "success": rollout.success_once,
@@ -157,31 +157,31 @@ class Corpus(StepBenchmark):
         }
 
     def get_metric_keys(self) -> dict[str, str]:
-        """All of them are means."""
+        """All metrics are means."""
         return dict.fromkeys(("success", "success_at_end", "progress"), "mean")
 
     def get_metadata(self) -> dict[str, Any]:
-        """The most steps: all of a rollout, one action at a time."""
+        """The most steps an episode can take, with one action per step."""
         rigs = [rig(probe.scene.robot) for probe in self._probes.values()]
         hz = self.spec.action.hz
-        return {"max_steps": max(each.seconds * (each.control_hz or hz) for each in rigs)}
+        return {"max_steps": max(robot.seconds * (robot.control_hz or hz) for robot in rigs)}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
-        """What the options say."""
+        """Actions as the options declare them."""
         return _specs(declared_actions(self.spec.action))
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """What the options ask for."""
+        """Observations that the options ask for."""
         return _specs(declared_observations(self.spec.cameras, self._layout))
 
     def cleanup(self) -> None:
-        """Let go of the simulator."""
+        """Close the simulator."""
         for evaluator in self._evaluators.values():
             evaluator.close()
 
     @contextmanager
     def _renewed_after_errors(self) -> Iterator[None]:
-        """Only a rebuilt environment is clean after an exception."""
+        """After an exception, rebuild the environments: their state is undefined."""
         try:
             yield
         except Exception:
@@ -190,7 +190,7 @@ class Corpus(StepBenchmark):
             raise
 
     def _evaluator(self, run: Manifest) -> ManiSkillEvaluator:
-        """What a scene is rolled out with under the conditions of a run."""
+        """The evaluator with the conditions of a run."""
         from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
         if run.conditions not in self._evaluators:
@@ -205,9 +205,12 @@ class Corpus(StepBenchmark):
             )
         return self._evaluators[run.conditions]
 
-    def _asked(self, number: int) -> Observation:
-        """For the player, who only wants to know which action of the chunk it is."""
+    def _observation(self, number: int) -> Observation:
+        """For the player, which only reads the action's number in the chunk."""
         return Observation(self._episode.start.episode, number, self._episode.instruction)
+
+
+Corpus = CorpusBenchmark  # the public name: users' YAML files have "vlafuzz.integrations.vla_eval:Corpus"
 
 
 def _chunk(action: Mapping[str, Any]) -> NDArray[np.float64]:
@@ -218,4 +221,4 @@ def _chunk(action: Mapping[str, Any]) -> NDArray[np.float64]:
 
 
 def _specs(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, DimSpec]:
-    return {name: DimSpec.from_dict(told) for name, told in declared.items()}
+    return {name: DimSpec.from_dict(dimension) for name, dimension in declared.items()}
