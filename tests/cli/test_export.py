@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest
-from tests.regression.test_export import CheckingDesk
+from tests.regression.test_export import CheckingRunner
 from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import load_scenes
@@ -22,7 +22,7 @@ TILTED = CONDITIONS["camera-orientation"][0]
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Three triaged findings of a policy that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingDesk([TILTED]))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([TILTED]))
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
@@ -48,7 +48,7 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
     with Store.open(Path("a.db")) as opened:
         kept = opened.triaged()[0].shrunk
     monkeypatch.setattr(
-        runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingDesk([lambda scene: scene == kept])
+        runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([lambda scene: scene == kept])
     )
     assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
     assert "left out: " in capsys.readouterr().err
@@ -58,7 +58,7 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--minimal", "--out", "a.db"], "a.db: is there already"),
+        (["--minimal", "--out", "a.db"], "a.db: exists already"),
         (["--minimal", "--format", "vlatest", "--out", "b"], "--minimal goes with neither --verdict nor"),
         (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),
         (["--format", "vlatest", "--out", "no/such/b"], "no/such/b: cannot be written"),

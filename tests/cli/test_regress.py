@@ -68,7 +68,7 @@ def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pyte
     assert regress("idle", "--baseline", "expert", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
     assert printed["verdict"].startswith("idle is worse than expert: 7 worse and 0 better")
-    assert MADE[0].asked == MADE[1].asked
+    assert MADE[0].calls == MADE[1].calls
     assert [made.closed for made in MADE] == [1, 1]
 
 

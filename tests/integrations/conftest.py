@@ -21,12 +21,8 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     solved = runner.solve(nominal(), 0)
     runner.close()
     assert solved.verdict is Verdict.PASSED
-    first = case()
-    first = replace(
-        first,
-        scene=nominal(),
-        witness=replace(first.witness, actions=solved.rollouts[0].actions),
-    )
+    solution = replace(case().witness, actions=solved.rollouts[0].actions)
+    first = replace(case(), scene=nominal(), witness=solution)
     folder = tmp_path_factory.mktemp("corpus") / "a"
     write_corpus(make_corpus(first, case(1)), folder)
     return folder

@@ -1,4 +1,4 @@
-"""A bundle without a simulator: planted failures with made-up witnesses."""
+"""A corpus without a simulator: planted failures with made-up witnesses."""
 
 import numpy as np
 
@@ -12,29 +12,40 @@ def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> 
     causes = Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.25),), 0.5),))
     actions = np.random.default_rng(number).normal(size=(12, 7)).astype(np.float32)
     return Case(
-        failing,
-        "grasp",
-        "pick-up|grasp|light",
-        ("light",),
-        causes,
-        {"light": scene(x=-0.04 + 0.001 * number)},
-        scene(),
-        True,
-        Witness(actions, "5" * 32, 0),
-        "f" * 32,
-        run,
-        1,
-        1,
-        20 + number,
-        thumbnail,
+        scene=failing,
+        lost_stage="grasp",
+        signature="pick-up|grasp|light",
+        operators=("light",),
+        causes=causes,
+        counterparts={"light": scene(x=-0.04 + 0.001 * number)},
+        nominal=scene(),
+        nominal_passes=True,
+        witness=Witness(actions, "5" * 32, 0),
+        found="f" * 32,
+        run=run,
+        repeats=1,
+        failures=1,
+        rollouts=20 + number,
+        thumbnail=thumbnail,
     )
 
 
 def make_corpus(*cases: Case, runs: int = 1) -> Corpus:
     evidence = Evidence(
-        9, {"confirmed": Share.of_counts(8, 9)}, {"it no longer fails": 1}, 120, 240, 36, 61.5
+        findings=9,
+        shares={"confirmed": Share.of_counts(8, 9)},
+        left_out={"it no longer fails": 1},
+        search_rollouts=120,
+        triage_rollouts=240,
+        expert_rollouts=36,
+        seconds=61.5,
     )
-    found = [manifest(seed=number) for number in range(runs)]
     return Corpus(
-        "dark", found, cases or (case(),), evidence, "llvmpipe", {"numpy": "2"}, "2026-01-01T00:00:00+00:00"
+        name="dark",
+        runs=[manifest(seed=number) for number in range(runs)],
+        cases=cases or (case(),),
+        evidence=evidence,
+        renderer="llvmpipe",
+        versions={"numpy": "2"},
+        created="2026-01-01T00:00:00+00:00",
     )

@@ -31,8 +31,8 @@ class Flaky(Expert):
 
 def zeroed() -> Mini:
     """`mini` with a tenth of its weights set to zero."""
-    made, generator = Mini(), torch.Generator().manual_seed(0)
+    policy, generator = Mini(), torch.Generator().manual_seed(0)
     with torch.no_grad():
-        for weights in made._network.parameters():
+        for weights in policy._network.parameters():
             weights[torch.rand(weights.shape, generator=generator) < 0.1] = 0.0
-    return made
+    return policy

@@ -1,4 +1,4 @@
-"""Sides of a comparison without a simulator, and corpora of as many scenes as one likes."""
+"""Sides of a comparison without a simulator, and corpora of any size."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,11 +20,10 @@ PASSED, FAILED = Answer.of(passed()), Answer.of(failed())
 
 
 def probes(failing: int = 20, others: int = 40) -> list[Probe]:
-    """Failing scenes, and controls that passed: their place says which."""
+    """Failing scenes, and controls that passed; the target's x holds the number of the scene."""
 
     def probe(number: int, group: Group) -> Probe:
-        shown = scene(x=number / 1000)
-        return Probe(shown, group, f"{group} {number}", 0, passed=group != "failing")
+        return Probe(scene(x=number / 1000), group, f"{group} {number}", 0, passed=group != "failing")
 
     controls = [
         probe(failing + number, "counterpart" if number % 2 else "nominal") for number in range(others)
@@ -33,21 +32,21 @@ def probes(failing: int = 20, others: int = 40) -> list[Probe]:
 
 
 class Planned:
-    """Answers by a rule, and notes what it is asked: a scene's number and repeat."""
+    """Answers by a rule, and records its calls: a scene's number and the repeat."""
 
     def __init__(
         self, rule: Callable[[int, int], Verdict | bool], *, name: str = "new", deterministic: bool = True
     ) -> None:
         self.name, self.deterministic, self._rule = name, deterministic, rule
-        self.asked: list[tuple[int, int]] = []
+        self.calls: list[tuple[int, int]] = []
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         number = round(probe.scene.targets[0].x * 1000)
-        self.asked.append((number, repeat))
-        found = self._rule(number, repeat)
-        if isinstance(found, Verdict):
-            return Answer.of(NO_VERDICT[found])
-        return PASSED if found else FAILED
+        self.calls.append((number, repeat))
+        result = self._rule(number, repeat)
+        if isinstance(result, Verdict):
+            return Answer.of(NO_VERDICT[result])
+        return PASSED if result else FAILED
 
 
 def flaky(rate: float, rng: np.random.Generator, name: str = "flaky") -> Planned:
@@ -56,19 +55,19 @@ def flaky(rate: float, rng: np.random.Generator, name: str = "flaky") -> Planned
 
 
 class RuleRunner:
-    """A desk whose policy passes where a rule says so; notes seeds."""
+    """A runner whose policy passes in the scenes that a rule names; records seeds."""
 
     changed: tuple[str, ...] = ()
     renderer: str | None = None
 
     def __init__(self, rule: Callable[[Scene], bool], run: Manifest, *, deterministic: bool = True) -> None:
         self._rule, self.run, self.deterministic = rule, run, deterministic
-        self.asked: list[tuple[Scene, int]] = []
+        self.calls: list[tuple[Scene, int]] = []
         self.closed = 0
 
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        self.asked += [(each, number + self.run.seed) for each in scenes]
-        return [passed() if self._rule(each) else failed() for each in scenes]
+        self.calls += [(scene, number + self.run.seed) for scene in scenes]
+        return [passed() if self._rule(scene) else failed() for scene in scenes]
 
     def close(self) -> None:
         self.closed += 1

@@ -1,4 +1,4 @@
-"""The test keeps its promise: false alarms, power, and when it may stop."""
+"""The test's guarantees: false alarms, power, and when it may stop."""
 
 from itertools import accumulate
 
@@ -37,13 +37,13 @@ def test_a_better_policy_hardly_raises_an_alarm():
 
 
 @pytest.mark.parametrize(("worse", "better"), [(0, 0), (5, 0), (3, 2), (0, 7), (12, 4)])
-def test_the_next_pair_does_not_change_the_money_on_average(worse, better):
+def test_the_next_pair_does_not_change_the_wealth_on_average(worse, better):
     after = (wealth(worse + 1, better) + wealth(worse, better + 1)) / 2
     assert after == pytest.approx(wealth(worse, better))
 
 
 @pytest.mark.parametrize(("worse", "better"), [(0, 0), (4, 0), (3, 2), (9, 5)])
-def test_its_money_is_that_of_the_bets_it_says(worse, better):
+def test_the_wealth_is_that_of_the_stated_bets(worse, better):
     def bet(p: float) -> float:
         return (2 * p) ** worse * (2 - 2 * p) ** better
 
@@ -67,7 +67,7 @@ def test_an_alarm_is_not_taken_back():
     assert (test.worse, test.better) == (5, 5)
 
 
-def test_it_knows_when_no_alarm_can_come():
+def test_it_knows_when_no_alarm_is_possible():
     test = SignTest(0.05)
     assert test.hopeless(4)
     assert not test.hopeless(5)
@@ -76,7 +76,7 @@ def test_it_knows_when_no_alarm_can_come():
     assert not test.hopeless(9)
 
 
-def test_broken_controls_count_whatever_is_solved_elsewhere_and_bugs_that_came_back_do_too():
+def test_broken_controls_count_whatever_is_solved_elsewhere_and_so_do_bugs_that_came_back():
     def needed(failing_better: int) -> int:
         return SignTest(0.05, 0, failing_better).needed
 

@@ -1,4 +1,4 @@
-"""What goes into a corpus: the minimal findings of a store that hold when they are checked once more."""
+"""A corpus gets the minimal findings of a store that still hold."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,7 +20,7 @@ from vlafuzz.triage.path import nominal
 from vlafuzz.triage.pipeline import triage
 
 
-class CheckingDesk(PlantedRunner):
+class CheckingRunner(PlantedRunner):
     renderer = "a renderer"
 
     def picture(self, scene: Scene) -> bytes | None:
@@ -35,30 +35,30 @@ def store(tmp_path: Path):
             run = opened.begin(manifest(seed=seed))
             for proposal, scene in enumerate(scenes([condition], 2)):
                 opened.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=str(proposal)))
-        triage(opened, lambda run: CheckingDesk([TILTED if run.manifest.seed else DARK]))
-        assert [each.bucket for each in opened.triaged()] == ["minimal"] * 4
+        triage(opened, lambda run: CheckingRunner([TILTED if run.manifest.seed else DARK]))
+        assert [row.bucket for row in opened.triaged()] == ["minimal"] * 4
         yield opened
 
 
-def runner(run) -> CheckingDesk:
-    return CheckingDesk([TILTED if run.manifest.seed else DARK])
+def runner(run) -> CheckingRunner:
+    return CheckingRunner([TILTED if run.manifest.seed else DARK])
 
 
 def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: Store):
-    made = export(store, runner, name="mine")
-    assert len(made.cases) == len({each.shrunk for each in store.triaged()})
-    assert {case.operators for case in made.cases} == {("light",), ("camera-orientation",)}
-    for case in made.cases:
-        fails = (DARK, TILTED)[made.seed(case)]
+    corpus = export(store, runner, name="mine")
+    assert len(corpus.cases) == len({row.shrunk for row in store.triaged()})
+    assert {case.operators for case in corpus.cases} == {("light",), ("camera-orientation",)}
+    for case in corpus.cases:
+        fails = (DARK, TILTED)[corpus.seed(case)]
         assert fails(case.scene)
         assert not any(fails(scene) for scene in case.counterparts.values())
         assert tuple(case.counterparts) == case.operators == case.causes.necessary
         assert (case.nominal, case.nominal_passes) == (nominal(SPACE, case.scene), True)
         assert case.thumbnail == case.scene.digest.encode()
         assert len(case.witness.actions) > 0
-    assert (made.name, made.renderer, made.evidence.left_out) == ("mine", "a renderer", {})
-    share = made.evidence.shares["minimal"]
-    assert (share.count, share.of, made.evidence.search_rollouts) == (4, 4, 4)
+    assert (corpus.name, corpus.renderer, corpus.evidence.left_out) == ("mine", "a renderer", {})
+    share = corpus.evidence.shares["minimal"]
+    assert (share.count, share.of, corpus.evidence.search_rollouts) == (4, 4, 4)
 
 
 def test_only_one_run_when_so_wished(store: Store):
@@ -68,29 +68,29 @@ def test_only_one_run_when_so_wished(store: Store):
 
 
 def test_what_no_longer_fails_is_left_out_and_said(store: Store):
-    made = export(store, lambda run: CheckingDesk([DARK]), name="a")
-    assert {case.operators for case in made.cases} == {("light",)}
-    assert set(made.evidence.left_out) == {FLAKY}
+    corpus = export(store, lambda run: CheckingRunner([DARK]), name="a")
+    assert {case.operators for case in corpus.cases} == {("light",)}
+    assert set(corpus.evidence.left_out) == {FLAKY}
     with pytest.raises(StoreError, match=r"no minimal finding holds: it no longer fails \(\d\)"):
-        export(store, lambda run: CheckingDesk([lambda scene: False]), name="a")
+        export(store, lambda run: CheckingRunner([lambda scene: False]), name="a")
 
 
 def test_what_fails_without_its_operators_too_is_left_out(store: Store):
     with pytest.raises(StoreError, match="without light it no longer passes"):
-        export(store, lambda run: CheckingDesk([lambda scene: True]), name="a", run=1)
+        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1)
 
 
 def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
     with pytest.raises(StoreError, match=UNSOLVED):
-        export(store, lambda run: CheckingDesk([DARK], solvable=lambda scene: False), name="a", run=1)
+        export(store, lambda run: CheckingRunner([DARK], solvable=lambda scene: False), name="a", run=1)
 
 
 def test_what_fails_at_a_later_stage_is_left_out(store: Store):
-    class Later(CheckingDesk):
+    class Later(CheckingRunner):
         def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
             outcomes = super().evaluate(scenes, number)
             late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
-            return [late if each.lost_stage else passed() for each in outcomes]
+            return [late if outcome.lost_stage else passed() for outcome in outcomes]
 
     with pytest.raises(StoreError, match="later stage"):
         export(store, lambda run: Later([DARK]), name="a", run=1)

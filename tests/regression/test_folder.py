@@ -18,12 +18,12 @@ from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.folder import is_corpus, read_corpus, thumbnail_path, witness_path, write_corpus
 
 
-def plain(one: Corpus) -> dict[str, object]:
-    """Everything but the arrays, which do not compare."""
-    found = asdict(one)
-    for kept in found["cases"]:
-        kept["witness"]["actions"] = kept["witness"]["actions"].tobytes()
-    return found | {"runs": list(found["runs"]), "cases": list(found["cases"])}
+def plain(corpus: Corpus) -> dict[str, object]:
+    """All fields, with arrays as bytes, since arrays do not compare."""
+    values = asdict(corpus)
+    for row in values["cases"]:
+        row["witness"]["actions"] = row["witness"]["actions"].tobytes()
+    return values | {"runs": list(values["runs"]), "cases": list(values["cases"])}
 
 
 @settings(deadline=None, max_examples=25)
@@ -41,7 +41,7 @@ def test_its_scenes_are_a_file_of_scenes(tmp_path: Path) -> None:
     write_corpus(written, tmp_path / "a")
     assert is_corpus(tmp_path / "a")
     assert not is_corpus(tmp_path)
-    assert load_scenes(tmp_path / "a" / "scenes.jsonl") == [each.scene for each in written.cases]
+    assert load_scenes(tmp_path / "a" / "scenes.jsonl") == [case.scene for case in written.cases]
 
 
 @pytest.fixture
@@ -76,16 +76,27 @@ def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
         path.with_suffix(".away").rename(path)
 
 
+def test_schema_1_in_which_the_policy_was_the_subject_is_read(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    runs = [{"subject": run.pop("policy")} | run for run in manifest["runs"]]
+    change(folder, schema=1, runs=runs)
+    assert read_corpus(folder).policy == "idle"
+    change(folder, runs=[run | {"budget": "many"} for run in runs])
+    assert complaint(folder).endswith(
+        "runs.0.budget: input should be a valid integer, unable to parse string as an integer, got 'many'"
+    )
+
+
 def test_a_newer_schema_is_told(folder: Path) -> None:
     change(folder, schema=3, something_new=True)
     assert complaint(folder) == f"{folder / 'manifest.json'}: schema 3 is newer than 2"
 
 
 def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
-    strange = [replace(each, robot="gonzo") for each in load_scenes(folder / "scenes.jsonl")]
+    strange = [replace(scene, robot="gonzo") for scene in load_scenes(folder / "scenes.jsonl")]
     write_scenes(folder / "scenes.jsonl", strange)
     rows = json.loads((folder / "manifest.json").read_text())["cases"]
-    change(folder, cases=[row | {"scene": one.digest} for row, one in zip(rows, strange, strict=True)])
+    change(folder, cases=[row | {"scene": other.digest} for row, other in zip(rows, strange, strict=True)])
     assert complaint(folder) == f"{folder / 'scenes.jsonl'}: case 0: robot: unknown robot 'gonzo'"
 
 
@@ -94,7 +105,10 @@ def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
     [
         ("{", "not the manifest of a corpus"),
         ("[]", "input should be"),
-        ("{}", "not the manifest of a corpus: 'schema'"),
+        ("{}", "not the manifest of a corpus: no 'schema'"),
+        ('{"schema": 1}', "not the manifest of a corpus: no 'runs'"),
+        ('{"schema": 1, "runs": [3]}', "not the manifest of a corpus"),
+        ('{"schema": 1, "runs": [{}]}', "name: field required"),
         ('{"schema": 2}', "name: field required"),
     ],
 )
@@ -109,7 +123,7 @@ def test_scenes_that_are_not_those_of_the_manifest_are_told(folder: Path) -> Non
 
 
 def test_a_folder_that_is_there_is_left_alone(folder: Path) -> None:
-    with pytest.raises(CorpusError, match="is there already"):
+    with pytest.raises(CorpusError, match="exists already"):
         write_corpus(make_corpus(case(3)), folder)
     assert len(read_corpus(folder).cases) == 2
 

@@ -43,5 +43,5 @@ def test_a_tenth_of_minis_weights_is_missed_and_none_is_not():
 @pytest.mark.slow
 def test_a_flaky_policy_is_hardly_ever_worse_than_itself():
     flaky = "python:tests.regression.policies:Flaky"
-    asked = ["regress", PICK_UP, "--policy", flaky, "--baseline", flaky, "--max-rollouts", "60"]
-    assert sum(main(asked) for _ in range(20)) <= 1
+    arguments = ["regress", PICK_UP, "--policy", flaky, "--baseline", flaky, "--max-rollouts", "60"]
+    assert sum(main(arguments) for _ in range(20)) <= 1

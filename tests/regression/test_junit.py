@@ -1,4 +1,4 @@
-"""What continuous integration is told."""
+"""What the JUnit file says about a comparison."""
 
 from collections import Counter
 from pathlib import Path
@@ -19,10 +19,11 @@ def compared(rule, bound: int | None = None):
 
 
 def elements(path: Path) -> dict[str, str]:
-    """By scene, what it says beside its name."""
+    """The element of each scene, by the name of the scene."""
     cases = Xml.parse(path).getroot().iter("testcase")
     return {
-        case.attrib["name"].partition(": ")[2]: next((each.tag for each in case), "passed") for case in cases
+        case.attrib["name"].partition(": ")[2]: next((element.tag for element in case), "passed")
+        for case in cases
     }
 
 
@@ -35,7 +36,7 @@ def test_a_scene_is_a_case_and_its_group_the_class(tmp_path: Path):
         ("nominal", "4"),
     ]
     assert {
-        (suite.attrib["name"], each.attrib["classname"]) for suite in root for each in suite.iter("testcase")
+        (suite.attrib["name"], case.attrib["classname"]) for suite in root for case in suite.iter("testcase")
     } == {(name, name) for name in ("failing", "counterpart", "nominal")}
     assert (root.attrib["tests"], root.attrib["failures"], root.attrib["skipped"]) == ("12", "1", "4")
     assert "not shown to be worse" in root.find(".//property[@name='verdict']").attrib["value"]
@@ -46,8 +47,7 @@ def test_a_broken_control_fails_and_what_the_baseline_fails_too_is_skipped(tmp_p
         return {0: True, 4: False, 5: Verdict.ERROR, 6: Verdict.INVALID}.get(number, number > 4)
 
     write_junit(compared(rule), tmp_path / "a.xml")
-    found = elements(tmp_path / "a.xml")
-    assert found == {
+    assert elements(tmp_path / "a.xml") == {
         "failing 0": "passed",
         **{f"failing {number}": "skipped" for number in (1, 2, 3)},
         "nominal 4": "failure",
@@ -77,4 +77,4 @@ def test_a_file_that_cannot_be_written_is_a_sentence_and_leaves_nothing(tmp_path
     (tmp_path / "a.xml").mkdir()
     with pytest.raises(UsageError, match=r"a\.xml: cannot be written: is a directory"):
         write_junit(compared(lambda number, repeat: True), tmp_path / "a.xml")
-    assert [each.name for each in tmp_path.iterdir()] == ["a.xml"]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.xml"]

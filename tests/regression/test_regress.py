@@ -1,4 +1,4 @@
-"""When a policy counts as worse, what is rolled out for it, and what is said of the scenes."""
+"""When a policy counts as worse, which rollouts this takes, and how the scenes are classified."""
 
 from collections import Counter
 from dataclasses import replace
@@ -20,35 +20,35 @@ SAME = Planned(lambda number, repeat: number >= 20)
 
 def test_a_policy_that_does_as_recorded_is_not_worse_and_every_scene_is_run_once():
     policy = Planned(lambda number, repeat: number >= 20)
-    found = compare(probes(), policy, RECORDED)
-    assert (found.alarm, found.stopped, found.p_value, found.needed) == (False, "done", 1, 5)
-    assert sorted(policy.asked) == [(number, 0) for number in range(60)]
-    assert Counter(each.standing for each in found.compared) == {"fails": 20, "passes": 40}
+    result = compare(probes(), policy, RECORDED)
+    assert (result.alarm, result.stopped, result.p_value, result.needed) == (False, "done", 1, 5)
+    assert sorted(policy.calls) == [(number, 0) for number in range(60)]
+    assert Counter(scene.standing for scene in result.compared) == {"fails": 20, "passes": 40}
 
 
 def test_one_that_breaks_controls_is_worse_and_the_rest_is_spared():
     policy = Planned(lambda number, repeat: number >= 40)
-    found = compare(probes(), policy, RECORDED)
-    assert (found.alarm, found.stopped) == (True, "worse")
-    assert (found.total.worse, found.needed) == (5, 0)
-    assert 5 <= len(policy.asked) < 60
-    assert [each.standing for each in found.compared].count("not run") == 60 - len(policy.asked)
-    assert "new is worse than old as recorded: 5 worse and 0 better" in found.verdict
+    result = compare(probes(), policy, RECORDED)
+    assert (result.alarm, result.stopped) == (True, "worse")
+    assert (result.total.worse, result.needed) == (5, 0)
+    assert 5 <= len(policy.calls) < 60
+    assert [scene.standing for scene in result.compared].count("not run") == 60 - len(policy.calls)
+    assert "new is worse than old as recorded: 5 worse and 0 better" in result.verdict
 
 
 def test_four_broken_controls_are_no_alarm():
-    found = compare(probes(), Planned(lambda number, repeat: number >= 24), RECORDED)
-    assert (found.alarm, found.total.worse, found.stopped) == (False, 4, "done")
-    assert "1 more broken controls would make an alarm" in found.verdict
+    result = compare(probes(), Planned(lambda number, repeat: number >= 24), RECORDED)
+    assert (result.alarm, result.total.worse, result.stopped) == (False, 4, "done")
+    assert "1 more broken controls would make an alarm" in result.verdict
 
 
 def test_solved_failures_do_not_make_up_for_broken_controls():
-    found = compare(probes(), Planned(lambda number, repeat: number >= 30 or number < 15), RECORDED)
-    assert found.alarm
-    failing, *controls = (found.tally(group) for group in ("failing", "counterpart", "nominal"))
-    assert (failing.worse, sum(each.better for each in controls)) == (0, 0)
+    result = compare(probes(), Planned(lambda number, repeat: number >= 30 or number < 15), RECORDED)
+    assert result.alarm
+    failing, *controls = (result.tally(group) for group in ("failing", "counterpart", "nominal"))
+    assert (failing.worse, sum(tally.better for tally in controls)) == (0, 0)
     assert failing.better > 0
-    assert sum(each.worse for each in controls) == 7
+    assert sum(tally.worse for tally in controls) == 7
 
 
 def test_a_bug_that_came_back_counts_though_its_scene_is_no_control():
@@ -57,24 +57,24 @@ def test_a_bug_that_came_back_counts_though_its_scene_is_no_control():
 
 
 def test_a_better_policy_is_not_worse():
-    found = compare(probes(), Planned(lambda number, repeat: True), RECORDED)
-    assert (found.alarm, found.total.better) == (False, 20)
+    result = compare(probes(), Planned(lambda number, repeat: True), RECORDED)
+    assert (result.alarm, result.total.better) == (False, 20)
 
 
 def test_the_order_is_shuffled_and_always_the_same():
-    asked = []
+    orders = []
     for _ in range(2):
         policy = Planned(lambda number, repeat: number >= 20)
         compare(probes(), policy, RECORDED)
-        asked.append(policy.asked)
-    assert asked[0] == asked[1] != sorted(asked[0])
+        orders.append(policy.calls)
+    assert orders[0] == orders[1] != sorted(orders[0])
 
 
 def test_a_stochastic_policy_is_repeated_until_no_alarm_can_come():
     policy = Planned(lambda number, repeat: number >= 20, deterministic=False)
-    found = compare(probes(2, 1), policy, Planned(lambda number, repeat: number >= 20), max_rollouts=9)
-    assert found.stopped == "hopeless"
-    assert Counter(repeat for _, repeat in policy.asked) == {0: 3, 1: 2}
+    result = compare(probes(2, 1), policy, Planned(lambda number, repeat: number >= 20), max_rollouts=9)
+    assert result.stopped == "hopeless"
+    assert Counter(repeat for _, repeat in policy.calls) == {0: 3, 1: 2}
 
 
 @pytest.mark.parametrize(("deterministic", "bound", "most"), [(True, 100, 60), (True, 7, 7), (False, 70, 70)])
@@ -83,18 +83,18 @@ def test_no_more_than_the_rollouts_asked_for(deterministic, bound, most):
     seen: list[Progress] = []
     compare(probes(), alternating, RECORDED, max_rollouts=bound, alpha=1e-9, watch=seen.append)
     assert seen[-1].most == most
-    assert len(alternating.asked) <= most
+    assert len(alternating.calls) <= most
 
 
 def test_errors_and_unfair_scenes_are_counted_apart_and_never_worse():
     def rule(number: int, repeat: int) -> Verdict | bool:
         return Verdict.ERROR if number % 10 == 1 else Verdict.INVALID if number % 10 == 2 else number >= 20
 
-    found = compare(probes(), Planned(rule), RECORDED)
-    standings = Counter(each.standing for each in found.compared)
+    result = compare(probes(), Planned(rule), RECORDED)
+    standings = Counter(scene.standing for scene in result.compared)
     assert (standings["error"], standings["invalid"], standings["worse"]) == (6, 6, 0)
-    assert (found.total.worse, found.total.baseline.of, found.tells) == (0, 48, True)
-    assert {each.detail for each in found.compared if each.standing == "error"} == {"policy: connect"}
+    assert (result.total.worse, result.total.baseline.of, result.tells) == (0, 48, True)
+    assert {scene.detail for scene in result.compared if scene.standing == "error"} == {"policy: connect"}
 
 
 @pytest.mark.parametrize("broken", ["policy", "baseline"])
@@ -102,14 +102,16 @@ def test_a_side_that_only_breaks_is_given_up_early_without_a_verdict(broken):
     wreck = Planned(lambda number, repeat: Verdict.ERROR)
     fine = Planned(lambda number, repeat: True)
     sides = (wreck, fine) if broken == "policy" else (fine, wreck)
-    found = compare(probes(), *sides)
-    assert (found.stopped, found.tells, found.alarm, len(wreck.asked)) == ("unjudged", False, False, 10)
-    assert found.verdict == "cannot tell: only 0 of 10 rollouts could be judged"
+    result = compare(probes(), *sides)
+    assert (result.stopped, result.tells, result.alarm, len(wreck.calls)) == ("unjudged", False, False, 10)
+    assert result.verdict == "cannot tell: only 0 of 10 rollouts could be judged"
 
 
 def test_a_verdict_needs_half_of_the_pairs():
-    found = compare(probes(), Planned(lambda number, repeat: Verdict.ERROR if number % 3 else True), RECORDED)
-    assert (found.stopped, found.tells) == ("done", False)
+    result = compare(
+        probes(), Planned(lambda number, repeat: Verdict.ERROR if number % 3 else True), RECORDED
+    )
+    assert (result.stopped, result.tells) == ("done", False)
 
 
 def test_a_flaky_policy_against_itself_hardly_raises_an_alarm():
@@ -120,33 +122,33 @@ def test_a_flaky_policy_against_itself_hardly_raises_an_alarm():
 
 def test_a_flaky_policy_that_fails_much_more_often_is_found_out():
     rng = np.random.default_rng(0)
-    found = [compare(probes(), flaky(0.6, rng), flaky(0.3, rng)).alarm for _ in range(40)]
-    assert sum(found) >= 36
+    alarms = [compare(probes(), flaky(0.6, rng), flaky(0.3, rng)).alarm for _ in range(40)]
+    assert sum(alarms) >= 36
 
 
-def test_each_scene_of_a_corpus_is_asked_once_in_the_group_that_says_most():
-    asked = probes_of(make_corpus(case(0), case(1), case(1)))
-    assert [(each.group, each.passed) for each in asked] == [
+def test_every_scene_of_a_corpus_is_probed_once_in_the_most_telling_group():
+    scenes = probes_of(make_corpus(case(0), case(1), case(1)))
+    assert [(probe.group, probe.passed) for probe in scenes] == [
         ("failing", False),
         ("failing", False),
         ("nominal", True),
         ("counterpart", True),
     ]
-    assert asked[0].what == "light: fails from intensity × 0.25 on"
-    assert asked[3].what.endswith(" without light")
-    assert next(each for each in asked if each.group == "nominal").scene == scene()
+    assert scenes[0].what == "light: fails from intensity × 0.25 on"
+    assert scenes[3].what.endswith(" without light")
+    assert next(probe for probe in scenes if probe.group == "nominal").scene == scene()
 
 
 def test_a_control_that_failed_is_recorded_as_such():
     nominal = next(
-        each
-        for each in probes_of(make_corpus(replace(case(1), nominal_passes=False)))
-        if each.group == "nominal"
+        probe
+        for probe in probes_of(make_corpus(replace(case(1), nominal_passes=False)))
+        if probe.group == "nominal"
     )
     assert not nominal.passed
 
 
-def test_a_scene_is_rolled_out_with_its_runs_seed_on_one_desk_for_all_runs():
+def test_a_scene_is_rolled_out_with_the_seed_of_its_run_by_one_runner_for_all_runs():
     made: list[RuleRunner] = []
 
     def runner(run):
@@ -160,10 +162,10 @@ def test_a_scene_is_rolled_out_with_its_runs_seed_on_one_desk_for_all_runs():
         rerun.answer(probe, 3)
     rerun.close()
     assert len(made) == made[0].closed == 1
-    assert [seed for _, seed in made[0].asked] == [5, 8, 6, 9]
+    assert [seed for _, seed in made[0].calls] == [5, 8, 6, 9]
 
 
-def test_runs_under_other_conditions_get_desks_of_their_own():
+def test_runs_under_other_conditions_get_runners_of_their_own():
     made = []
     Rerun(
         "new",

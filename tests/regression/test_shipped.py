@@ -1,4 +1,4 @@
-"""The corpora that come with vlafuzz: whole, of fair scenes, and with witnesses that solve them."""
+"""The shipped corpora are complete, their scenes are fair, and the witnesses solve them."""
 
 from collections.abc import Callable
 from contextlib import closing

@@ -1,4 +1,4 @@
-"""Bundle: an exported corpus as values: minimal failing scenes, each with what makes it trustworthy."""
+"""An exported corpus as values: minimal failing scenes, each with the evidence for it."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from vlafuzz.store.records import Manifest
 SCHEMA = 2  # of the folder, described in corpus/README.md
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
     """One failure.
 
     Attributes:
-        scene: minimal: each operator in it that is not nominal is needed for the policy to fail.
+        scene: minimal: every operator that is not nominal in it is needed for the policy to fail.
         lost_stage: the stage that the policy does not reach.
-        operators: not nominal in the scene, the confounders' as one.
-        counterparts: by operator, the scene without it, in which the policy passes.
-        nominal: the scene without any of them, the control; ``nominal_passes`` is what came of it.
+        operators: those that are not nominal in the scene; all confounder operators count as one.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes.
+        nominal: the scene with all operators reset, the control; ``nominal_passes``: its verdict.
         witness: a solution of the scene.
-        found: digest of the scene as it was found.
-        run: number of the run that found it, in ``Bundle.runs``.
-        repeats: that confirmed it, ``failures`` of them failed.
-        rollouts: of the policy, to shrink and attribute it.
-        thumbnail: PNG of the scene as the third-person camera sees it; None where nothing could be rendered.
+        found: digest of the scene as the search found it.
+        run: index of the run that found it, in ``Corpus.runs``.
+        repeats: rollouts that confirmed it; ``failures`` of them failed.
+        rollouts: of the policy, to shrink and attribute the finding.
+        thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
 
     scene: Scene
@@ -49,14 +49,14 @@ class Case:
 
     @property
     def title(self) -> str:
-        """What it takes, in a few words: the thresholds where they are known, else the operators."""
-        said = {threshold.operator: str(threshold) for threshold in self.causes.thresholds}
-        return "; ".join(said.get(name, name) for name in self.operators)
+        """The operators in a few words, with their thresholds where these are known."""
+        thresholds = {threshold.operator: str(threshold) for threshold in self.causes.thresholds}
+        return "; ".join(thresholds.get(name, name) for name in self.operators)
 
 
 @dataclass(frozen=True)
 class Share:
-    """A count of so many, with its 95 % interval (Wilson)."""
+    """``count`` of ``of``, with the 95 % confidence interval (Wilson)."""
 
     count: int
     of: int
@@ -65,19 +65,19 @@ class Share:
 
     @staticmethod
     def of_counts(count: int, of: int) -> Share:
-        """The interval of nothing is everything."""
+        """Without observations, the interval is [0, 1]."""
         return Share(count, of, *(wilson(count, of) if of else (0.0, 1.0)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What triage of the stores came to, and what was written of it.
+    """What triage of the store found, and what the export left out.
 
     Attributes:
-        findings: of the stores.
-        shares: of those that were triaged: confirmed, flaky, witnessed, unproven, base, minimal.
-        left_out: minimal findings that are not in here, by reason.
-        search_rollouts: of the policy, to find them; ``triage_rollouts`` to triage them.
+        findings: number of findings in the store.
+        shares: of the triaged findings: confirmed, flaky, witnessed, unproven, base, minimal.
+        left_out: number of minimal findings that are not in the corpus, by reason.
+        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
         expert_rollouts: replays of witnesses included.
         seconds: wall time of triage.
     """
@@ -91,14 +91,15 @@ class Evidence:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Corpus:
-    """All of it.
+    """All cases of one policy on one task, and where they come from.
 
     Attributes:
-        runs: that found the cases: policy, versions, conditions.
-        renderer: what drew the pictures when the cases were confirmed; None for a policy that sees none.
-        versions: of the packages then.
+        runs: the runs that found the cases: policy, versions, conditions.
+        renderer: what rendered the policy's images when the cases were checked; None for a policy without
+            cameras.
+        versions: of the packages at that time.
         created: ISO 8601, UTC.
     """
 
@@ -112,14 +113,14 @@ class Corpus:
 
     @property
     def task(self) -> str:
-        """Of all scenes."""
+        """The task of all scenes."""
         return self.runs[0].task
 
     @property
     def policy(self) -> str:
-        """Which failed, as its user named it."""
+        """The policy that failed, as the user named it."""
         return self.runs[0].policy
 
     def seed(self, case: Case) -> int:
-        """Of the rollouts in which it failed."""
+        """Seed of the rollouts in which the case failed."""
         return self.runs[case.run].seed

@@ -1,4 +1,4 @@
-"""export: from the minimal findings of a store to a bundle. Each is checked once more before it goes in."""
+"""export: the minimal findings of a store as a corpus. Each finding is checked once more."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
 
 
-class Checker(SceneRunner, Protocol):
-    """A desk that takes pictures."""
+class PictureRunner(SceneRunner, Protocol):
+    """A scene runner that also takes pictures."""
 
     @property
     def renderer(self) -> str | None:
-        """What draws the policy's pictures; None for one that sees none."""
+        """What renders the policy's images; None for a policy without cameras."""
 
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a scene; None where nothing can be rendered."""
@@ -47,40 +47,40 @@ class _Chosen(NamedTuple):
 
 def export(
     store: Store,
-    runner: Callable[[Run], Checker],
+    runner: Callable[[Run], PictureRunner],
     *,
     name: str,
     run: int | None = None,
     watch: Callable[[int, int], None] = lambda done, of: None,
 ) -> Corpus:
-    """The minimal findings of a store, each scene once, that hold here and now.
+    """The minimal findings of a store that still hold, one case per scene.
 
-    One holds when the policy fails in it no later than it did, passes in every counterpart, and the witness
-    solves it when it is played again.
+    A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the
+    witness solves the scene.
 
     Args:
-        desk: makes what the findings of a run are checked with.
-        name: of the bundle.
-        run: only findings that this run saw first.
-        watch: hears how many are checked of all.
+        runner: makes the scene runner that checks the findings of a run.
+        name: of the corpus.
+        run: only findings that this run found first.
+        watch: called with the number of findings checked, and of all.
 
     Raises:
-        UsageError: several tasks or policies are in the store.
-        StoreError: it has no minimal finding, or none that holds.
+        UsageError: the store has several tasks or policies.
+        StoreError: the store has no minimal finding, or none that holds.
     """
     chosen = _choose(store, run)
-    runs = {each.id: each for each in store.runs()}
-    numbers = sorted({each.finding.run for each in chosen})
+    runs = {begun.id: begun for begun in store.runs()}
+    numbers = sorted({choice.finding.run for choice in chosen})
     _check_alike(store, [runs[number] for number in numbers])
     cases: list[Case] = []
     left_out: Counter[str] = Counter()
     renderer, done = None, 0
     watch(0, len(chosen))
-    for number, group in groupby(chosen, lambda each: each.finding.run):
-        with closing(runner(runs[number])) as tools:
-            renderer = tools.renderer
-            for each in group:
-                case = _case(each, numbers.index(number), tools)
+    for number, group in groupby(chosen, lambda choice: choice.finding.run):
+        with closing(runner(runs[number])) as checker:
+            renderer = checker.renderer
+            for choice in group:
+                case = _case(choice, numbers.index(number), checker)
                 if isinstance(case, Case):
                     cases.append(case)
                 else:
@@ -88,21 +88,23 @@ def export(
                 done += 1
                 watch(done, len(chosen))
     if not cases:
-        told = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
-        raise StoreError(f"{store.path}: no minimal finding holds: {told}", hint="`vlafuzz triage` it here")
+        reasons = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
+        raise StoreError(
+            f"{store.path}: no minimal finding holds: {reasons}", hint="`vlafuzz triage` it here"
+        )
     return Corpus(
-        name,
-        [runs[number].manifest for number in numbers],
-        cases,
-        _evidence(store, left_out),
-        renderer,
-        provenance.versions(),
-        datetime.now(UTC).isoformat(timespec="seconds"),
+        name=name,
+        runs=[runs[number].manifest for number in numbers],
+        cases=cases,
+        evidence=_evidence(store, left_out),
+        renderer=renderer,
+        versions=provenance.versions(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
     )
 
 
 def _choose(store: Store, run: int | None) -> list[_Chosen]:
-    """The minimal findings, by run; of those with the same scene left the first."""
+    """The minimal findings, ordered by run; of several with the same minimal scene, the first."""
     findings = {(each.scene.digest, each.policy_key): each for each in store.findings(run)}
     chosen: dict[Scene, _Chosen] = {}
     for each in store.triaged():
@@ -111,18 +113,20 @@ def _choose(store: Store, run: int | None) -> list[_Chosen]:
             chosen.setdefault(each.shrunk, _Chosen(finding, each, each.shrunk, each.witness))
     if not chosen:
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
-    return sorted(chosen.values(), key=lambda each: each.finding.run)
+    return sorted(chosen.values(), key=lambda choice: choice.finding.run)
 
 
 def _check_alike(store: Store, runs: Sequence[Run]) -> None:
     kinds = {f"{run.manifest.policy} on {run.manifest.task}" for run in runs}
     if len(kinds) > 1:
-        told = f"{store.path}: has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
-        raise UsageError(told, hint="--run N takes those of one run")
+        message = (
+            f"{store.path}: has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
+        )
+        raise UsageError(message, hint="--run N exports the findings of one run")
 
 
-def _case(chosen: _Chosen, run: int, runner: Checker) -> Case | str:
-    """A finding as a case, or why it is none any more."""
+def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
+    """A finding as a case, or the reason why it no longer holds."""
     scene, triaged = chosen.shrunk, chosen.triaged
     lost = triaged.lost_stage
     runner.renew()
@@ -134,40 +138,40 @@ def _case(chosen: _Chosen, run: int, runner: Checker) -> Case | str:
     for operator, counterpart in triaged.counterparts.items():
         if repeat(runner, counterpart)[1].verdict is not Verdict.PASSED:
             return f"without {operator} it no longer passes"
-    played = runner.play(scene, chosen.witness.actions)
-    if played.verdict is not Verdict.PASSED:
+    replayed = runner.play(scene, chosen.witness.actions)
+    if replayed.verdict is not Verdict.PASSED:
         return UNSOLVED
     control = nominal(runner.space, scene)
     return Case(
-        scene,
-        judged.lost,
-        triaged.signature or "",
-        triaged.operators,
-        triaged.causes,
-        triaged.counterparts,
-        control,
-        repeat(runner, control)[1].verdict is Verdict.PASSED,
-        replace(chosen.witness, states_hash=played.rollouts[0].states_hash),
-        triaged.scene.digest,
-        run,
-        confirmation.repeats,
-        confirmation.failures,
-        triaged.shrink_rollouts,
-        runner.picture(scene),
+        scene=scene,
+        lost_stage=judged.lost,
+        signature=triaged.signature or "",
+        operators=triaged.operators,
+        causes=triaged.causes,
+        counterparts=triaged.counterparts,
+        nominal=control,
+        nominal_passes=repeat(runner, control)[1].verdict is Verdict.PASSED,
+        witness=replace(chosen.witness, states_hash=replayed.rollouts[0].states_hash),
+        found=triaged.scene.digest,
+        run=run,
+        repeats=confirmation.repeats,
+        failures=confirmation.failures,
+        rollouts=triaged.shrink_rollouts,
+        thumbnail=runner.picture(scene),
     )
 
 
 def _evidence(store: Store, left_out: Counter[str]) -> Evidence:
-    found = summarise(store)
-    counts = {"confirmed": found.confirmed, "witnessed": found.witnessed}
-    counts |= {bucket: found.buckets[bucket] for bucket in ("minimal", "base", "unproven", "flaky")}
+    summary = summarise(store)
+    counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
+    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "flaky")}
     trials = (trial for run in store.runs() for trial in store.trials(run.id))
     return Evidence(
-        found.findings,
-        {name: Share.of_counts(count, found.triaged) for name, count in counts.items()},
-        dict(left_out),
-        sum(len(trial.outcome.rollouts) for trial in trials),
-        found.policy_rollouts,
-        found.expert_rollouts,
-        found.seconds,
+        findings=summary.findings,
+        shares={name: Share.of_counts(count, summary.triaged) for name, count in counts.items()},
+        left_out=dict(left_out),
+        search_rollouts=sum(len(trial.outcome.rollouts) for trial in trials),
+        triage_rollouts=summary.policy_rollouts,
+        expert_rollouts=summary.expert_rollouts,
+        seconds=summary.seconds,
     )

@@ -1,4 +1,4 @@
-"""Bundles as folders: written whole or not at all, and checked when they are read."""
+"""Corpora as folders: written completely or not at all, and checked when they are read."""
 
 from __future__ import annotations
 
@@ -8,81 +8,56 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.errors import CorpusError, SceneError
-from vlafuzz.evidence import Actions, Causes, Witness
+from vlafuzz.evidence import Actions, Witness
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.regression.corpus import SCHEMA, Case, Corpus, Evidence
+from vlafuzz.regression.corpus import SCHEMA, Case, Corpus
+from vlafuzz.regression.manifest import EXPORT_AGAIN, CaseRow, CorpusManifest, WitnessRow, read_manifest
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.shipped import corpus_dir
-from vlafuzz.store.records import Manifest
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-_AGAIN = "`vlafuzz export STORE --minimal` writes a whole one"
+# What a value and its row in the manifest have in common; the other fields are files or digests.
+_OF_CORPUS = ("name", "created", "renderer", "versions", "evidence")
+_OF_CASE = (
+    "lost_stage", "signature", "operators", "causes", "nominal_passes", "found", "run", "repeats", "failures",
+    "rollouts",
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Proof:
-    """A witness but for its actions, of which it has the digest."""
-
-    __pydantic_config__ = _STRICT
-    digest: str
-    steps: int
-    states_hash: str
-    attempt: int
+def locate(folder: Path) -> Path:
+    """The folder itself; for the name of a shipped corpus that is no path here, the shipped folder."""
+    shipped = corpus_dir() / folder.name
+    return shipped if folder == Path(folder.name) and not folder.exists() and shipped.is_dir() else folder
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A case in the manifest: scenes by their digests. See ``Case``."""
-
-    __pydantic_config__ = _STRICT
-    scene: str
-    lost_stage: str
-    signature: str
-    operators: tuple[str, ...]
-    causes: Causes
-    counterparts: Mapping[str, str]
-    nominal: str
-    nominal_passes: bool
-    witness: _Proof
-    found: str
-    run: int
-    repeats: int
-    failures: int
-    rollouts: int
-    thumbnail: bool
+def is_corpus(folder: Path) -> bool:
+    """Whether a path, or the name of a shipped corpus, looks like an exported corpus."""
+    return (locate(folder) / MANIFEST).is_file()
 
 
-@dataclass(frozen=True)
-class _Manifest:
-    __pydantic_config__ = _STRICT
-    schema: int
-    name: str
-    created: str
-    renderer: str | None
-    versions: Mapping[str, str]
-    runs: tuple[Manifest, ...]
-    evidence: Evidence
-    cases: tuple[_Row, ...]
+def witness_path(folder: Path, scene: Scene) -> Path:
+    """The file with the actions of a scene's witness."""
+    return folder / "witnesses" / f"{scene.digest}.npy"
 
 
-_ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
+def thumbnail_path(folder: Path, scene: Scene) -> Path:
+    """The file with the image of a scene."""
+    return folder / "thumbnails" / f"{scene.digest}.png"
 
 
 def write_corpus(corpus: Corpus, folder: Path) -> None:
     """Write a new folder.
 
     Raises:
-        CorpusError: it is there already, or cannot be written.
+        CorpusError: the folder exists already, or cannot be written.
     """
     with whole(folder) as unfinished:
         _write(corpus, unfinished)
@@ -90,10 +65,10 @@ def write_corpus(corpus: Corpus, folder: Path) -> None:
 
 @contextmanager
 def whole(folder: Path) -> Iterator[Path]:
-    """A new folder beside its place, which is moved there in the end, so that there is never half of one.
+    """A temporary folder that is renamed to ``folder`` at the end, so that it is complete or absent.
 
     Raises:
-        CorpusError: it is there already, or cannot be written.
+        CorpusError: the folder exists already, or cannot be written.
     """
     unfinished = check_new(folder)
     try:
@@ -106,13 +81,13 @@ def whole(folder: Path) -> Iterator[Path]:
 
 
 def check_new(folder: Path) -> Path:
-    """That a folder is not there yet, and could be; where it is written first.
+    """Check that a folder does not exist and can be created; returns the temporary folder to write first.
 
     Raises:
-        CorpusError: it is, or could not.
+        CorpusError: the folder exists already, or cannot be written.
     """
     if folder.exists():
-        raise CorpusError(f"{folder}: is there already", hint="give --out a new folder")
+        raise CorpusError(f"{folder}: exists already", hint="give --out a new folder")
     unfinished = folder.with_name(f".{folder.name}.part")
     try:
         shutil.rmtree(unfinished, ignore_errors=True)  # of an export that was killed
@@ -138,155 +113,73 @@ def _write(corpus: Corpus, folder: Path) -> None:
         witness_path(folder, case.scene).write_bytes(_npy(case.witness.actions))
         if case.thumbnail is not None:
             thumbnail_path(folder, case.scene).write_bytes(case.thumbnail)
-    manifest = _Manifest(
-        SCHEMA,
-        corpus.name,
-        corpus.created,
-        corpus.renderer,
-        corpus.versions,
-        tuple(corpus.runs),
-        corpus.evidence,
-        tuple(map(_row, corpus.cases)),
-    )
+    rows, runs = tuple(map(_row, corpus.cases)), tuple(corpus.runs)
+    manifest = CorpusManifest(schema=SCHEMA, cases=rows, runs=runs, **_fields(corpus, _OF_CORPUS))
     (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
 
 
-def witness_path(folder: Path, scene: Scene) -> Path:
-    """Where the actions of a scene's witness are: no file says where a file is."""
-    return folder / "witnesses" / f"{scene.digest}.npy"
-
-
-def thumbnail_path(folder: Path, scene: Scene) -> Path:
-    """Where the picture of a scene is."""
-    return folder / "thumbnails" / f"{scene.digest}.png"
-
-
-def _row(case: Case) -> _Row:
-    witness = case.witness
-    digest = _digest(_npy(witness.actions))
-    return _Row(
-        case.scene.digest,
-        case.lost_stage,
-        case.signature,
-        case.operators,
-        case.causes,
-        {name: scene.digest for name, scene in case.counterparts.items()},
-        case.nominal.digest,
-        case.nominal_passes,
-        _Proof(digest, len(witness.actions), witness.states_hash, witness.attempt),
-        case.found,
-        case.run,
-        case.repeats,
-        case.failures,
-        case.rollouts,
-        case.thumbnail is not None,
+def _row(case: Case) -> CaseRow:
+    actions, witness = case.witness.actions, case.witness
+    return CaseRow(
+        scene=case.scene.digest,
+        counterparts={name: scene.digest for name, scene in case.counterparts.items()},
+        nominal=case.nominal.digest,
+        witness=WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt),
+        thumbnail=case.thumbnail is not None,
+        **_fields(case, _OF_CASE),
     )
 
 
-def is_corpus(folder: Path) -> bool:
-    """Whether a path, or the name of a shipped corpus, looks like an exported one."""
-    return (locate(folder) / MANIFEST).is_file()
-
-
-def locate(folder: Path) -> Path:
-    """A name such as ``mini-pick-up`` is that of a shipped corpus, unless there is such a folder here."""
-    shipped = corpus_dir() / folder.name
-    return shipped if folder == Path(folder.name) and not folder.exists() and shipped.is_dir() else folder
+def _fields(value: object, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in names}
 
 
 def read_corpus(folder: Path) -> Corpus:
-    """Read a folder that ``write_bundle`` wrote, and check that its parts belong together.
+    """Read a folder that ``write_corpus`` wrote, and check that its parts belong together.
 
     Raises:
-        CorpusError: it is none, is of a newer schema, or something in it is missing or was changed; the
+        CorpusError: the folder is not a corpus, has a newer schema, or a file is missing or was changed; the
             message names the file.
     """
     folder = locate(folder)
-    manifest = _read_manifest(folder / MANIFEST)
+    manifest = read_manifest(folder / MANIFEST)
     try:
-        shown = {scene.digest: scene for scene in load_scenes(folder / SCENES)}
-        shown |= {scene.digest: scene for scene in load_scenes(folder / COUNTERPARTS)}
+        scenes = {scene.digest: scene for scene in load_scenes(folder / SCENES)}
+        scenes |= {scene.digest: scene for scene in load_scenes(folder / COUNTERPARTS)}
     except SceneError as error:
-        raise CorpusError(error.message, hint=_AGAIN) from None
-    cases = [_case(folder, number, row, shown) for number, row in enumerate(manifest.cases)]
-    if any(not 0 <= case.run < len(manifest.runs) for case in cases) or not cases:
-        raise CorpusError(f"{folder / MANIFEST}: a case of a run that is not in it, or no case", hint=_AGAIN)
-    return Corpus(
-        manifest.name,
-        manifest.runs,
-        cases,
-        manifest.evidence,
-        manifest.renderer,
-        manifest.versions,
-        manifest.created,
-    )
+        raise CorpusError(error.message, hint=EXPORT_AGAIN) from None
+    cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
+    return Corpus(runs=manifest.runs, cases=cases, **_fields(manifest, _OF_CORPUS))
 
 
-def _read_manifest(path: Path) -> _Manifest:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        schema = found["schema"] if isinstance(found, dict) else None
-        if isinstance(schema, int) and schema > SCHEMA:
-            raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
-        return _ADAPTER.validate_python(_upgraded(found) if schema == 1 else found)
-    except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise CorpusError(f"{path}: cannot be read: {reason}", hint="expected an exported corpus") from None
-    except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        where = ".".join(map(str, problem["loc"]))
-        shown = repr(problem["input"])[:60]
-        raise CorpusError(f"{path}: {where}: {problem['msg'].lower()}, got {shown}", hint=_AGAIN) from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CorpusError(f"{path}: not the manifest of a corpus: {error}", hint=_AGAIN) from None
-
-
-def _upgraded(manifest: dict[str, Any]) -> dict[str, Any]:
-    """A manifest of schema 1 as one of schema 2, in which what is tested is called the policy."""
-    runs = [
-        {"policy" if name == "subject" else name: value for name, value in run.items()}
-        for run in manifest["runs"]
-    ]
-    return manifest | {"schema": SCHEMA, "runs": runs}
-
-
-def _case(folder: Path, number: int, row: _Row, shown: Mapping[str, Scene]) -> Case:
+def _case(folder: Path, number: int, row: CaseRow, scenes: Mapping[str, Scene]) -> Case:
     def scene(digest: str, file: str) -> Scene:
-        if digest not in shown:
-            raise CorpusError(f"{folder / file}: case {number}: no scene with digest {digest}", hint=_AGAIN)
-        return shown[digest]
+        if digest not in scenes:
+            message = f"{folder / file}: case {number}: no scene with digest {digest}"
+            raise CorpusError(message, hint=EXPORT_AGAIN)
+        return scenes[digest]
 
     failing = scene(row.scene, SCENES)
     try:
         rig(failing.robot)
     except SceneError as error:
         raise CorpusError(f"{folder / SCENES}: case {number}: {error.message}", hint=error.hint) from None
-    actions = _read_witness(witness_path(folder, failing), row.witness)
+    actions = _read_actions(witness_path(folder, failing), row.witness.digest)
     return Case(
-        failing,
-        row.lost_stage,
-        row.signature,
-        row.operators,
-        row.causes,
-        {name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
-        scene(row.nominal, COUNTERPARTS),
-        row.nominal_passes,
-        Witness(actions, row.witness.states_hash, row.witness.attempt),
-        row.found,
-        row.run,
-        row.repeats,
-        row.failures,
-        row.rollouts,
-        _read(thumbnail_path(folder, failing)) if row.thumbnail else None,
+        scene=failing,
+        counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
+        nominal=scene(row.nominal, COUNTERPARTS),
+        witness=Witness(actions, row.witness.states_hash, row.witness.attempt),
+        thumbnail=_read(thumbnail_path(folder, failing)) if row.thumbnail else None,
+        **_fields(row, _OF_CASE),
     )
 
 
-def _read_witness(path: Path, proof: _Proof) -> Actions:
+def _read_actions(path: Path, digest: str) -> Actions:
     data = _read(path)
-    if _digest(data) != proof.digest:
-        raise CorpusError(
-            f"{path}: was changed: its digest is {_digest(data)}, not {proof.digest}", hint=_AGAIN
-        )
+    if _digest(data) != digest:
+        message = f"{path}: was changed: its digest is {_digest(data)}, not {digest}"
+        raise CorpusError(message, hint=EXPORT_AGAIN)
     return np.asarray(np.load(io.BytesIO(data), allow_pickle=False), dtype=np.float32)
 
 
@@ -295,7 +188,7 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
-        raise CorpusError(f"{path}: cannot be read: {reason}", hint=_AGAIN) from None
+        raise CorpusError(f"{path}: cannot be read: {reason}", hint=EXPORT_AGAIN) from None
 
 
 def _npy(actions: Actions) -> bytes:

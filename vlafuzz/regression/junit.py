@@ -1,4 +1,4 @@
-"""A comparison as JUnit XML, which continuous integration shows scene by scene."""
+"""A comparison as JUnit XML, which continuous integration shows per scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vlafuzz.regression.pairs import GROUPS, Compared, Group
 from vlafuzz.regression.regress import Comparison
 
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, section 2.2
-# What a scene is in JUnit's words; one that passes is none of them.
+# JUnit's element for a standing; a scene that passes has none.
 _ELEMENTS = {
     "worse": "failure",
     "error": "error",
@@ -24,10 +24,10 @@ _COUNTS = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
-    """Write it whole or not at all: a scene a test case, its group the class.
+    """Write atomically: a scene is a test case, its group the class.
 
-    A scene fails where the policy passes less often than the baseline, and is skipped where the baseline
-    fails, too: that is known. One such scene is no alarm yet; the verdict over all is a property.
+    A scene fails if the policy passes less often than the baseline, and is skipped if the baseline fails,
+    too. One such scene raises no alarm yet; the overall verdict is a property.
 
     Raises:
         UsageError: the file cannot be written.
@@ -57,40 +57,40 @@ def _suite(comparison: Comparison, group: Group) -> Xml.Element:
     properties = Xml.SubElement(suite, "properties")
     for name in ("policy", "baseline", "verdict"):
         Xml.SubElement(properties, "property", name=name, value=_clean(getattr(comparison, name)))
-    for each in scenes:
-        suite.append(_case(each))
+    for scene in scenes:
+        suite.append(_case(scene))
     return suite
 
 
-def _case(each: Compared) -> Xml.Element:
-    probe = each.probe
+def _case(scene: Compared) -> Xml.Element:
+    probe = scene.probe
     case = Xml.Element(
         "testcase",
         classname=probe.group,
         name=_clean(f"{probe.scene.digest}: {probe.what}"),
-        time=f"{each.seconds:.3f}",
+        time=f"{scene.seconds:.3f}",
     )
-    if each.standing in _ELEMENTS:
-        Xml.SubElement(case, _ELEMENTS[each.standing], message=_clean(_message(each)))
+    if scene.standing in _ELEMENTS:
+        Xml.SubElement(case, _ELEMENTS[scene.standing], message=_clean(_message(scene)))
     return case
 
 
-def _message(each: Compared) -> str:
-    judged = len(each.judged)
-    counts = f"passed {each.policy_passed} of {judged}, the baseline {each.baseline_passed} of {judged}"
-    said = {
+def _message(scene: Compared) -> str:
+    judged = len(scene.judged)
+    counts = f"passed {scene.policy_passed} of {judged}, the baseline {scene.baseline_passed} of {judged}"
+    messages = {
         "worse": counts,
         "fails": f"the baseline fails, too: {counts}",
-        "not run": "not run: stopped before",
+        "not run": "not run: the comparison stopped before",
     }
-    detail = f"; {each.detail}" if each.detail else ""
-    return said.get(each.standing, each.standing) + detail
+    detail = f"; {scene.detail}" if scene.detail else ""
+    return messages.get(scene.standing, scene.standing) + detail
 
 
 def _counts(scenes: tuple[Compared, ...]) -> dict[str, str]:
-    kinds = Counter(_ELEMENTS.get(each.standing) for each in scenes)
+    kinds = Counter(_ELEMENTS.get(scene.standing) for scene in scenes)
     counts = {name: str(kinds[element]) for element, name in _COUNTS.items()}
-    return {"tests": str(len(scenes)), **counts, "time": f"{sum(each.seconds for each in scenes):.3f}"}
+    return {"tests": str(len(scenes)), **counts, "time": f"{sum(scene.seconds for scene in scenes):.3f}"}
 
 
 def _clean(text: str) -> str:

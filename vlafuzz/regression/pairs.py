@@ -1,4 +1,4 @@
-"""Probes, the scenes of a corpus that are run again, and what two policies did in them."""
+"""Probes, the scenes of a corpus that are run again, and the outcomes of two policies in them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Probe:
     """A scene that is run again.
 
     Attributes:
-        group: minimal ``failing`` scene of a case; ``counterpart`` of one, which passes without one of its
-            operators; ``nominal`` scene of one.
-        what: of which case, in a few words.
-        run: number of the run in whose conditions, in ``Bundle.runs``.
-        passed: by the corpus's own policy, as recorded.
+        group: the minimal ``failing`` scene of a case; its ``counterpart``, with one operator reset;
+            or its ``nominal`` scene.
+        what: the case, in a few words.
+        run: index of the run whose conditions apply, in ``Corpus.runs``.
+        passed: whether the corpus's own policy passed, as recorded.
     """
 
     scene: Scene
@@ -35,26 +35,26 @@ class Probe:
 
 
 def probes(corpus: Corpus) -> list[Probe]:
-    """Each scene of a corpus once.
+    """Every scene of a corpus once.
 
-    In the failing scenes a policy can only improve on the one that failed there; the others are where it can
-    become worse. Without its only operator a case is nominal, and counts as that.
+    In a failing scene, a policy can only improve on the one that failed there; in the others it can get
+    worse. The counterpart of a case with one operator is its nominal scene, and counts as nominal.
     """
-    found: dict[Scene, Probe] = {}
+    by_scene: dict[Scene, Probe] = {}
     for case in corpus.cases:
-        found.setdefault(case.scene, Probe(case.scene, "failing", case.title, case.run, passed=False))
+        by_scene.setdefault(case.scene, Probe(case.scene, "failing", case.title, case.run, passed=False))
     for case in corpus.cases:
         what = f"{case.scene.digest[:8]}, all nominal"
-        found.setdefault(case.nominal, Probe(case.nominal, "nominal", what, case.run, case.nominal_passes))
+        by_scene.setdefault(case.nominal, Probe(case.nominal, "nominal", what, case.run, case.nominal_passes))
     for case in corpus.cases:
         for operator, scene in case.counterparts.items():
             what = f"{case.scene.digest[:8]} without {operator}"
-            found.setdefault(scene, Probe(scene, "counterpart", what, case.run, passed=True))
-    return list(found.values())
+            by_scene.setdefault(scene, Probe(scene, "counterpart", what, case.run, passed=True))
+    return list(by_scene.values())
 
 
 class Answer(NamedTuple):
-    """What came of one rollout. ``seconds``: wall time; ``detail``: which stage was lost, or what broke."""
+    """The result of one rollout. ``seconds``: wall time; ``detail``: the stage lost, or the error."""
 
     verdict: Verdict
     seconds: float = 0.0
@@ -62,36 +62,36 @@ class Answer(NamedTuple):
 
     @staticmethod
     def of(outcome: Outcome) -> Answer:
-        """Of a scene that was rolled out once, or could not be."""
+        """From the outcome of a scene that was rolled out once, or could not be."""
         seconds = sum(rollout.seconds for rollout in outcome.rollouts)
         lost = f"does not reach {outcome.lost_stage}" if outcome.lost_stage else ""
         return Answer(outcome.verdict, seconds, outcome.detail or lost)
 
     @staticmethod
     def of_record(*, passed: bool) -> Answer:
-        """Of a scene that was rolled out long ago."""
+        """From a recorded verdict."""
         return Answer(Verdict.PASSED if passed else Verdict.FAILED)
 
     @property
     def judged(self) -> bool:
-        """Whether it says something about the policy."""
+        """Whether there is a verdict on the policy: passed or failed."""
         return self.verdict >= Verdict.PASSED
 
     @property
     def passed(self) -> bool:
-        """Whether the policy did what it was told."""
+        """Whether the policy succeeded."""
         return self.verdict is Verdict.PASSED
 
 
 class Pair(NamedTuple):
-    """Baseline and policy in one scene, with the same seed."""
+    """The answers of baseline and policy in one scene, with the same seed."""
 
     baseline: Answer
     policy: Answer
 
     @property
     def judged(self) -> bool:
-        """Whether both say something."""
+        """Whether there is a verdict on both."""
         return self.baseline.judged and self.policy.judged
 
     @property
@@ -106,20 +106,20 @@ class Pair(NamedTuple):
 
     @property
     def discordant(self) -> bool:
-        """Whether it tells the two apart."""
+        """Whether exactly one of the two failed."""
         return self.worse or self.better
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A probe with its pairs: one where both policies are deterministic, several with new seeds where not."""
+    """A probe with its pairs: one if both policies are deterministic, else several with different seeds."""
 
     probe: Probe
     pairs: tuple[Pair, ...] = ()
 
     @property
     def judged(self) -> tuple[Pair, ...]:
-        """The pairs that say something."""
+        """The pairs with a verdict on both policies."""
         return tuple(pair for pair in self.pairs if pair.judged)
 
     @property
@@ -134,7 +134,7 @@ class Compared:
 
     @property
     def standing(self) -> Standing:
-        """How the policy stands in it: ``passes`` and ``fails`` where the baseline did as often."""
+        """The policy against the baseline: ``passes`` or ``fails`` if both passed equally often."""
         if not self.pairs:
             return "not run"
         if not self.judged:
@@ -147,9 +147,9 @@ class Compared:
 
     @property
     def detail(self) -> str:
-        """The first word of why: of the policy where it did not pass, else of the baseline; or empty."""
-        told = [pair.policy.detail for pair in self.pairs] + [pair.baseline.detail for pair in self.pairs]
-        return next(filter(None, told), "")
+        """The first reason for a failure or error, the policy's before the baseline's; or empty."""
+        details = [pair.policy.detail for pair in self.pairs] + [pair.baseline.detail for pair in self.pairs]
+        return next(filter(None, details), "")
 
     @property
     def seconds(self) -> float:
@@ -159,7 +159,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Tally:
-    """A group in numbers: of the judged pairs, what baseline and policy passed, and how they differ."""
+    """Counts over the judged pairs of a group: passes of baseline and policy, and discordant pairs."""
 
     baseline: Share
     policy: Share
@@ -168,8 +168,8 @@ class Tally:
 
     @staticmethod
     def of(compared: Iterable[Compared]) -> Tally:
-        """Count."""
-        pairs = [pair for each in compared for pair in each.judged]
+        """Count the pairs of some probes."""
+        pairs = [pair for probe in compared for pair in probe.judged]
         return Tally(
             Share.of_counts(sum(pair.baseline.passed for pair in pairs), len(pairs)),
             Share.of_counts(sum(pair.policy.passed for pair in pairs), len(pairs)),

@@ -1,12 +1,13 @@
-"""regress: two policies in the scenes of a corpus, until it is clear that the new one is worse. No simulator.
+"""regress: compare two policies in the scenes of a corpus until the new one is shown to be worse.
 
-Two policies are alike when exchanging them would change nothing; that is what an alarm speaks against. It is
-raised by broken controls, and by scenes of all kinds taken together: see ``SignTest``.
+The null hypothesis is that the policies are exchangeable. Failed controls raise an alarm, and so do failures
+in all scenes taken together: see ``SignTest``.
 
-A recorded outcome was selected: a scene is in the corpus because a policy failed in it, its counterpart
-because it passed. A flaky policy regresses to its mean in both, and against such records would look better
-or worse by how many there are of each. So records are a baseline only where both policies are deterministic;
-else both roll out, in the same scenes with the same seeds, and nothing was selected by what comes of that.
+Recorded outcomes were selected: a scene is in the corpus because a policy failed in it, its counterpart
+because it passed. A flaky policy regresses to its mean in both, and compared with such records would look
+better or worse depending on the number of each. So records serve as the baseline only if both policies are
+deterministic; else both policies are rolled out in the same scenes with the same seeds, and nothing is
+selected by outcome.
 """
 
 from __future__ import annotations
@@ -25,43 +26,43 @@ from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest
 
-REPEATS = 5  # of each scene at most, where a policy is stochastic and nobody says how many rollouts
-PATIENCE = 10  # pairs, none of which could be judged
+REPEATS = 5  # of each scene at most, by default, if a policy is stochastic
+PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "hopeless", "unjudged", "done"]
 
 
-class SceneRunner(Protocol):
-    """What a policy is run with under the conditions of a run. It raises nothing for what a scene does."""
+class PolicyRunner(Protocol):
+    """Rolls out a policy under the conditions of a run. A failing scene is an outcome, never an exception."""
 
     @property
     def deterministic(self) -> bool:
-        """Whether the policy is."""
+        """Whether the policy is deterministic."""
 
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """One rollout in each scene, with a seed that is this much more than the desk's."""
+        """One rollout in each scene, with the runner's seed plus ``number``."""
 
     def close(self) -> None:
-        """No more scenes."""
+        """Release the simulator."""
 
 
 class Side(Protocol):
-    """One of the two that are compared."""
+    """One of the two policies that are compared."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """As it is shown."""
 
     @property
     def deterministic(self) -> bool:
-        """Whether a second rollout would tell nothing new."""
+        """Whether every repeat gives the same answer."""
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """What comes of the n-th rollout in a scene."""
+        """The result of the n-th rollout in a scene."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A baseline that costs nothing: what the corpus says of its own policy."""
+    """A baseline without rollouts: the corpus's records of its own policy."""
 
     name: str
     deterministic: bool = True
@@ -72,39 +73,39 @@ class Recorded:
 
 
 class Rerun:
-    """A policy that rolls out now, one desk for all runs that differ in strategy and seed only.
+    """A policy that is rolled out now, with one runner for all runs under the same conditions.
 
     Args:
         runs: of the corpus.
-        desk: makes what to work with under the conditions of a run; it is asked with seed 0.
+        runner: makes the runner for the conditions of a run; called with the run's manifest at seed 0.
     """
 
     def __init__(
-        self, name: str, runs: Sequence[Manifest], runner: Callable[[Manifest], SceneRunner]
+        self, name: str, runs: Sequence[Manifest], runner: Callable[[Manifest], PolicyRunner]
     ) -> None:
         self.name, self._runs = name, runs
         distinct = {run.conditions: replace(run, seed=0) for run in runs}
-        self._desks = {conditions: runner(run) for conditions, run in distinct.items()}
-        self.deterministic = all(each.deterministic for each in self._desks.values())
+        self._runners = {conditions: runner(run) for conditions, run in distinct.items()}
+        self.deterministic = all(runner.deterministic for runner in self._runners.values())
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """See ``Side``. The first rollout of a deterministic policy has the seed of the recorded one."""
+        """See ``Side``. The first rollout has the seed of the recorded one."""
         run = self._runs[probe.run]
-        return Answer.of(self._desks[run.conditions].evaluate([probe.scene], run.seed + repeat)[0])
+        return Answer.of(self._runners[run.conditions].evaluate([probe.scene], run.seed + repeat)[0])
 
     def close(self) -> None:
-        """Let go of all desks."""
-        for each in self._desks.values():
-            each.close()
+        """Close all runners."""
+        for runner in self._runners.values():
+            runner.close()
 
 
 def records_hold(corpus: Corpus) -> bool:
-    """Whether the corpus's own policy would do what is recorded of it again."""
+    """Whether the corpus's own policy is deterministic, so that its records can be reproduced."""
     return all(run.repeats == 1 and json.loads(run.spec).get("deterministic", True) for run in corpus.runs)
 
 
 class Progress(NamedTuple):
-    """Where a comparison is: pairs done of at most so many, and the discordant ones."""
+    """State of a comparison: pairs done, of at most ``most``, and the discordant ones."""
 
     done: int
     most: int
@@ -112,15 +113,16 @@ class Progress(NamedTuple):
     better: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Comparison:
-    """What came of it.
+    """The result of a comparison.
 
     Attributes:
-        alpha: probability of an alarm where the two are alike, at most; ``needed``: how many
-            more broken controls would make one.
-        p_value: holds whenever one stops.
-        stopped: at an alarm; as no alarm could come any more; as nothing could be judged; or all was done.
+        alpha: bound on the probability of a false alarm.
+        needed: number of further broken controls that would raise an alarm.
+        p_value: valid at any stopping time.
+        stopped: ``worse``: an alarm; ``hopeless``: no alarm was possible any more; ``unjudged``: no rollout
+            could be judged; or ``done``.
     """
 
     policy: str
@@ -138,13 +140,13 @@ class Comparison:
 
     @property
     def total(self) -> Tally:
-        """Of all scenes."""
+        """Counts over all scenes."""
         return Tally.of(self.compared)
 
     @property
     def tried(self) -> int:
         """Pairs, judged or not."""
-        return sum(len(each.pairs) for each in self.compared)
+        return sum(len(compared.pairs) for compared in self.compared)
 
     @property
     def tells(self) -> bool:
@@ -153,23 +155,23 @@ class Comparison:
 
     def of(self, group: Group) -> list[Compared]:
         """The scenes of a group."""
-        return [each for each in self.compared if each.probe.group == group]
+        return [compared for compared in self.compared if compared.probe.group == group]
 
     def tally(self, group: Group) -> Tally:
-        """A group in numbers."""
+        """Counts over a group."""
         return Tally.of(self.of(group))
 
     @property
     def verdict(self) -> str:
-        """In one sentence."""
+        """The result in one sentence."""
         total, p = self.total, f"p = {self.p_value:.2g}, alpha = {self.alpha:g}"
         if not self.tells:
             return f"cannot tell: only {total.baseline.of} of {self.tried} rollouts could be judged"
-        told = f"{total.worse} worse and {total.better} better of {total.baseline.of} pairs ({p})"
+        counts = f"{total.worse} worse and {total.better} better of {total.baseline.of} pairs ({p})"
         if self.alarm:
-            return f"{self.policy} is worse than {self.baseline}: {told}"
-        none = f"{self.policy} is not shown to be worse than {self.baseline}"
-        return f"{none}: {told}; {self.needed} more broken controls would make an alarm"
+            return f"{self.policy} is worse than {self.baseline}: {counts}"
+        shown = f"{self.policy} is not shown to be worse than {self.baseline}"
+        return f"{shown}: {counts}; {self.needed} more broken controls would make an alarm"
 
 
 def compare(
@@ -181,14 +183,15 @@ def compare(
     max_rollouts: int | None = None,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Comparison:
-    """Roll out both, scene by scene in a shuffled order, always the same.
+    """Roll out both, scene by scene, in a shuffled order that is always the same.
 
-    Two deterministic sides need one round; else there are more, with new seeds. The first round is done to
-    its end but for an alarm, as each scene is of interest; of the others none where no alarm can come.
+    Two deterministic sides need one round; otherwise there are more, with new seeds. The first round ends
+    early only at an alarm, since every scene is of interest; later rounds also end if no alarm is possible
+    any more.
 
     Args:
-        max_rollouts: of the policy; None for one a scene, five where a side is stochastic.
-        watch: hears of every pair.
+        max_rollouts: of the policy; None for one per scene, or five if a side is stochastic.
+        watch: called after every pair.
     """
     most = most_rollouts(probes, policy, baseline, max_rollouts)
     pairs: list[list[Pair]] = [[] for _ in probes]
@@ -207,19 +210,26 @@ def compare(
         if test.alarm or (done + 1 >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break
-    compared = tuple(Compared(probe, tuple(done)) for probe, done in zip(probes, pairs, strict=True))
-    return Comparison(policy.name, baseline.name, alpha, test.needed, test.p_value, stopped, compared)
+    return Comparison(
+        policy=policy.name,
+        baseline=baseline.name,
+        alpha=alpha,
+        needed=test.needed,
+        p_value=test.p_value,
+        stopped=stopped,
+        compared=tuple(Compared(probe, tuple(done)) for probe, done in zip(probes, pairs, strict=True)),
+    )
 
 
 def most_rollouts(probes: Sequence[Probe], policy: Side, baseline: Side, bound: int | None) -> int:
-    """Of the policy, within a bound: as many as could tell something."""
+    """How many rollouts of the policy are useful, at most ``bound``."""
     once = policy.deterministic and baseline.deterministic
     useful = len(probes) if once else bound or len(probes) * REPEATS
     return min(useful, bound or useful)
 
 
 def _order(scenes: int, most: int) -> Iterator[tuple[int, int]]:
-    """Scene and repeat, one after the other."""
+    """Indices of scenes with the number of the repeat, round by round."""
     shuffled = [int(index) for index in np.random.default_rng(0).permutation(scenes)]
     for number in range(most if scenes else 0):
         yield shuffled[number % scenes], number // scenes
