@@ -10,7 +10,7 @@ import numpy as np
 import sapien
 from PIL import Image, ImageDraw, ImageFont
 
-from vlafuzz.objects import ObjectModel, RestPose, load_catalogue, open_packs
+from vlafuzz.objects import ObjectModel, StablePose, load_catalogue, open_packs
 from vlafuzz.sim.maniskill.objects import looks
 
 CELL = 256
@@ -37,7 +37,7 @@ class Studio:
         backwards, down = sapien.Pose(q=[0, 0, 0, 1]), sapien.Pose(q=[np.cos(0.31), 0, np.sin(0.31), 0])
         self.camera.entity.pose = sapien.Pose([0.46, 0, 0.41]) * backwards * down
 
-    def photograph(self, model: ObjectModel, rest: RestPose, yaw: float) -> Image.Image:
+    def photograph(self, model: ObjectModel, pose: StablePose, yaw: float) -> Image.Image:
         """A picture of ``CELL`` pixels, with the object turned by ``yaw`` degrees."""
         entity = sapien.Entity()
         visual = sapien.render.RenderBodyComponent()
@@ -45,7 +45,7 @@ class Studio:
         entity.add_component(visual)
         half = np.radians(yaw) / 2
         turn = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)])
-        entity.pose = sapien.Pose([0, 0, rest.height]) * turn * sapien.Pose(q=rest.quaternion)
+        entity.pose = sapien.Pose([0, 0, pose.height]) * turn * sapien.Pose(q=pose.quaternion)
         self.scene.add_entity(entity)
         self.scene.update_render()
         self.camera.take_picture()
@@ -82,9 +82,9 @@ def main() -> None:
         *options.objects, packs=[pack for given in options.pack for pack in open_packs(given)]
     )
     pictures = [
-        (f"{model.spoken}, {rest.name.replace('_', ' ')}", studio.photograph(model, rest, options.yaw))
+        (f"{model.spoken}, {pose.name.replace('_', ' ')}", studio.photograph(model, pose, options.yaw))
         for model in map(catalogue.__getitem__, catalogue.preferred(catalogue.names()))
-        for rest in model.rests
+        for pose in model.stable_poses
     ]
     sheet(pictures).save(options.out)
     print(options.out)

@@ -14,7 +14,7 @@ import vlafuzz
 ROWS = (
     "__init__",
     "errors",
-    "shipped assets plugins renderer statistics",
+    "shipped assets plugins renderer rotation statistics",
     "scene objects",
     "rigs",
     "tasks outcome",

@@ -81,7 +81,7 @@ def test_a_lying_cans_top_points_where_it_did_after_half_a_turn(tmp_path: Path) 
         (scene,) = read(tmp_path, grasp("pepsi_can", -0.3, 0.2, level(given)))
         target = scene.targets[0]
         assert target.rest == "lying"
-        rest = Rotation.from_quat(CATALOGUE["pepsi_can"].rest("lying").quaternion, scalar_first=True)
+        rest = Rotation.from_quat(CATALOGUE["pepsi_can"].stable_pose("lying").quaternion, scalar_first=True)
         ours = (Rotation.from_euler("z", target.yaw, degrees=True) * rest).apply(
             [0, 0, 1]
         )  # z is up in our cans

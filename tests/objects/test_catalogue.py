@@ -57,7 +57,7 @@ def test_an_unknown_object_is_refused_with_the_nearest_name(catalogue):
 
 def test_an_unknown_rest_pose_is_refused_with_the_known_ones(catalogue):
     with pytest.raises(CatalogueError, match="coke_can: no rest pose 'laying', known: standing, lying"):
-        catalogue["coke_can"].rest("laying")
+        catalogue["coke_can"].stable_pose("laying")
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_plates_have_a_rim_that_keeps_a_lying_can(catalogue):
 
 def test_a_footprint_goes_counter_clockwise_around_the_origin(catalogue):
     for model in catalogue.models.values():
-        for rest in model.rests:
+        for rest in model.stable_poses:
             after = np.roll(rest.footprint, -1, axis=0)
             x, y = rest.footprint.T
             assert np.all(x * after[:, 1] - y * after[:, 0] > 0), (model.name, rest.name)
@@ -144,7 +144,9 @@ def test_a_cached_object_equals_the_built_one(tmp_path, monkeypatch):
     again = load_catalogue()["sponge"]
     assert numbers(again) == numbers(built)
     assert again.density == built.density
-    assert [vars(grasp) for grasp in again.rests[0].grasps] == [vars(g) for g in built.rests[0].grasps]
+    assert [vars(grasp) for grasp in again.stable_poses[0].grasps] == [
+        vars(g) for g in built.stable_poses[0].grasps
+    ]
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "two"))
     elsewhere = load_catalogue()["sponge"].visual.parent
     assert {path.name: path.read_bytes() for path in elsewhere.iterdir()} == files
@@ -185,7 +187,7 @@ def test_a_cached_catalogue_loads_fast_and_without_mesh_libraries(catalogue):
 
 
 def numbers(model) -> list:
-    poses = [(rest.quaternion.tolist(), rest.height, rest.footprint.tolist()) for rest in model.rests]
+    poses = [(pose.quaternion.tolist(), pose.height, pose.footprint.tolist()) for pose in model.stable_poses]
     return [[part.tolist() for part in model.parts], model.vertices.tolist(), poses]
 
 

@@ -6,12 +6,12 @@ from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.shapes import box
 
 CATALOGUE = load_catalogue()
-POSES = [(name, rest.name) for name in CATALOGUE.graspable() for rest in CATALOGUE[name].rests]
+POSES = [(name, pose.name) for name in CATALOGUE.graspable() for pose in CATALOGUE[name].stable_poses]
 
 
 @pytest.mark.parametrize(("name", "rest"), POSES)
 def test_it_can_be_grasped(name, rest):
-    pose = CATALOGUE[name].rest(rest)
+    pose = CATALOGUE[name].stable_pose(rest)
     assert 1 <= len(pose.grasps) <= 12
     assert pose.grasps[0].width <= 0.072
     assert [g.quality for g in pose.grasps] == sorted((g.quality for g in pose.grasps), reverse=True)
@@ -24,11 +24,11 @@ def test_it_can_be_grasped(name, rest):
 
 
 def test_places_are_not_grasped():
-    assert all(not rest.grasps for name in CATALOGUE.places() for rest in CATALOGUE[name].rests)
+    assert all(not pose.grasps for name in CATALOGUE.places() for pose in CATALOGUE[name].stable_poses)
 
 
 def test_a_round_object_can_be_grasped_from_everywhere():
-    grasps = CATALOGUE["coke_can"].rest("standing").grasps
+    grasps = CATALOGUE["coke_can"].stable_pose("standing").grasps
     assert {g.yaw for g in grasps} == {15.0 * k for k in range(12)}
     assert len({g.quality for g in grasps}) == 1
 
@@ -38,17 +38,17 @@ def test_a_round_object_can_be_grasped_from_everywhere():
     [("coke_can", "lying"), ("blue_plastic_bottle", "lying"), ("sponge", "flat"), ("spoon", "lying")],
 )
 def test_a_long_object_is_grasped_across(name, rest):
-    assert CATALOGUE[name].rest(rest).grasps[0].yaw == 90
+    assert CATALOGUE[name].stable_pose(rest).grasps[0].yaw == 90
 
 
 def test_a_cube_is_grasped_by_its_faces():
-    assert {g.yaw for g in CATALOGUE["green_cube"].rest("flat").grasps} == {0, 90}
+    assert {g.yaw for g in CATALOGUE["green_cube"].stable_pose("flat").grasps} == {0, 90}
 
 
 def test_the_best_grasp_is_near_the_centre_of_mass():
-    (bottle,) = (CATALOGUE["blue_plastic_bottle"].rest("lying"),)
+    (bottle,) = (CATALOGUE["blue_plastic_bottle"].stable_pose("lying"),)
     assert bottle.grasps[0].x == pytest.approx(0.025, abs=0.01)  # the body weighs more than the neck
-    assert CATALOGUE["sponge"].rest("flat").grasps[0].x == pytest.approx(0, abs=1e-3)
+    assert CATALOGUE["sponge"].stable_pose("flat").grasps[0].x == pytest.approx(0, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -73,19 +73,19 @@ def test_size_and_mass_are_those_of_the_mesh_whatever_the_info_says(tmp_path):
 
 def test_rest_poses_are_measured_with_what_the_gripper_can_take_in_each(tmp_path):
     model = only(tmp_path, brick=box(0.04, 0.06, 0.1))
-    assert {rest.name: round(rest.top, 3) for rest in model.rests} == {
+    assert {pose.name: round(pose.top, 3) for pose in model.stable_poses} == {
         "upright": 0.1,
         "lying": 0.04,
         "lying_2": 0.06,
     }
-    assert {rest.grasps[0].width for rest in model.rests} == {0.04, 0.06}
+    assert {pose.grasps[0].width for pose in model.stable_poses} == {0.04, 0.06}
     assert model.role == "graspable"
 
 
 def test_a_can_of_simplers_stands_along_y_and_rolls_when_it_lies(tmp_path):
     model = only(tmp_path, "info_pick_custom_v0.json", cola_can=can())
     assert size(model) == pytest.approx([0.06, 0.06, 0.12], abs=1e-3)
-    assert [(rest.name, rest.rolls) for rest in model.rests] == [("upright", False), ("lying", True)]
+    assert [(pose.name, pose.rolls) for pose in model.stable_poses] == [("upright", False), ("lying", True)]
 
 
 def test_in_other_packs_z_is_up(tmp_path):

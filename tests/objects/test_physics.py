@@ -8,7 +8,7 @@ from sapien import physx
 from vlafuzz.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
-POSES = [(model.name, rest.name) for model in CATALOGUE.models.values() for rest in model.rests]
+POSES = [(model.name, pose.name) for model in CATALOGUE.models.values() for pose in model.stable_poses]
 
 
 def body(model) -> physx.PhysxRigidDynamicComponent:
@@ -46,7 +46,7 @@ def settle(model, starts: list[sapien.Pose]) -> list[sapien.Pose]:
 @pytest.mark.parametrize(("name", "rest"), POSES)
 def test_it_stays_where_it_is_put(name, rest):
     model = CATALOGUE[name]
-    pose = model.rest(rest)
+    pose = model.stable_pose(rest)
     starts = [
         sapien.Pose([k - 4, 0, pose.height]) * turned(45 * k) * sapien.Pose(q=pose.quaternion)
         for k in range(8)
@@ -73,7 +73,7 @@ def test_a_can_that_lies_there_stays_there(place):
     ground = body(below)
     ground.kinematic = True
     first, second = sapien.Entity().add_component(ground), sapien.Entity().add_component(body(can))
-    lying = can.rest("lying")
+    lying = can.stable_pose("lying")
     top = {"plate": -0.001, "large_plate": -0.001, "basket": -0.0215}.get(place, below.vertices[:, 2].max())
     second.pose = sapien.Pose([0, 0, top + lying.height + 0.002]) * sapien.Pose(q=lying.quaternion)
     for entity in (first, second):

@@ -11,7 +11,12 @@ from vlafuzz.policies.expert import ATTEMPTS, GRASPS, Expert
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
-RESTS = [(name, rest.name) for name in CATALOGUE.graspable() for rest in CATALOGUE[name].rests if rest.grasps]
+RESTS = [
+    (name, pose.name)
+    for name in CATALOGUE.graspable()
+    for pose in CATALOGUE[name].stable_poses
+    if pose.grasps
+]
 AROUND = (put("sprite_can", 0.02, 0.24), put("apple", -0.16, -0.22), put("sponge", 0.06, -0.20, 30.0))
 PLACES = {
     "put-on": [
@@ -105,7 +110,7 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
     rng, verdicts = np.random.default_rng(0), []
     for _ in range(100):
         name = str(rng.choice(CATALOGUE.graspable()))
-        rest = CATALOGUE[name].rests[rng.integers(len(CATALOGUE[name].rests))].name
+        rest = CATALOGUE[name].stable_poses[rng.integers(len(CATALOGUE[name].stable_poses))].name
         spot = rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)
         scene = pick_up(Placement(name, rest, *map(float, spot)))
         verdicts.append(expert_on("pick-up").evaluate([scene])[0].verdict)

@@ -99,13 +99,13 @@ def test_it_is_told_no_positions():
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.sim.scenes import make_env
     from vlafuzz.policies.outline_localizer import OutlineLocalizer
-    from vlafuzz.rigs.rig import camera_pose
+    from vlafuzz.rigs.camera import camera_pose
     from vlafuzz.rigs.robots import PANDA
     from vlafuzz.sim.maniskill.outlines import outlines
 
     model = CATALOGUE[name]
     env = make_env()
-    for rest in model.rests:
+    for rest in model.stable_poses:
         scene = dataclasses.replace(SCENE, targets=(Placement(name, rest.name, 0.05, -0.18, yaw),))
         state = env.begin(scene)
         seen = outlines(env.models, state, env.view, 1.0)

@@ -22,7 +22,7 @@ def nominal(task: str = "pick-up") -> Scene:
 
 
 def put(name: str, x: float, y: float, yaw: float = 0.0, rest: str | None = None, **more: Any) -> Placement:
-    return Placement(name, rest or CATALOGUE[name].rests[0].name, x, y, yaw, **more)
+    return Placement(name, rest or CATALOGUE[name].stable_poses[0].name, x, y, yaw, **more)
 
 
 def pick_up(

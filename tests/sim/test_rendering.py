@@ -9,7 +9,7 @@ from tests.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
 from vlafuzz.errors import SimulatorError
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
@@ -60,7 +60,7 @@ def centroid(picture: np.ndarray) -> np.ndarray:
 
 
 def projected(x: float, y: float, camera: Camera = NOT_MOVED) -> np.ndarray:
-    middle = np.array([[x, y, CATALOGUE["orange"].rests[0].height]])
+    middle = np.array([[x, y, CATALOGUE["orange"].stable_poses[0].height]])
     return camera_pose(PANDA.view, camera).project(middle)[0][0]
 
 

@@ -34,7 +34,7 @@ def run_of(store: Store, *trials: tuple[Scene, Outcome], status: Status = "finis
 
 
 def with_confounder(name: str, x: float) -> Scene:
-    beside = Placement(name, CATALOGUE[name].rests[0].name, 0.1, 0.2)
+    beside = Placement(name, CATALOGUE[name].stable_poses[0].name, 0.1, 0.2)
     return Scene("pick-up", scene(x=x).targets, "pick up green cube", (beside,))
 
 

@@ -13,7 +13,7 @@ CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (
     CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge")
 )
-REST = {model.name: model.rests[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}
+REST = {model.name: model.stable_poses[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}
 HELD = {(0, HAND)}
 
 STEP = 0.2  # seconds

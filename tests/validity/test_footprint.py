@@ -77,7 +77,7 @@ def test_scale_scales_about_the_objects_place() -> None:
 
 def test_a_raw_quaternion_replaces_rest_pose_and_yaw() -> None:
     model = CATALOGUE["sponge"]
-    rest = model.rest("on_edge")
+    rest = model.stable_pose("on_edge")
     w, x, y, z = map(float, rest.quaternion)
     raw = Placement("sponge", "flat", 0.0, 0.0, 77.0, quaternion=(w, x, y, z))
     named = replace(raw, rest="on_edge", yaw=0.0, quaternion=None)

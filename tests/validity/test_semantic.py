@@ -11,7 +11,7 @@ CATALOGUE = load_catalogue()
 
 
 def at(name: str, rest: str | None = None, scale: float = 1.0) -> Placement:
-    return Placement(name, rest or CATALOGUE[name].rests[0].name, 0.0, 0.0, scale=scale)
+    return Placement(name, rest or CATALOGUE[name].stable_poses[0].name, 0.0, 0.0, scale=scale)
 
 
 def scene(task: str, *targets: Placement, confounders: tuple[Placement, ...] = ()) -> Scene:

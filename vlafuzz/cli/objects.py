@@ -29,16 +29,18 @@ def command(
 
 def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
     size = [round(float(side), 4) for side in np.ptp(model.vertices, axis=0)]
-    rests = {rest.name: min((grasp.width for grasp in rest.grasps), default=None) for rest in model.rests}
+    poses = {
+        pose.name: min((grasp.width for grasp in pose.grasps), default=None) for pose in model.stable_poses
+    }
     return {
         "object": model.name,
         "spoken": model.spoken,
         "role": model.role,
         "size": size if nested else " × ".join(f"{side:.3f}" for side in size),
         "mass": model.mass,
-        "rest poses": rests if nested else ", ".join(_shown(*rest) for rest in rests.items()),
+        "rest poses": poses if nested else ", ".join(_shown(*pose) for pose in poses.items()),
     }
 
 
-def _shown(rest: str, narrowest: float | None) -> str:
-    return rest if narrowest is None else f"{rest} {narrowest:.3f}"
+def _shown(pose: str, narrowest: float | None) -> str:
+    return pose if narrowest is None else f"{pose} {narrowest:.3f}"

@@ -1,7 +1,7 @@
-"""The objects of a scene: what they measure and weigh, how they rest, where to grasp them, how they look."""
+"""The objects of a scene: size, mass, stable poses, grasps and looks."""
 
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, StablePose
 from vlafuzz.objects.packs import Pack, find_pack, open_packs
 
 __all__ = [
@@ -10,7 +10,7 @@ __all__ = [
     "Grasp",
     "ObjectModel",
     "Pack",
-    "RestPose",
+    "StablePose",
     "find_pack",
     "load_catalogue",
     "open_packs",

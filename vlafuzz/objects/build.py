@@ -1,4 +1,4 @@
-"""Builds one object from its entry in the catalogue: solid, rest poses, grasps, and the meshes on disc."""
+"""Builds an object from its catalogue entry: convex parts, stable poses, grasps and mesh files."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.hulls import Array, outline, triangles
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose
-from vlafuzz.objects.schema import Basket, ObjectSpec, Rest
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, StablePose
+from vlafuzz.objects.schema import Basket, ObjectSpec, StablePoseSpec
 from vlafuzz.objects.shapes import convex_parts
 from vlafuzz.objects.stable_poses import Solid, quaternion, settled, solid
 from vlafuzz.objects.surfaces import write_visual
@@ -20,7 +20,7 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
     """Build an object and write its meshes into ``folder``.
 
     Raises:
-        CatalogueError: a rest pose is not stable, or leaves nothing that the gripper could grasp.
+        CatalogueError: a pose is not stable, or leaves nothing for the gripper to grasp.
     """
     drawn = convex_parts(spec.shape)
     points = np.concatenate(drawn)
@@ -39,42 +39,42 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
         vertices=body.hull,
         visual=visual,
         collision=tuple(write_part(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
-        rests=tuple(_rests(name, spec, body)),
+        stable_poses=tuple(_stable_poses(name, spec, body)),
         supports=spec.supports,
         container=_container(spec.shape, centre) if isinstance(spec.shape, Basket) else None,
         density=spec.mass / body.volume,
     )
 
 
-def _rests(name: str, spec: ObjectSpec, body: Solid) -> list[RestPose]:
-    rests = []
-    for key, rest in spec.rests.items():
+def _stable_poses(name: str, spec: ObjectSpec, body: Solid) -> list[StablePose]:
+    poses = []
+    for key, pose in spec.rests.items():
         try:
-            rests.append(_rest_pose(key, rest, body, spec.role))
+            poses.append(_stable_pose(key, pose, body, spec.role))
         except CatalogueError as error:
             raise CatalogueError(f"objects.{name}.rests.{key}: {error}", error.hint) from None
-    return rests
+    return poses
 
 
-def _rest_pose(name: str, rest: Rest, body: Solid, role: str) -> RestPose:
-    held = role == "graspable"
-    made = rest_pose(name, settled(body, rest.up), body, rolls=rest.rolls, held=held)
-    if held and not made.grasps:
+def _stable_pose(name: str, spec: StablePoseSpec, body: Solid, role: str) -> StablePose:
+    graspable = role == "graspable"
+    pose = stable_pose(name, settled(body, spec.up), body, rolls=spec.rolls, graspable=graspable)
+    if graspable and not pose.grasps:
         raise CatalogueError(
             "nothing that the gripper could grasp", "it opens 0.08 m: make the object thinner"
         )
-    return made
+    return pose
 
 
-def rest_pose(name: str, turn: Array, body: Solid, *, rolls: bool, held: bool) -> RestPose:
-    """The pose of a solid that a rotation ``(3, 3)`` puts onto a stable face, with grasps if wanted."""
+def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: bool) -> StablePose:
+    """The stable pose of a solid after a rotation ``(3, 3)``, with grasps if it is ``graspable``."""
     height = float(np.round(-(body.hull @ turn.T)[:, 2].min(), 6))
     lift = np.array([0.0, 0.0, height])
     hull = np.round(body.hull @ turn.T + lift, 6) + 0.0
     grasps: tuple[Grasp, ...] = ()
-    if held:
+    if graspable:
         grasps = find_grasps([part @ turn.T + lift for part in body.parts], turn @ body.balance + lift)
-    return RestPose(
+    return StablePose(
         name=name,
         quaternion=quaternion(turn),
         height=height,

@@ -1,4 +1,4 @@
-"""Built objects on disc: one folder an object, named by the hash of its entry and the builder's version."""
+"""Cache of built objects: one folder each, named by the hash of its entry and the builder's version."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 
 from vlafuzz import shipped
-from vlafuzz.objects.model import Container, Fit, Grasp, ObjectModel, RestPose
+from vlafuzz.objects.model import Container, Fit, Grasp, ObjectModel, StablePose
 from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.schema import ObjectSpec
 
-Entry = ObjectSpec | PackObject  # what a catalogue has of an object
+Entry = ObjectSpec | PackObject  # of a catalogue
 
-BUILDER = 6  # raise it when the same entry would build another object: a test compares the numbers
+BUILDER = 6  # version; raise it when the same entry builds a different object, which a test detects
 NUMBERS = "model.json"
 
 
 def fingerprint(name: str, spec: Entry) -> str:
-    """Of an entry's values and the builder's version."""
+    """Hash of an entry's values and the builder's version."""
     text = json.dumps([BUILDER, name, spec.model_dump(mode="json")], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
 def built(name: str, spec: Entry) -> ObjectModel:
-    """The object from the cache, building it first where needed."""
+    """The object from the cache, built first if necessary."""
     place = f"objects/{name.replace(':', '-')}-{fingerprint(name, spec)}"
     fill, whole = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
     model = _load(shipped.made_once(place, fill, whole), spec)
@@ -42,7 +42,7 @@ def built(name: str, spec: Entry) -> ObjectModel:
 
 
 def _fill(name: str, spec: Entry, folder: Path) -> None:
-    # these load trimesh and scipy, which a filled cache does not need
+    # Imported here: trimesh and scipy are not needed when the object is cached
     if isinstance(spec, PackObject):
         from vlafuzz.objects.measured import build_measured
 
@@ -54,14 +54,16 @@ def _fill(name: str, spec: Entry, folder: Path) -> None:
 
 
 def _load(folder: Path, spec: Entry) -> ObjectModel:
-    """The looks of a pack's object stay in the pack."""
+    """The visual mesh of a pack's object stays in the pack."""
     visual = spec.visual if isinstance(spec, PackObject) else None
     model = load(folder)
     return replace(model, visual=visual) if visual else model
 
 
 def save(model: ObjectModel, folder: Path) -> None:
-    (folder / NUMBERS).write_text(json.dumps(_plain(vars(model))))
+    data = _plain(vars(model))
+    data["rests"] = data.pop("stable_poses")  # the files' key since the first version
+    (folder / NUMBERS).write_text(json.dumps(data))
 
 
 def _plain(value: Any) -> Any:
@@ -70,7 +72,7 @@ def _plain(value: Any) -> Any:
             return value.tolist()
         case Path():
             return value.name
-        case RestPose() | Grasp() | Container() | Fit():
+        case StablePose() | Grasp() | Container() | Fit():
             return _plain(vars(value))
         case dict():
             return {key: _plain(item) for key, item in value.items()}
@@ -80,14 +82,14 @@ def _plain(value: Any) -> Any:
 
 
 def load(folder: Path) -> ObjectModel:
-    """Read what ``save`` wrote."""
+    """Read what ``save`` has written."""
     data = json.loads((folder / NUMBERS).read_text())
     data["colour"] = _array(data["colour"])
     data["vertices"] = _array(data["vertices"])
     data["parts"] = tuple(map(_array, data["parts"]))
     data["visual"] = folder / data["visual"]
     data["collision"] = tuple(folder / name for name in data["collision"])
-    data["rests"] = tuple(map(_rest, data["rests"]))
+    data["stable_poses"] = tuple(map(_stable_pose, data.pop("rests")))
     data["container"] = data["container"] and Container(**data["container"])
     data["fit"] = _fit(data.get("fit"))
     data["box"] = data.get("box") and _array(data["box"])
@@ -100,11 +102,11 @@ def _fit(data: dict[str, Any] | None) -> Fit | None:
     return Fit(data["scale"], _array(data["quaternion"]), _array(data["position"]))
 
 
-def _rest(data: dict[str, Any]) -> RestPose:
+def _stable_pose(data: dict[str, Any]) -> StablePose:
     data["quaternion"] = _array(data["quaternion"])
     data["footprint"] = _array(data["footprint"])
     data["grasps"] = tuple(Grasp(**grasp) for grasp in data["grasps"])
-    return RestPose(**data)
+    return StablePose(**data)
 
 
 def _array(values: list[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""Object catalogues: YAML files of objects and packs, each object built when it is first asked for."""
+"""Catalogue: the objects of YAML files and packs by name, each built on first access."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from types import MappingProxyType
 from vlafuzz import shipped
 from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.objects.cache import Entry, built, fingerprint
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, RestPose, Role
+from vlafuzz.objects.model import Container, Grasp, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import Pack, PackObject
 from vlafuzz.objects.schema import read_file
 
-__all__ = ["Catalogue", "Container", "Grasp", "ObjectModel", "RestPose", "load_catalogue"]
+__all__ = ["Catalogue", "Container", "Grasp", "ObjectModel", "StablePose", "load_catalogue"]
 
 
 class Catalogue:
     """Objects by name.
 
     Attributes:
-        digest: of every value in it, of the packs' files and of the builder's version.
+        digest: hash of all values, the packs' files and the builder's version.
     """
 
     def __init__(self, specs: Mapping[str, Entry]) -> None:
@@ -60,15 +60,15 @@ class Catalogue:
         return self._of("graspable")
 
     def places(self) -> tuple[str, ...]:
-        """Names of the objects that others are put on or into."""
+        """Names of the objects that others can be put on or into."""
         return self._of("place")
 
     def movable(self) -> tuple[str, ...]:
-        """Names of the objects that may stand about: all but places."""
+        """Names of the objects that can be confounders: all but places and markers."""
         return self._of("graspable", "obstacle")
 
     def preferred(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Those of some names that scenes have unless the user narrows: the packs', where they have any."""
+        """The default choice among some names: the packs' objects if there are any, else all."""
         packed = tuple(name for name in names if isinstance(self._specs[name], PackObject))
         return packed or names
 
@@ -76,14 +76,16 @@ class Catalogue:
         return tuple(name for name, spec in self._specs.items() if self._role(name, spec) in roles)
 
     def _role(self, name: str, spec: Entry) -> Role:
-        return self[name].role if isinstance(spec, PackObject) else spec.role  # a pack's is measured
+        return (
+            self[name].role if isinstance(spec, PackObject) else spec.role
+        )  # the role of a pack's object is measured
 
 
 def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
-    """Read catalogue files, without any the one that is shipped; the packs' objects come after theirs.
+    """Read catalogue files, by default the shipped one, followed by the packs' objects.
 
     Raises:
-        CatalogueError: a value is wrong, or two files name the same object.
+        CatalogueError: a value is invalid, or two files define the same object.
     """
     specs: dict[str, Entry] = {}
     origin: dict[str, Path] = {}

@@ -1,4 +1,4 @@
-"""The room inside an object, measured from above: whether others can be put into it."""
+"""Detects an object's cavity from above: whether other objects can be put into it."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from scipy.spatial import ConvexHull
 from vlafuzz.objects.hulls import Array
 from vlafuzz.objects.model import Container
 
-STEP = 0.004  # between the places that are measured, metres
-UNEVEN = 0.008  # how far a floor may rise towards its sides, metres
-SMALLEST = 0.05  # side of a room that counts, metres
-WALL = 0.02  # how far its rim has to be above its floor, metres
+STEP = 0.004  # of the height grid, metres
+UNEVEN = 0.008  # how far the floor may rise towards the walls, metres
+SMALLEST = 0.05  # side of a cavity, metres
+WALL = 0.02  # least height of the rim above the floor, metres
 
 
-def room_inside(parts: Sequence[Array]) -> Container | None:
-    """The largest room about the origin with an even floor and walls all round; None if it is too small.
+def find_cavity(parts: Sequence[Array]) -> Container | None:
+    """The largest cavity about the origin with an even floor and walls all round; None if it is too small.
 
     Args:
         parts: convex parts ``(n, 3)``, z up.
     """
     reach = np.abs(np.concatenate(parts)[:, :2]).max(axis=0)
     x, y = (np.arange(-np.floor(side / STEP), np.floor(side / STEP) + 1) * STEP for side in reach)
-    heights = _heights(parts, x, y)
+    surface = _heights(parts, x, y)
     middle = (len(x) // 2, len(y) // 2)
-    floor = float(heights[middle])
+    floor = float(surface[middle])
     if not np.isfinite(floor):
         return None
-    across, along = heights[:, middle[1]], heights[middle[0]]
-    ways = (across[: middle[0]], across[middle[0] :], along[: middle[1]], along[middle[1] :])
-    rim = float(min(way.max(initial=-np.inf) for way in ways))
+    across, along = surface[:, middle[1]], surface[middle[0]]
+    directions = (across[: middle[0]], across[middle[0] :], along[: middle[1]], along[middle[1] :])
+    rim = float(min(heights.max(initial=-np.inf) for heights in directions))
     if rim - floor < WALL:
         return None
-    half = _grown(heights <= floor + UNEVEN, middle)
+    half = _grown(surface <= floor + UNEVEN, middle)
     width, depth = (round(2 * count * STEP, 4) for count in half)
     if min(width, depth) < SMALLEST:
         return None
@@ -43,7 +43,7 @@ def room_inside(parts: Sequence[Array]) -> Container | None:
 
 
 def _heights(parts: Sequence[Array], x: Array, y: Array) -> Array:
-    """The highest point above each place ``(len(x), len(y))``; -inf where nothing is."""
+    """Height ``(len(x), len(y))`` of the top surface at each grid point; -inf beside the object."""
     places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     highest = np.full(len(places), -np.inf)
     for part in parts:
@@ -59,7 +59,7 @@ def _heights(parts: Sequence[Array], x: Array, y: Array) -> Array:
 
 
 def _grown(free: NDArray[np.bool_], middle: tuple[int, int]) -> tuple[int, int]:
-    """Half sides, in steps, of a rectangle about the middle that grows as long as all of it is free."""
+    """Half sides, in steps, of a rectangle that is grown about the middle while all of it is free."""
     half = [0, 0]
     growing = [True, True]
     while any(growing):

@@ -1,7 +1,7 @@
 """Top-down grasps for a parallel gripper, found from the geometry alone.
 
 The gripper is the Panda's: it opens 0.08 m, its pads are 20 mm wide and reach 9 mm above and below the tool
-centre point (TCP), its palm is 38 mm above it. Grippers of this size will do as well with these grasps.
+centre point (TCP), and its palm is 38 mm above the TCP. The grasps also suit other grippers of this size.
 """
 
 from __future__ import annotations
@@ -13,28 +13,26 @@ import numpy as np
 from vlafuzz.objects.hulls import Array, Faces, outline, section, triangles
 from vlafuzz.objects.model import Grasp
 
-WIDEST = 0.074  # leaves 3 mm a side of the 0.08 m opening
+WIDEST = 0.074  # leaves 3 mm on either side of the 0.08 m opening
 THINNEST = 0.003
 OPENING = 0.039  # from the middle to an open finger, less a millimetre
-PALM = 0.034  # how far an object may stick up above the TCP
+PALM = 0.034  # how far an object may reach above the TCP
 TABLE = 0.012  # lowest TCP, so that the fingertips clear the support
 TIP = 0.009
-TOUCH = (
-    0.003  # the surface counts less the farther it is behind the foremost point, and nothing from there on
-)
+TOUCH = 0.003  # depth behind the foremost point at which the surface no longer counts as touched
 PAD_Z = np.linspace(-0.008, 0.008, 5)
-STEP = 0.002  # between the lines on which the object is measured
-PAD = 5  # steps from the middle of a pad to its side
-SHIFTS = range(-24, 25, 4)  # steps from the centre of mass, sideways
+STEP = 0.002  # between the scan lines
+PAD = 5  # half the width of a pad, steps
+SHIFTS = range(-24, 25, 4)  # sideways from the centre of mass, steps
 YAWS = tuple(15.0 * k for k in range(12))
-BALANCE = 0.03  # offset from the centre of mass at which the quality has halved
-EVEN = 0.005  # height between TCP and the middle of what a pad touches at which it has halved
-WORST = 0.08  # below that the fingers slip
-LIMIT = 12
+BALANCE = 0.03  # offset from the centre of mass at which the quality halves
+EVEN = 0.005  # vertical offset of a pad's contact patch from the TCP at which the quality halves
+WORST = 0.08  # quality below which the fingers slip
+LIMIT = 12  # grasps
 
 
 class Body:
-    """The convex parts of an object at rest, which horizontal planes can cut."""
+    """The convex parts of an object at rest, to be cut by horizontal planes."""
 
     def __init__(self, parts: Sequence[Array]) -> None:
         self._parts = [(part, _edges(triangles(part))) for part in parts]
@@ -50,7 +48,7 @@ class Body:
 
 
 class Scan:
-    """How far a body reaches along one closing axis, on parallel lines either side of its centre of mass."""
+    """Extent of a body along one closing axis, on parallel lines around the centre of mass."""
 
     def __init__(self, body: Body, yaw: float, centre: Array) -> None:
         angle = np.radians(yaw)
@@ -61,17 +59,17 @@ class Scan:
         self._reach: dict[float, tuple[Array, Array]] = {}
 
     def reach(self, shift: int, heights: Iterable[float]) -> tuple[Array, Array]:
-        """Least and greatest coordinate along the closing axis on the lines of a pad.
+        """Least and greatest coordinate along the closing axis on the scan lines of a pad.
 
         Args:
             shift: of the pad from the centre of mass, steps.
             heights: ``m`` of them, metres.
 
         Returns:
-            ``(m, 2 * PAD + 1)`` each, metres; inf and -inf where nothing is.
+            two arrays ``(m, 2 * PAD + 1)``, metres; inf and -inf where there is no object.
         """
         pad = slice(shift - SHIFTS[0], shift - SHIFTS[0] + 2 * PAD + 1)
-        spans = [self._at(round(z, 4) + 1e-7) for z in heights]  # off the corners, where cuts are not unique
+        spans = [self._at(round(z, 4) + 1e-7) for z in heights]  # off the corners, where cuts are ambiguous
         return np.array([low[pad] for low, _ in spans]), np.array([high[pad] for _, high in spans])
 
     def _at(self, z: float) -> tuple[Array, Array]:
@@ -91,7 +89,7 @@ def _edges(faces: Faces) -> Faces:
 
 
 def _chords(polygon: Array, lines: Array) -> tuple[Array, Array]:
-    """Where the lines y = ``lines`` enter and leave a convex polygon ``(k, 2)``; inf, -inf if they miss."""
+    """Where the lines y = ``lines`` enter and leave a convex polygon ``(k, 2)``; inf and -inf for misses."""
     start, end = polygon, np.roll(polygon, -1, axis=0)
     rise = end[:, 1] - start[:, 1]
     rise = np.where(rise == 0, np.nan, rise)
@@ -102,17 +100,17 @@ def _chords(polygon: Array, lines: Array) -> tuple[Array, Array]:
 
 
 def find_grasps(parts: Sequence[Array], centre: Array) -> tuple[Grasp, ...]:
-    """Up to twelve grasps, best first, each unlike the better ones.
+    """Up to twelve grasps, best first, each distinct from the better ones.
 
     Args:
         parts: convex parts ``(n, 3)`` at rest on z = 0, origin at (0, 0), metres.
         centre: of mass, ``(3,)``.
     """
     body = Body(parts)
-    found = sorted(_candidates(body, centre), key=lambda grasp: (-grasp.quality, grasp.yaw, grasp.z))
+    ranked = sorted(_candidates(body, centre), key=lambda grasp: (-grasp.quality, grasp.yaw, grasp.z))
     kept: list[Grasp] = []
-    for grasp in found:
-        worth = grasp.quality >= max(WORST, 0.4 * found[0].quality)
+    for grasp in ranked:
+        worth = grasp.quality >= max(WORST, 0.4 * ranked[0].quality)
         if worth and len(kept) < LIMIT and all(_differ(grasp, other) for other in kept):
             kept.append(grasp)
     return tuple(kept)
@@ -138,7 +136,7 @@ def _candidates(body: Body, centre: Array) -> Iterator[Grasp]:
 
 
 def _grasp(scan: Scan, shift: int, z: float) -> Grasp | None:
-    """The grasp at a height and a shift, if the open gripper fits over the object and can close on it."""
+    """The grasp at a height and shift, if the open gripper fits over the object and can close on it."""
     low, high = scan.reach(shift, z + PAD_Z)
     width = float(high.max() - low.min())
     if not THINNEST <= width <= WIDEST:
@@ -153,6 +151,6 @@ def _grasp(scan: Scan, shift: int, z: float) -> Grasp | None:
     place = np.array([middle, scan.lines[len(scan.lines) // 2] + shift * STEP]) @ scan.axes
     lever = np.hypot(*(place - scan.centre[:2]))
     quality = touch / (1 + (lever / BALANCE) ** 2) / (1 + (tilt / EVEN) ** 2)
-    quality /= 1 + abs(z - scan.centre[2]) / 0.1  # mildly: a standing can is held at its top
+    quality /= 1 + abs(z - scan.centre[2]) / 0.1  # a mild penalty: a standing can is held at its top
     x, y = (round(float(value), 4) + 0.0 for value in place)
-    return Grasp(scan.yaw, round(width, 4), x, y, z, round(float(quality), 2))
+    return Grasp(yaw=scan.yaw, width=round(width, 4), x=x, y=y, z=z, quality=round(float(quality), 2))

@@ -1,4 +1,4 @@
-"""What the YAML of an object catalogue may say. Metres, kilograms, colours sRGB in 0..1."""
+"""The schema of object catalogues in YAML. Metres, kilograms, sRGB colours in [0, 1]."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Bottle(Strict):
 
 
 class Ball(Strict):
-    """A ball, squashed along z, with a flat base. ``dimple`` is how deep its stalk sits (drawn only)."""
+    """A ball, squashed along z, with a flat base. ``dimple``: depth at the stalk, visual only."""
 
     kind: Literal["ball"]
     diameter: Length
@@ -103,7 +103,7 @@ class Egg(Strict):
 
 
 class Spoon(Strict):
-    """A spoon along x, bowl at -x, with a handle that arches up to ``height`` and touches down at its end."""
+    """A spoon along x, bowl at -x; the handle arches up to ``height`` and touches the table at its end."""
 
     kind: Literal["spoon"]
     length: Length
@@ -134,7 +134,7 @@ class Plate(Strict):
 
 
 class Basket(Strict):
-    """An open box. ``inner`` is width (x), depth (y) and height (z) of what it holds."""
+    """An open box. ``inner``: width (x), depth (y) and height (z) of the cavity."""
 
     kind: Literal["basket"]
     inner: tuple[Length, Length, Length]
@@ -157,7 +157,7 @@ ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "c
 
 
 class Look(Strict):
-    """How the surface is painted over the object's base colour. ``motif`` decorates a label."""
+    """The pattern painted over the object's base colour. ``motif`` decorates a label."""
 
     pattern: Literal[
         "label", "plain", "fruit", "peel", "pores", "checks", "stripes", "weave", "rim", "rings", "calyx"
@@ -169,8 +169,8 @@ class Look(Strict):
     roughness: Unit = 0.6
 
 
-class Rest(Strict):
-    """A stable pose: the stable face of the object's hull that is nearest to having ``up`` point upwards."""
+class StablePoseSpec(Strict):
+    """Selects the stable face of the object's hull for which ``up`` points most nearly upwards."""
 
     up: tuple[Direction, Direction, Direction]
     rolls: bool = False
@@ -184,7 +184,7 @@ class Rest(Strict):
 
 
 class ObjectSpec(Strict):
-    """One object. ``spoken`` is its name with spaces unless given; ``friction`` is static and dynamic."""
+    """One object. ``spoken`` defaults to the name with spaces; ``friction`` is static and dynamic."""
 
     spoken: str = ""
     role: Literal["graspable", "place"]
@@ -192,14 +192,14 @@ class ObjectSpec(Strict):
     colour: Colour
     shape: Shape
     look: Look
-    rests: Annotated[dict[str, Rest], Field(min_length=1)]
+    rests: Annotated[dict[str, StablePoseSpec], Field(min_length=1)]
     friction: Annotated[float, Field(ge=0, le=5)] = 0.6
     supports: bool = False
 
     @field_validator("look")
     @classmethod
     def _suits_the_shape(cls, look: Look, info: ValidationInfo) -> Look:
-        shape = info.data.get("shape")  # missing if it was wrong itself
+        shape = info.data.get("shape")  # missing if it failed validation itself
         known = FLAT_PATTERNS if isinstance(shape, Box) else ROUND_PATTERNS
         if shape is not None and look.pattern not in known:
             raise ValueError(f"a {shape.kind} can be painted {', '.join(known)} only, got {look.pattern!r}")
@@ -229,7 +229,7 @@ def read_file(path: Path) -> dict[str, ObjectSpec]:
 
 
 def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
-    """Turn pydantic's first complaint into one sentence with file, key path and value."""
+    """Turn pydantic's first error into one sentence with file, key path and value."""
     first = error.errors(include_url=False)[0]
     keys = _keys(raw, first["loc"])
     where = f"{path}: {'.'.join(keys)}" if keys else str(path)
@@ -250,7 +250,7 @@ def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
 
 
 def _keys(raw: Any, location: tuple[int | str, ...]) -> list[str]:
-    """A complaint's location as the user wrote it: without the shape's kind, which pydantic puts in."""
+    """An error's location as the user wrote it, without the shape's kind that pydantic inserts."""
     keys: list[str] = []
     for step in location:
         if step in KINDS and keys[-1:] == ["shape"] and step not in (raw if isinstance(raw, dict) else ()):
@@ -262,9 +262,9 @@ def _keys(raw: Any, location: tuple[int | str, ...]) -> list[str]:
 
 
 def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    """The keys that are allowed where an unknown one was found."""
+    """The keys allowed at the location of an unknown key."""
     parents = [step for step in location[:-1] if isinstance(step, str)]
-    inside: dict[str, type[BaseModel]] = {"look": Look, "rests": Rest}
+    inside: dict[str, type[BaseModel]] = {"look": Look, "rests": StablePoseSpec}
     model: type[BaseModel] = ObjectSpec if parents else CatalogueFile
     if len(parents) > 2:
         model = KINDS.get(parents[-1]) or inside[parents[2]]

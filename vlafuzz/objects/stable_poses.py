@@ -1,4 +1,4 @@
-"""How an object lies on a level surface: on a face of its hull above which its centre of mass is. Metres."""
+"""Stable poses: faces of the convex hull that have the centre of mass above them. Lengths in metres."""
 
 from __future__ import annotations
 
@@ -6,27 +6,28 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.hulls import Array, corners, mass_properties, outline, triangles
 
-FLAT = 2e-5  # corners that far from a face's plane still lie in it, metres: they are rounded to a micrometre
-STEADY = 0.001  # how far inside the face the centre of mass has to be, metres
-UNEVEN = 5e-4  # likewise of solids that were measured, metres
-FIRM = 0.0015  # as STEADY, of solids that were measured: PhysX makes them up to a millimetre thinner
-TIPS = np.radians(3.0)  # what tips at a smaller tilt does not stay put
-ROLLS = np.radians(12.0)  # what leaves its face at a smaller tilt rolls, if the next one is near
-NEXT = np.radians([5.0, 45.0])  # between a face and the next one
-NEAR = 0.8  # cosine of the largest angle between the pose that was asked for and the stable one
+FLAT = 2e-5  # distance up to which a corner counts as in a face's plane: corners are rounded to a micrometre
+STEADY = 0.001  # least distance of the centre of mass from the face's edges
+UNEVEN = 5e-4  # as FLAT, for measured solids
+FIRM = 0.0015  # as STEADY, for measured solids: PhysX makes them up to a millimetre thinner
+TIPS = np.radians(3.0)  # least tilt that a stable pose tolerates
+ROLLS = np.radians(12.0)  # an object that tips at a smaller tilt rolls, if the adjacent face is near
+NEXT = np.radians([5.0, 45.0])  # angle between adjacent faces
+NEAR = 0.8  # cosine of the largest angle between the requested pose and the stable one
 UP = np.array([0.0, 0.0, 1.0])
 
 
 class Solid(NamedTuple):
-    """What physics sees of an object.
+    """An object as physics simulates it.
 
     Attributes:
         parts: ``(n, 3)`` corners of each convex part, in the object's frame, metres.
-        hull: ``(m, 3)`` corners of the hull of all.
+        hull: ``(m, 3)`` corners of the convex hull of all parts.
         volume: summed over the parts, cubic metres.
         balance: ``(3,)`` centre of mass.
     """
@@ -38,7 +39,7 @@ class Solid(NamedTuple):
 
 
 def solid(parts: Sequence[Array]) -> Solid:
-    """The solid that consists of the hulls of some ``(n, 3)`` points each."""
+    """The solid whose parts are the convex hulls of ``(n, 3)`` points each."""
     exact = tuple(corners(part) for part in parts)
     volumes, middles = zip(*map(mass_properties, exact), strict=True)
     balance = np.average(middles, axis=0, weights=volumes)
@@ -46,10 +47,10 @@ def solid(parts: Sequence[Array]) -> Solid:
 
 
 def settled(body: Solid, up: Sequence[float]) -> Array:
-    """The rotation ``(3, 3)`` that puts a solid onto the stable face nearest to having ``up`` point upwards.
+    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most nearly upwards.
 
     Raises:
-        CatalogueError: no stable face is near.
+        CatalogueError: there is no stable face near that orientation.
     """
     wanted = np.array(up) / np.linalg.norm(up)
     for face in _faces_from_below(body.hull, wanted):
@@ -65,53 +66,53 @@ def settled(body: Solid, up: Sequence[float]) -> Array:
 def _faces_from_below(hull: Array, up: Array) -> Array:
     """Outward normals ``(k, 3)`` of the hull's faces that point down, the steepest first."""
     normals = _normals(hull)
-    # Rounded: mirror twins differ in the last bit only, which must not decide
+    # Rounded, so that the last bit does not decide between mirrored faces
     steepness = np.round(normals @ up, 6)
     order = np.lexsort((*np.round(normals.T, 6), steepness))
     return np.asarray(normals[order][steepness[order] < -NEAR])
 
 
 class Stable(NamedTuple):
-    """A rotation ``(3, 3)`` that puts a solid onto a stable face.
+    """A rotation ``(3, 3)`` of a solid onto a stable face.
 
     Attributes:
         up: cosine between the solid's z axis and the vertical.
-        lean: how far it can be tilted before it leaves the face, radians.
-        rolls: little leads from this face to the next, which is near.
+        tilt: the tilt at which it tips over, radians.
+        rolls: whether it rolls: it tips easily, and onto an adjacent face.
     """
 
     turn: Array
     up: float
-    lean: float
+    tilt: float
     rolls: bool
 
 
 def stable_turns(body: Solid) -> list[Stable]:
-    """All ways in which a measured solid stays put: on any face of its hull, even if it is not quite flat."""
-    found = []
+    """All stable poses of a measured solid, on any face of its hull, even if it is not quite flat."""
+    stable = []
     for face in _normals(body.hull):
         reach = body.hull @ face
         ground = body.hull[reach > reach.max() - UNEVEN]
         turn = rotation(face, -UP)
         margin = _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2])
-        lean = float(np.arctan2(margin, reach.max() - body.balance @ face))
-        if margin > FIRM and lean > TIPS:
-            found.append((face, turn, lean))
-    faces = np.array([face for face, _, _ in found])
+        tilt = float(np.arctan2(margin, reach.max() - body.balance @ face))
+        if margin > FIRM and tilt > TIPS:
+            stable.append((face, turn, tilt))
+    faces = np.array([face for face, _, _ in stable])
     return [
-        Stable(turn, float(turn[2, 2]), lean, bool(lean < ROLLS) and _has_neighbour(faces @ face))
-        for face, turn, lean in found
+        Stable(turn, float(turn[2, 2]), tilt, bool(tilt < ROLLS) and _has_neighbour(faces @ face))
+        for face, turn, tilt in stable
     ]
 
 
 def _has_neighbour(cosines: Array) -> bool:
-    """Whether one of some stable faces is the next one, neither the same nor round a corner."""
+    """Whether a stable face is adjacent, given the cosines between a face and all stable ones."""
     near, far = np.cos(NEXT)
     return bool(np.any((cosines < near) & (cosines > far)))
 
 
 def _margin(polygon: Array, point: Array) -> float:
-    """How far inside a counter-clockwise polygon ``(k, 2)`` a point ``(2,)`` lies; negative outside."""
+    """Distance from a point ``(2,)`` to the edges of a counter-clockwise polygon; negative outside."""
     side = np.roll(polygon, -1, axis=0) - polygon
     arm = point - polygon
     inside = (side[:, 0] * arm[:, 1] - side[:, 1] * arm[:, 0]) / np.linalg.norm(side, axis=1)
@@ -126,7 +127,7 @@ def _normals(hull: Array) -> Array:
 
 
 def rotation(start: Array, end: Array) -> Array:
-    """The smallest rotation ``(3, 3)`` that takes one unit vector to another; about x or z if opposite."""
+    """The smallest rotation ``(3, 3)`` from one unit vector to another; about x or z if they are opposite."""
     cosine = float(start @ end)
     if cosine < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0]) if abs(start[0]) < 0.5 else np.diag([-1.0, -1.0, 1.0])
@@ -137,9 +138,5 @@ def rotation(start: Array, end: Array) -> Array:
 
 def quaternion(turn: Array) -> Array:
     """``(4,)`` w, x, y, z of a rotation ``(3, 3)``, rounded to 9 digits."""
-    w = np.sqrt(max(0.0, 1 + np.trace(turn))) / 2
-    if w < 1e-6:
-        axis = np.sqrt(np.maximum(0.0, (np.diag(turn) + 1) / 2))  # half a turn: about x, y or z
-        return np.array([0.0, *axis])
-    lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)
+    exact = Rotation.from_matrix(turn).as_quat(canonical=True, scalar_first=True)
+    return np.asarray(np.round(exact, 9) + 0.0)

@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.objects.model import ObjectModel, RestPose
+from vlafuzz import rotation
+from vlafuzz.objects.model import ObjectModel, StablePose
 from vlafuzz.policies.base import Outlines, Silhouette
 from vlafuzz.policies.planning import Thing
-from vlafuzz.rigs.rig import CameraPose
+from vlafuzz.rigs.camera import CameraPose
 
 Array = NDArray[np.float64]
 NOISE = 3 / 255  # a colour nearer to the table's than this, in every channel, is not seen against it
@@ -56,10 +57,10 @@ class OutlineLocalizer:
         """
         seen = _spread(pixels)
         best, best_error, best_ratio = None, np.inf, 1.0
-        for rest in model.rests:
-            place = self._view.back_project(pixels.mean(axis=0)[None], rest.top / 2)[0, :2]
+        for pose in model.stable_poses:
+            place = self._view.back_project(pixels.mean(axis=0)[None], pose.top / 2)[0, :2]
             for yaw in YAWS:
-                thing = _standing(model, rest, place, yaw)
+                thing = _standing(model, pose, place, yaw)
                 expected = _spread(self._interior(thing))
                 error = float(np.abs(seen - expected).sum() / np.trace(expected))
                 if error < best_error:
@@ -86,17 +87,9 @@ def _camera_values(colour: Array) -> Array:
     return np.asarray(np.round(colour * 255) / 255)
 
 
-def _standing(model: ObjectModel, rest: RestPose, place: Array, yaw: float) -> Thing:
-    w, x, y, z = rest.quaternion
-    base = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def _standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float) -> Thing:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    return Thing(model, np.array([*place, rest.height]), turn @ base)
+    return Thing(model, np.array([*place, pose.height]), turn @ rotation.matrix(pose.quaternion))
 
 
 def _spread(points: Array) -> Array:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz import rotation
 from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand, Rig
@@ -79,18 +80,15 @@ def nearest_yaw(yaw: float, to: float) -> float:
 def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
     """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the thing's present pose."""
     bottom = float(thing.corners[:, 2].min())
-    for rest in thing.model.rests:
-        w, x, y, z = rest.quaternion
-        up = np.array(
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]
-        )  # the world's z in the object's frame
-        if thing.rotation[2] @ up > UPRIGHT and rest.grasps:
-            level = thing.rotation @ _matrix(rest.quaternion).T
+    for pose in thing.model.stable_poses:
+        nominal = np.array(rotation.matrix(pose.quaternion))
+        if thing.rotation[2] @ nominal[2] > UPRIGHT and pose.grasps:  # the vertical in the object's frame
+            level = thing.rotation @ nominal.T
             yaw = float(np.arctan2(level[1, 0], level[0, 0]))
             turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
             return [
                 (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality)
-                for g in rest.grasps
+                for g in pose.grasps
             ]
     shift = np.array([0.0, 0.0, thing.position[2] - bottom])
     parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
@@ -98,17 +96,6 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
         (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality)
         for g in find_grasps(parts, shift)
     ]
-
-
-def _matrix(quaternion: Array) -> Array:
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> float:

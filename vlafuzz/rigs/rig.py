@@ -1,24 +1,15 @@
-"""What a rig is: robot, table, nominal camera and lights as data, and the camera's geometry. No simulator."""
+"""A rig as data: a robot at its table, with the nominal camera and lights."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
-
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
-from vlafuzz.scene import Camera
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """The rectangle of the table's top (z = 0) in which objects may stand. Metres."""
+    """The rectangle of the table top (z = 0) in which objects may stand, metres."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -34,13 +25,13 @@ class View:
     aspect: float = 1.0
 
     def width(self, height: int) -> int:
-        """Pixels of a picture of the whole view; a multiple of four where it is no square, for videos."""
+        """The width in pixels of an image of the whole view; a multiple of four unless square, for videos."""
         return height if self.aspect == 1 else 4 * round(height * self.aspect / 4)
 
 
 @dataclass(frozen=True)
 class Lights:
-    """The nominal lights. ``directional``: (direction, intensity) each; all are white."""
+    """The nominal lights, all white. ``directional``: pairs (direction, intensity)."""
 
     ambient: float
     directional: tuple[tuple[tuple[float, float, float], float], ...]
@@ -48,7 +39,7 @@ class Lights:
 
 @dataclass(frozen=True)
 class Table:
-    """A box whose top is z = 0. ``half``: its half sides; ``floor``: height of what it stands on. Metres."""
+    """A box with its top at z = 0. ``half``: half sides; ``floor``: height of the floor below. Metres."""
 
     centre: tuple[float, float]
     half: tuple[float, float, float]
@@ -57,25 +48,45 @@ class Table:
 
 Box = tuple[float, tuple[float, float], tuple[float, float]]
 
-
-LEAN_MOST = 0.55  # radians
+MAX_LEAN = 0.55  # radians
 
 
 @dataclass(frozen=True)
-class Hand:
-    """A gripper, as who plans grasps with it sees it. Metres, from the tool centre point (TCP).
+class LeanModel:
+    """The outward lean of a hand whose arm cannot point it straight down everywhere.
 
-    Grasps are made for the Panda's (``objects/grasps.py``); the other hands say what to change in them.
+    The lean grows linearly with the effective distance from the base: horizontal distance plus
+    ``height_weight`` times the height over the table.
 
     Attributes:
-        widest: thing that it takes between its fingers, which are 3 mm off on either side.
-        thinnest: thing that it holds: fingers do not always close all the way.
+        straight_reach: effective distance up to which the hand points straight down, metres.
+        slope: lean per metre of effective distance beyond that, radians.
+    """
+
+    height_weight: float
+    straight_reach: float
+    slope: float
+
+    def lean(self, distance: float, height: float) -> float:
+        """Radians off the vertical, at a distance from the base and a height over the table in metres."""
+        effective = distance + self.height_weight * height
+        return min(max((effective - self.straight_reach) * self.slope, 0.0), MAX_LEAN)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hand:
+    """A gripper as grasp planning sees it. Metres, relative to the tool centre point (TCP).
+
+    Grasps are computed for the Panda's gripper (``objects/grasps.py``); these limits adapt them to others.
+
+    Attributes:
+        widest: the widest object that fits between the fingers with 3 mm clearance on either side.
+        thinnest: the thinnest object that the gripper holds; not all fingers close completely.
         lowest: height of the TCP over the table at which the fingertips clear it.
-        highest: place of a grasp over the table from which it can still lift and carry.
-        deep: how far a thing may stick up between the fingers.
-        stoops: of an arm that does not let it point straight down everywhere: what a metre of height counts,
-            how many metres from the base it does, and by how many radians it leans outward a metre on.
-        lead: how many times the way there is to go the hand is told, as it lags behind.
+        highest: height of a grasp over the table up to which the arm can still lift and carry.
+        deep: how far an object may stick up between the fingers.
+        lean_model: None for an arm that can point the hand straight down everywhere.
+        lead: factor on commanded displacements, to compensate for the hand lagging behind.
         fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
             span of heights.
     """
@@ -85,51 +96,48 @@ class Hand:
     lowest: float = 0.0
     highest: float = math.inf
     deep: float = math.inf
-    lean_model: tuple[float, float, float] | None = None
+    lean_model: LeanModel | None = None
     lead: float = 1.0
     fingers: Box = (0.013, (0.038, 0.062), (-0.012, 0.05))
     palm: Box = (0.035, (0.0, 0.105), (0.038, 0.16))
 
     def lean(self, distance: float, height: float) -> float:
-        """By how many radians it leans outward there, metres from the base and over the table."""
-        if self.lean_model is None:
-            return 0.0
-        counts, straight, on = self.lean_model
-        return min(max((distance + counts * height - straight) * on, 0.0), LEAN_MOST)
+        """The hand's outward lean in radians, see ``LeanModel.lean``."""
+        return 0.0 if self.lean_model is None else self.lean_model.lean(distance, height)
 
     def takes(self, width: float, height: float) -> bool:
-        """Whether it can hold a thing that is so wide where it is grasped, so high over the table. Metres."""
+        """Whether the hand is capable of a grasp of this width and height over the table, metres."""
         return self.thinnest <= width <= self.widest and height <= self.highest
 
 
 @dataclass(frozen=True)
 class Original:
-    """Where robot and table stand in the environments that a rig is taken from. Metres, degrees."""
+    """Where robot and table stand in the environments that a rig was taken from. Metres, degrees."""
 
     base: tuple[float, float, float]
     yaw: float
     table: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rig:
-    """A robot at its table. The table's top is z = 0; the robot's base frame is aligned with the world's.
+    """A robot at its table. The table top is z = 0; the robot's base frame is aligned with the world's.
 
     Attributes:
-        base: of the robot, metres.
-        reach: farthest horizontal distance from the base that the hand gets to, metres.
-        opening: widest opening of the gripper, metres.
+        base: position of the robot's base, metres.
+        reach: largest horizontal distance from the base that the hand reaches, metres.
+        opening: width of the fully open gripper, metres.
         rest: joint positions at the start of an episode, radians and metres.
-        joints: the names of the joints of ``rest``; none where it is in the simulator's order.
-        neutral: of ``neutral_yaw``, radians from the direction in which the hand is, seen from the base.
-        physics_hz: physics steps a second.
-        control_hz: control steps a second, where that is for its controller to say and not for the policy.
-        seconds: after which a rollout ends.
-        urdf: the robot's file below ``robots/`` in a user's pack; None for what comes with ManiSkill.
-        surface: where things may stand all the same: of scenes that others made.
-        photos: below ``overlays/`` in a user's pack, by task: what the third-person camera sees behind robot
-            and objects. Only with its nominal view.
-        operators: the ranges that fit, where the user names none.
+        joints: joint names in the order of ``rest``; empty if ``rest`` is in the simulator's order.
+        neutral: ``neutral_yaw`` relative to the direction from the base to the hand, radians.
+        physics_hz: physics steps per second.
+        control_hz: control steps per second if the robot's controller fixes them; None to follow the policy.
+        seconds: length of a rollout.
+        urdf: the robot's file below ``robots/`` in a pack; None for robots that come with ManiSkill.
+        surface: the larger area in which imported scenes may place objects; None if it is the workspace.
+        photos: by task, the photo below ``overlays/`` in a pack that replaces the background of the
+            third-person camera. Matches the nominal view only.
+        operators: name of the operator set that is used by default.
     """
 
     robot: str
@@ -154,68 +162,9 @@ class Rig:
     original: Original | None = None
 
     def neutral_yaw(self, x: float, y: float) -> float:
-        """Direction of the closing axis, in radians, where the last joint is in the middle of its range.
+        """The closing axis' yaw, in radians, at which the last joint is in the middle of its range.
 
-        That is with the hand pointing down at (x, y), in metres.
-
-        From there it turns by at least 2.4 rad (140 degrees) either way.
+        Holds for the hand pointing down at (x, y), in metres. From there the joint can turn by at least
+        2.4 rad (140 degrees) either way.
         """
         return math.atan2(y - self.base[1], x - self.base[0]) + self.neutral
-
-
-@dataclass(frozen=True, eq=False)
-class CameraPose:
-    """Where a camera stands: ``position`` (3,) in metres; ``axes`` (3, 3), its rows forward, left and up."""
-
-    position: Array
-    axes: Array
-    fov: float
-    aspect: float
-
-    def project(self, points: Array) -> tuple[Array, Array]:
-        """Image coordinates of world points.
-
-        Args:
-            points: ``(n, 3)`` metres.
-
-        Returns:
-            ``(n, 2)`` u to the right and v down, both in [0, 1] inside the picture; ``(n,)`` depth along
-            the axis, metres.
-        """
-        forward, left, up = ((points - self.position) @ self.axes.T).T
-        scale = 2 * math.tan(math.radians(self.fov) / 2) * np.maximum(forward, 1e-6)
-        return np.stack([0.5 - left / (scale * self.aspect), 0.5 - up / scale], axis=1), forward
-
-    def back_project(self, uv: Array, height: float) -> Array:
-        """Where the rays through ``(n, 2)`` image points meet the plane z = ``height``: ``(n, 3)`` metres."""
-        scale = 2 * math.tan(math.radians(self.fov) / 2)
-        local = np.stack(
-            [np.ones(len(uv)), (0.5 - uv[:, 0]) * scale * self.aspect, (0.5 - uv[:, 1]) * scale], axis=1
-        )
-        rays = local @ self.axes
-        return np.asarray(self.position + rays * ((height - self.position[2]) / rays[:, 2])[:, None])
-
-    @property
-    def quaternion(self) -> tuple[float, float, float, float]:
-        """Of the camera's frame (x forward, y left, z up), as w, x, y, z."""
-        x, y, z, w = Rotation.from_matrix(self.axes.T).as_quat()
-        return float(w), float(x), float(y), float(z)
-
-
-_NOMINAL = Camera()
-
-
-@lru_cache(maxsize=256)
-def camera_pose(view: View, camera: Camera = _NOMINAL) -> CameraPose:
-    """The nominal view, moved and turned as a scene's camera says.
-
-    Roll, pitch and yaw turn it about its own forward, left and up axes, in the order yaw, pitch, roll.
-    """
-    eye = np.array(view.eye)
-    forward = np.array(view.target) - eye
-    forward /= np.linalg.norm(forward)
-    left = np.cross([0.0, 0.0, 1.0], forward)
-    left /= np.linalg.norm(left)
-    nominal = np.stack([forward, left, np.cross(forward, left)])
-    turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True).as_matrix()
-    return CameraPose(eye + np.array(camera.offset), turn.T @ nominal, view.fov, view.aspect)

@@ -1,7 +1,7 @@
-"""The rigs that there are, as data: the Panda, and what VLATest uses, the WidowX 250s and the Google robot.
+"""The available rigs, as data: the Panda, and VLATest's two robots, the WidowX 250s and the Google robot.
 
-The last two want the robots' files from a pack of the user's. With ``-photo``, the third-person camera sees a
-photo behind robot and objects, as in the reference. Names of sources: G, BE, PO are VLATest's
+The last two need robot files from a pack. In the ``-photo`` variants, the third-person camera sees a photo
+behind robot and objects, as in the reference. Sources: G, BE and PO are VLATest's
 ``grasp_single_in_scene_customizable.py``, ``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
 """
 
@@ -11,12 +11,11 @@ import math
 from dataclasses import replace
 
 from vlafuzz.errors import SceneError, suggestion
-from vlafuzz.rigs.rig import Hand, Lights, Original, Rig, Table, View, Workspace
+from vlafuzz.rigs.rig import Hand, LeanModel, Lights, Original, Rig, Table, View, Workspace
 
-# The workspace is a margin wider than the operators' default ranges; reach and opening are the Panda's
-# (data sheet: 0.855 m
-# to the wrist, 0.08 m opening), less what pointing down costs (measured with the inverse kinematics at
-# table height).
+# The workspace is the operators' default ranges plus a margin. Reach and opening are from the Panda's data
+# sheet (0.855 m to the wrist, 0.08 m), less what pointing down costs, measured with the inverse kinematics at
+# table height.
 PANDA = Rig(
     robot="panda",
     base=(-0.615, 0.0, 0.0),
@@ -29,13 +28,13 @@ PANDA = Rig(
     table=Table(centre=(-0.25, 0.0), half=(0.6, 0.7, 0.03), floor=-0.75),
 )
 
-# BE's lights, in our frame: its robots look along -x, ours along x. Nothing casts shadows, as there.
+# BE's lights in our frame: its robots look along -x, ours along x. As there, nothing casts shadows.
 _LIGHTS = Lights(0.3, (((0.0, 0.0, -1.0), 2.2), ((1.0, 0.5, -1.0), 0.7), ((-1.0, -1.0, -1.0), 0.7)))
 
-# Base, joints and table height: PO:245, BE:280-288. The camera is that of ManiSkill's bridge agent, 0.16 m
-# beside the base and 0.36 m above, f = 623.588 at 640 x 480; its principal point is half a pixel off the
-# middle, ours is in it. The hand is measured on the collision meshes, reach with the inverse kinematics
-# 0.1 m over the table.
+# Base, joints and table height: PO:245, BE:280-288. The camera is the one of ManiSkill's bridge agent, 0.16 m
+# beside the base and 0.36 m above, f = 623.588 at 640 x 480; our principal point is centred, there it is half
+# a pixel off. The hand is measured on the collision meshes, the reach with the inverse kinematics 0.1 m over
+# the table.
 WIDOWX = Rig(
     robot="widowx",
     base=(-0.347, -0.05, 0.0),
@@ -62,7 +61,7 @@ WIDOWX = Rig(
         widest=0.046,
         thinnest=0.014,
         lowest=0.018,
-        highest=0.12,  # a bottle at its neck is beyond what the arm lifts straight up
+        highest=0.12,  # holding a bottle by its neck, the arm cannot lift straight up
         deep=0.020,
         lead=1.3,
         fingers=(0.0145, (0.026, 0.042), (-0.016, 0.04)),
@@ -75,9 +74,9 @@ WIDOWX = Rig(
     original=Original(base=(0.147, 0.028, 0.87), yaw=180.0, table=0.87),
 )
 
-# Base and joints: G:161-164, BE:265-276; objects are dropped onto a table 0.87 m high, its box is BE:180-201.
-# The camera sits in the head: link_camera at these joints, f = 425 at 640 x 512.
-# The wrist ends at 1.79 rad, so the hand leans outward the farther and the higher it is: see stoops.
+# Base and joints: G:161-164, BE:265-276; the table is 0.87 m high, its box BE:180-201. The camera is in the
+# head: link_camera at these joints, f = 425 at 640 x 512. The wrist's limit is 1.79 rad, so the hand leans
+# outward with distance and height.
 GOOGLE = Rig(
     robot="google",
     base=(-0.60, 0.0, -0.79095),
@@ -117,9 +116,9 @@ GOOGLE = Rig(
     neutral=math.radians(190),
     hand=Hand(
         lowest=0.010,
-        # Fitted to the inverse kinematics: straight down to 0.64 m at the table, 0.44 m a hand above; at
-        # 0.2 m over the table nowhere, and leaning by 0.35 rad to 0.56 m.
-        lean_model=(2.5, 0.69, 1.67),
+        # Fitted to the inverse kinematics: straight down up to 0.64 m at the table and 0.44 m a hand above;
+        # nowhere at 0.2 m over the table, where the lean is 0.35 rad at 0.56 m.
+        lean_model=LeanModel(height_weight=2.5, straight_reach=0.69, slope=1.67),
         lead=1.5,
         fingers=(0.026, (0.060, 0.111), (-0.006, 0.08)),
         palm=(0.046, (0.0, 0.070), (0.038, 0.16)),
@@ -142,7 +141,7 @@ _ALL = (
     GOOGLE,
     replace(GOOGLE, robot="google-photo", photos=_BY_TASK),
 )
-RIGS = {each.robot: each for each in _ALL}
+RIGS = {rig.robot: rig for rig in _ALL}
 
 
 def rig(robot: str) -> Rig:

@@ -37,8 +37,8 @@ class Composer:
             "confounders": operators.get(ConfounderOrientation).fixed,
         }
         slots = _slots(operators, catalogue, task, rig(robot).hand)
-        rests = max(len(catalogue[name].rests) for name in catalogue.names())
-        self.layout = Layout(slots, _distinct(slots), rests, len(self._wordings))
+        stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
+        self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         """The scene that has these values. A name that is taken gives way to the next free one."""
@@ -61,8 +61,8 @@ class Composer:
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
         """The object of that name in a slot."""
-        rests = self._catalogue[name].rests
-        rest = rests[int(values[f"{slot}.rest"]) % len(rests)].name
+        poses = self._catalogue[name].stable_poses
+        rest = poses[int(values[f"{slot}.rest"]) % len(poses)].name
         yaw = 0.0 if rest in self._fixed[slot.partition(".")[0]] else values[f"{slot}.yaw"]
         return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
 
@@ -83,10 +83,10 @@ class Composer:
 
     def _placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None
-        rests = [rest.name for rest in self._catalogue[placement.object].rests] if known else []
+        poses = [pose.name for pose in self._catalogue[placement.object].stable_poses] if known else []
         return {
             f"{slot}.object": _index(self.layout.slots[slot], placement.object),
-            f"{slot}.rest": _index(rests, placement.rest),
+            f"{slot}.rest": _index(poses, placement.rest),
             f"{slot}.x": placement.x,
             f"{slot}.y": placement.y,
             f"{slot}.yaw": placement.yaw if placement.quaternion is None else math.nan,
@@ -126,7 +126,7 @@ def _slots(
 
 def _fits(model: ObjectModel, hand: Hand) -> bool:
     """Whether a hand can hold an object as it rests first of all the ways in which it can be grasped."""
-    first = next((rest.grasps for rest in model.rests if rest.grasps), ())
+    first = next((pose.grasps for pose in model.stable_poses if pose.grasps), ())
     return any(hand.takes(grasp.width, grasp.z) for grasp in first)
 
 

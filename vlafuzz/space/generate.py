@@ -92,7 +92,7 @@ class Attempt:
             model = self._space.catalogue[names[index]]
             if any(ambiguous(model.spoken, other.spoken) for _, other, _ in self._placed):
                 continue
-            for rest in self._options(f"{slot}.rest", len(model.rests), first):
+            for rest in self._options(f"{slot}.rest", len(model.stable_poses), first):
                 values |= {f"{slot}.object": index, f"{slot}.rest": rest}
                 if not self._senseless(slot, self._space.composer.placement(values, slot, model.name), model):
                     return model.name

@@ -22,13 +22,13 @@ class Layout:
     Attributes:
         slots: where each object stands in a scene, such as ``targets.0``, with the names that it may have.
         nominal: the nominal name of each slot, by its index.
-        rests: the most rest poses that one object has.
+        stable_poses: the largest number of stable poses of any object.
         wordings: how many ways there are to say the task.
     """
 
     slots: dict[str, tuple[str, ...]]
     nominal: dict[str, int]
-    rests: int
+    stable_poses: int
     wordings: int
 
     def of(self, part: str) -> list[str]:
@@ -149,7 +149,7 @@ class _Orientation(Operator):
         yaw = self.yaw
         whole = yaw.high - yaw.low >= 360
         for slot in layout.of(self.part):
-            yield self._gene(f"{slot}.rest", "category", Grid.choice(layout.rests))
+            yield self._gene(f"{slot}.rest", "category", Grid.choice(layout.stable_poses))
             grid = Grid(yaw.low, yaw.high, yaw.step, yaw.nominal, wraps=whole)
             yield self._gene(f"{slot}.yaw", "angle" if whole else "real", grid)
 

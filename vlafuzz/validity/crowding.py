@@ -58,7 +58,7 @@ def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
     return all(
         thing.object in catalogue
         and thing.scale > 0
-        and (thing.quaternion or thing.rest in [rest.name for rest in catalogue[thing.object].rests])
+        and (thing.quaternion or thing.rest in [pose.name for pose in catalogue[thing.object].stable_poses])
         for thing in things
     )
 

@@ -84,7 +84,7 @@ def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, flo
     if quaternion:
         turn = model.turned(quaternion)
     else:
-        turn = Rotation.from_quat(model.rest(rest).quaternion, scalar_first=True).as_matrix()
+        turn = Rotation.from_quat(model.stable_pose(rest).quaternion, scalar_first=True).as_matrix()
     points = model.vertices @ turn.T
     points[:, 2] -= points[:, 2].min()
     return np.asarray(points)
@@ -94,5 +94,9 @@ def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, flo
 def _outline(
     model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None
 ) -> tuple[Array, float]:
-    polygon = outline(_standing(model, rest, quaternion)[:, :2]) if quaternion else model.rest(rest).footprint
+    polygon = (
+        outline(_standing(model, rest, quaternion)[:, :2])
+        if quaternion
+        else model.stable_pose(rest).footprint
+    )
     return polygon, float(np.linalg.norm(polygon, axis=1).max())

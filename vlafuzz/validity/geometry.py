@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from vlafuzz.objects.catalogue import Catalogue, ObjectModel
-from vlafuzz.rigs.rig import Rig, camera_pose
+from vlafuzz.rigs.camera import camera_pose
+from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.validity.footprint import Footprint, apart, footprint, solid

@@ -69,7 +69,7 @@ def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[
     if placement.quaternion is not None:
         if not math.isclose(math.hypot(*placement.quaternion), 1.0, abs_tol=1e-3):
             yield f"{placement.object}: the quaternion {placement.quaternion} is not of length 1"
-    elif placement.rest not in (known := [rest.name for rest in catalogue[placement.object].rests]):
+    elif placement.rest not in (known := [pose.name for pose in catalogue[placement.object].stable_poses]):
         yield f"{placement.object}: unknown rest pose {placement.rest!r}, it has {', '.join(known)}"
 
 
@@ -94,7 +94,7 @@ def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
         return f"{model.spoken} is not there to be grasped"
     if a.quaternion is not None:
         return None
-    grasps = [(grasp.width * a.scale, grasp.z * a.scale) for grasp in model.rest(a.rest).grasps]
+    grasps = [(grasp.width * a.scale, grasp.z * a.scale) for grasp in model.stable_pose(a.rest).grasps]
     if not any(hand.takes(*grasp) for grasp in grasps):
         width, height = min(grasps, default=(0.0, 0.0))
         if grasps and height > hand.highest:
@@ -128,7 +128,7 @@ def _cannot_place(
         return _cannot_put_in(a, model_a, b, model_b)
     if not model_b.supports:
         return f"nothing can be put on {model_b.spoken}"
-    if a.quaternion is None and model_a.rest(a.rest).rolls and not _is_dished(model_b):
+    if a.quaternion is None and model_a.stable_pose(a.rest).rolls and not _is_dished(model_b):
         return f"{model_a.spoken}, {a.rest}, rolls off {model_b.spoken}"
     sides = extents(footprint(a, model_a).polygon)
     short, long = float(sides.min()), float(sides.max())

@@ -25,7 +25,7 @@ from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Placement, Scene, check_placement
 from vlafuzz.sim.maniskill.applied import Applied
@@ -282,7 +282,8 @@ def default_scene(task: str, catalogue: Catalogue) -> Scene:
         chosen.append(catalogue[catalogue.graspable()[1]])
     spots = ((-0.05, 0.0), (-0.05, 0.2))
     targets = tuple(
-        Placement(model.name, model.rests[0].name, x, y) for model, (x, y) in zip(chosen, spots, strict=False)
+        Placement(model.name, model.stable_poses[0].name, x, y)
+        for model, (x, y) in zip(chosen, spots, strict=False)
     )
     return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in chosen]))
 

@@ -33,7 +33,7 @@ def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.f
         x, y, _ = model.shift(placement.quaternion) * placement.scale
         height = -float((model.vertices @ turn[2]).min())
         return np.array([placement.x + x, placement.y + y, height]), as_quaternion(turn)
-    rest = model.rest(placement.rest)
+    rest = model.stable_pose(placement.rest)
     half = np.radians(placement.yaw) / 2
     turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=rest.quaternion)
     return np.array([placement.x, placement.y, rest.height]), np.array(turned.q, dtype=np.float64)
@@ -81,7 +81,7 @@ def add_object(
         shape.density = model.density
         shape.contact_offset = CONTACT_OFFSET
         body.attach(shape)
-    body.angular_damping = ROLLING_DAMPING if any(rest.rolls for rest in model.rests) else DAMPING
+    body.angular_damping = ROLLING_DAMPING if any(pose.rolls for pose in model.stable_poses) else DAMPING
     body.sleep_threshold = 0.0  # a sleeping body reports no contacts
     entity = sapien.Entity()
     entity.name = name

@@ -18,6 +18,7 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
+from vlafuzz import rotation
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
@@ -113,7 +114,9 @@ class World:
             tcp = tcp * self._robot.tool
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
-        rotations = np.array([_matrix(*quaternion.tolist()) for quaternion in quaternions]).reshape(-1, 3, 3)
+        rotations = np.array([rotation.matrix(quaternion.tolist()) for quaternion in quaternions]).reshape(
+            -1, 3, 3
+        )
         earlier, self._before = self._before, (positions, rotations)
         return State(
             positions=positions,
@@ -210,12 +213,3 @@ def _presses(finger: Link, impulses: Impulses, hz: int) -> bool:
     closing = finger.entity_pose.to_transformation_matrix()[:3, 1].tolist()
     along = sum(a * b for a, b in zip(closing, push, strict=True))
     return size * hz >= GRASP_FORCE and abs(along) >= GRASP_COSINE * size
-
-
-def _matrix(w: float, x: float, y: float, z: float) -> list[list[float]]:
-    """Of a quaternion. In double precision, unlike SAPIEN's, so that slow turns are not lost in rounding."""
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
