@@ -1,4 +1,4 @@
-"""VLATest's scenes as published, and written back; its own files are used where they are at hand."""
+"""VLATest's scenes as published, and written back; the published files are used where available."""
 
 import json
 from collections import Counter
@@ -59,35 +59,43 @@ def test_coordinates_names_orientation_and_robot_are_kept(tmp_path: Path) -> Non
     assert (target.object, target.x, target.y, target.quaternion) == (
         "custom:opened_7up_can", -0.3, 0.2, tuple(UPRIGHT),
     )  # fmt: skip
-    assert [each.object for each in scene.confounders] == ["custom:hammer", "custom:apple"]
+    assert [placement.object for placement in scene.confounders] == ["custom:hammer", "custom:apple"]
 
 
 def test_most_objects_of_the_put_tasks_have_half_their_size(tmp_path: Path) -> None:
     raw = two(0, 1, "pepsi_can", "bridge_plate_objaverse_larger", "green_cube_3cm")
     (scene,) = original(write(tmp_path / "x.json", raw))
     assert (scene.robot, scene.instruction) == ("widowx", "put pepsi can on plate larger")
-    assert [each.scale for each in scene.placements] == [0.5, 1.0, 1.0]
+    assert [placement.scale for placement in scene.placements] == [0.5, 1.0, 1.0]
     (near,) = original(write(tmp_path / "x.json", two(0, 1, "pepsi_can", "apple")))
-    assert [each.scale for each in near.placements] == [1.0, 1.0]
+    assert [placement.scale for placement in near.placements] == [1.0, 1.0]
 
 
 def test_objects_of_ycb_have_names_of_their_own(tmp_path: Path) -> None:
     raw = two(0, 1, "apple", "table_cloth_generated", "plate")
     (scene,) = original(write(tmp_path / "ycb_t-put-on.json", raw))
-    assert [each.object for each in scene.placements] == [
+    assert [placement.object for placement in scene.placements] == [
         "ycb:apple",
         "custom:table_cloth_generated",
         "ycb:plate",
     ]
-    assert [each.scale for each in scene.placements] == [0.5, 1.0, 0.5]
+    assert [placement.scale for placement in scene.placements] == [0.5, 1.0, 0.5]
     assert scene.instruction == "put apple on table cloth"
 
 
 def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) -> None:
     path = write(tmp_path / "x.json", two(2, 0, "apple", "orange", "sponge"), two(0, 1, "apple", "orange"))
     mixed, plain = original(path)
-    assert [each.object for each in mixed.placements] == ["custom:sponge", "custom:apple", "custom:orange"]
-    assert [each.object for each in mixed.listing] == ["custom:apple", "custom:orange", "custom:sponge"]
+    assert [placement.object for placement in mixed.placements] == [
+        "custom:sponge",
+        "custom:apple",
+        "custom:orange",
+    ]
+    assert [placement.object for placement in mixed.listing] == [
+        "custom:apple",
+        "custom:orange",
+        "custom:sponge",
+    ]
     assert Scene.from_json(mixed.to_json()) == mixed
     assert "listed" not in plain.to_json()
 
@@ -112,7 +120,7 @@ def test_what_is_left_of_a_scene_keeps_its_order(tmp_path: Path) -> None:
     )  # fmt: skip
 
 
-def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path) -> None:
+def test_what_the_format_cannot_express_is_left_out_and_counted(tmp_path: Path) -> None:
     (scene,) = original(write(tmp_path / "t-grasp.json", GRASP))
     (target,) = scene.targets
     changed = [
@@ -123,18 +131,18 @@ def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path) -> No
         replace(scene, targets=(replace(target, object="apple"),), instruction="pick up apple"),
         replace(scene, targets=(replace(target, quaternion=None),)),
     ]
-    unsaid = write_vlatest(tmp_path / "t-grasp.json", [*changed, scene], CATALOGUE)
-    assert Counter(unsaid.values()) == {1: 6}
+    left_out = write_vlatest(tmp_path / "t-grasp.json", [*changed, scene], CATALOGUE)
+    assert Counter(left_out.values()) == {1: 6}
     assert original(tmp_path / "t-grasp.json") == (scene,)
 
 
-def near(one: Any, other: Any) -> bool:
+def near(first: Any, other: Any) -> bool:
     """Whether two documents are equal, numbers to 1e-9."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(near(one[key], other[key]) for key in one)
-    if isinstance(one, list):
-        return len(one) == len(other) and all(map(near, one, other))
-    return abs(one - other) <= 1e-9 if isinstance(one, float) else bool(one == other)
+    if isinstance(first, dict):
+        return first.keys() == other.keys() and all(near(first[key], other[key]) for key in first)
+    if isinstance(first, list):
+        return len(first) == len(other) and all(map(near, first, other))
+    return abs(first - other) <= 1e-9 if isinstance(first, float) else bool(first == other)
 
 
 def test_its_coordinates_are_not_those_of_our_rigs(tmp_path: Path) -> None:

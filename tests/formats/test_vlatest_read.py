@@ -1,4 +1,4 @@
-"""Numbers of our own in the reference's format; its own files are read where they are at hand."""
+"""Our own numbers in VLATest's format; the published files are read where they are available."""
 
 import json
 import math
@@ -77,15 +77,15 @@ def test_keep_keeps_distances(tmp_path: Path) -> None:
 
 
 def test_a_lying_cans_top_points_where_it_did_after_half_a_turn(tmp_path: Path) -> None:
-    for given in (0.0, 100.0, -90.0, 90.0, 180.0):
-        (scene,) = read(tmp_path, grasp("pepsi_can", -0.3, 0.2, level(given)))
+    for angle in (0.0, 100.0, -90.0, 90.0, 180.0):
+        (scene,) = read(tmp_path, grasp("pepsi_can", -0.3, 0.2, level(angle)))
         target = scene.targets[0]
         assert target.rest == "lying"
         rest = Rotation.from_quat(CATALOGUE["pepsi_can"].stable_pose("lying").quaternion, scalar_first=True)
         ours = (Rotation.from_euler("z", target.yaw, degrees=True) * rest).apply(
             [0, 0, 1]
         )  # z is up in our cans
-        theirs = Rotation.from_euler("z", given, degrees=True).apply([0, 1, 0])  # y is up in theirs
+        theirs = Rotation.from_euler("z", angle, degrees=True).apply([0, 1, 0])  # y is up in theirs
         assert ours == pytest.approx(-theirs, abs=1e-3)
 
 
@@ -108,7 +108,7 @@ def test_the_source_comes_first_wherever_it_is_listed(tmp_path: Path) -> None:
     raw = two(2, 0, apple=other(-0.2, 0.1), orange=other(-0.4, 0.1), sponge=other(-0.3, 0.3))
     (scene,) = read(tmp_path, raw)
     assert (scene.task, scene.instruction) == ("move-near", "move sponge near apple")
-    assert [each.object for each in scene.placements] == ["sponge", "apple", "orange"]
+    assert [placement.object for placement in scene.placements] == ["sponge", "apple", "orange"]
 
 
 def test_the_second_target_says_the_task(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_ycb_files_have_meshes_of_their_own(tmp_path: Path) -> None:
         ),
         (
             json.dumps({"0": two(0, 7, apple=other(0, 0))}),
-            "0: target_obj_id: 7 is not the place of one of 1 objects",
+            "0: target_obj_id: 7 is not the index of one of 1 objects",
         ),
         (
             json.dumps({"0": two(0, 1, apple=other(0, 0)) | {"model_ids": ["mug"]}}),
@@ -177,7 +177,7 @@ def test_a_malformed_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="cannot be read") as caught:
         read_vlatest(tmp_path / "nowhere.json", CATALOGUE)
-    assert caught.value.hint == "give a file that is there"
+    assert caught.value.hint == "give an existing file"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no VLATest scenes in ../shared/vlatest/scenes")

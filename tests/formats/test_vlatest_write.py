@@ -14,25 +14,25 @@ from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.tasks.tabletop import TASKS
 
 CATALOGUE = load_catalogue()
-SAID = ("target-type", "target-position", "target-orientation", "confounder-type", "confounder-position",
+IN_FORMAT = ("target-type", "target-position", "target-orientation", "confounder-type", "confounder-position",
         "confounder-orientation", "confounder-count")  # fmt: skip
 
 
 def scenes(task: str, number: int) -> list[Scene]:
-    space = SearchSpace(load_operators().only(SAID), CATALOGUE, task)
+    space = SearchSpace(load_operators().only(IN_FORMAT), CATALOGUE, task)
     return [space.sample(np.random.default_rng(seed)) for seed in range(number)]
 
 
-def near(one: Scene, other: Scene) -> bool:
+def near(first: Scene, other: Scene) -> bool:
     def flat(scene: Scene) -> list[float]:
         return [value for thing in scene.placements for value in (thing.x, thing.y, thing.yaw % 360)]
 
     def names(scene: Scene) -> list[tuple[str, str]]:
         return [(thing.object, thing.rest) for thing in scene.placements]
 
-    if (one.task, one.instruction, names(one)) != (other.task, other.instruction, names(other)):
+    if (first.task, first.instruction, names(first)) != (other.task, other.instruction, names(other)):
         return False
-    off = np.abs(np.subtract(flat(one), flat(other)))
+    off = np.abs(np.subtract(flat(first), flat(other)))
     return bool(np.all(np.minimum(off, 360 - off) < 1e-3))
 
 
@@ -40,11 +40,11 @@ def near(one: Scene, other: Scene) -> bool:
 def test_scenes_read_back_as_they_were(tmp_path: Path, task: str) -> None:
     wanted = scenes(task, 40)
     path = tmp_path / f"{task}.json"
-    unsaid = write_vlatest(path, wanted, CATALOGUE)
-    assert all("rest" in reason or "VLATest has no" in reason for reason in unsaid)
+    left_out = write_vlatest(path, wanted, CATALOGUE)
+    assert all("rest" in reason or "VLATest has no" in reason for reason in left_out)
     read = read_vlatest(path, CATALOGUE).scenes
-    assert len(read) == len(wanted) - sum(unsaid.values()) > 20
-    assert all(any(near(scene, one) for one in wanted) for scene in read)
+    assert len(read) == len(wanted) - sum(left_out.values()) > 20
+    assert all(any(near(scene, candidate) for candidate in wanted) for scene in read)
 
 
 @pytest.mark.parametrize(
@@ -56,9 +56,9 @@ def test_scenes_read_back_as_they_were(tmp_path: Path, task: str) -> None:
         ({"then": ("hold it up",)}, "wording"),
     ],
 )
-def test_what_its_files_cannot_say_is_left_out_and_counted(tmp_path: Path, change, reason: str) -> None:
+def test_what_the_format_cannot_express_is_left_out_and_counted(tmp_path: Path, change, reason: str) -> None:
     scene = scenes("pick-up", 1)[0]
     path = tmp_path / "t-grasp.json"
-    unsaid = write_vlatest(path, [replace(scene, **change), scene], CATALOGUE)
-    assert unsaid == {f"VLATest's scene files have no {reason}": 1}
+    left_out = write_vlatest(path, [replace(scene, **change), scene], CATALOGUE)
+    assert left_out == {f"VLATest's scene files have no {reason}": 1}
     assert len(read_vlatest(path, CATALOGUE).scenes) == 1

@@ -11,7 +11,7 @@ import typer
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_rows, progress, stderr
 from vlafuzz.errors import check_number
-from vlafuzz.formats.sources import is_store, read_source
+from vlafuzz.formats.sources import is_store, read_scene_file
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.store.store import Store
@@ -62,7 +62,7 @@ def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame)
     if is_store(path):
         with Store.open(path) as store:
             return tracks_of_store(store)
-    source = read_source(path, catalogue, frame.value)
+    source = read_scene_file(path, catalogue, frame.value)
     if source.left_out:
         stderr().print(f"{path}: {source.left_out} scenes with objects that we do not have are left out")
     return tracks_of_scenes(source.scenes(), ranges, catalogue)

@@ -93,12 +93,12 @@ def command(
 
 def _of_file(path: Path, run: int | None) -> list[Scene]:
     """All scenes of a file; VLATest's as they are."""
-    from vlafuzz.formats.sources import read_source
+    from vlafuzz.formats.sources import read_scene_file
     from vlafuzz.objects import load_catalogue
 
     if run is not None:
         raise UsageError(f"--run {run}: {path} is a file of scenes, not a store", hint="leave out --run")
-    return read_source(path, load_catalogue(), "original").scenes()
+    return read_scene_file(path, load_catalogue(), "original").scenes()
 
 
 def _export(store: Path, out: Path, run: int | None) -> None:

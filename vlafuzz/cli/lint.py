@@ -16,7 +16,8 @@ from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_json, print_rows, progress, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.formats.sources import Source, is_vlatest, read_source
+from vlafuzz.formats.scene_lines import SceneFile
+from vlafuzz.formats.sources import is_vlatest, read_scene_file
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.rigs.robots import RIGS
 from vlafuzz.scene import PLACEMENTS, Scene, check_placement
@@ -114,7 +115,7 @@ def command(
         judged = []
         for path in files:
             quick = is_vlatest(path) and not placement if static is None else static
-            source = read_source(path, catalogue, frame.value)
+            source = read_scene_file(path, catalogue, frame.value)
             if not (source.lines or source.left_out):
                 raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
             judged.append(_judge(source, catalogue, keep, bar, None if quick else put))
@@ -126,7 +127,7 @@ def command(
 
 
 def _judge(
-    source: Source, catalogue: Catalogue, keep: float, bar: Progress, placement: str | None
+    source: SceneFile, catalogue: Catalogue, keep: float, bar: Progress, placement: str | None
 ) -> Verdicts:
     """``placement``: how objects are put where they settle; None to leave that out."""
     path, problems, crowded = source.path, list[Problem](), list[Crowding | None]()

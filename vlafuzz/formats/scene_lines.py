@@ -3,25 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.scene import Scene
 
+_EXPECTED = "expected JSON lines with one scene per line"
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The content of a file of scenes.
+
+    Attributes:
+        lines: by line number, or by the scene's number in a file of VLATest; the error of a broken line.
+        left_out: number of scenes with an object that has no counterpart in our catalogue.
+    """
+
+    path: Path
+    lines: tuple[tuple[int, Scene | SceneError], ...]
+    left_out: int = 0
+
+    def scenes(self) -> list[Scene]:
+        """All scenes.
+
+        Raises:
+            SceneError: a line is broken, or there is no scene.
+        """
+        scenes: list[Scene] = []
+        for _, scene in self.lines:
+            if isinstance(scene, SceneError):
+                raise scene
+            scenes.append(scene)
+        if not scenes:
+            raise SceneError(f"{self.path}: no scenes in it", hint=_EXPECTED)
+        return scenes
+
 
 def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
-    """Each scene of a JSON-lines file with its line number, from 1; a broken line yields its error.
+    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error.
 
     Raises:
-        SceneError: the file cannot be read at all.
+        SceneError: the file cannot be read.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(
-            f"{path}: cannot read scenes: {reason}", hint="expected one JSON scene a line"
-        ) from None
+        raise SceneError(f"{path}: cannot read scenes: {reason}", hint=_EXPECTED) from None
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
@@ -35,20 +65,13 @@ def load_scenes(path: Path | str) -> list[Scene]:
     """All scenes of a JSON-lines file.
 
     Raises:
-        SceneError: a line is broken, or there is no scene in it.
+        SceneError: a line is broken, or there is no scene.
     """
-    scenes: list[Scene] = []
-    for _, scene in read_scenes(Path(path)):
-        if isinstance(scene, SceneError):
-            raise scene
-        scenes.append(scene)
-    if not scenes:
-        raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-    return scenes
+    return SceneFile(Path(path), tuple(read_scenes(Path(path)))).scenes()
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
-    """Write JSON lines, atomically.
+    """Write JSON lines atomically.
 
     Raises:
         UsageError: the path is a folder.

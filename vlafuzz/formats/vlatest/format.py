@@ -1,4 +1,4 @@
-"""The scene files of VLATest (FSE 2025), read and written in its own coordinates and names."""
+"""The scene files of VLATest (FSE 2025), in VLATest's own coordinates and names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Quaternion = tuple[_Number, _Number, _Number, _Number]  # w, x, y, z
 
 @dataclass(frozen=True)
 class Thing:
-    """An object by its name there, metres in its frame."""
+    """An object by its name in VLATest; metres in VLATest's frame."""
 
     model: str
     xy: tuple[float, float]
@@ -28,22 +28,22 @@ class Thing:
 
 @dataclass(frozen=True)
 class Entry:
-    """A scene of a file: its things as they are listed, and which are the targets, the moved one first."""
+    """A scene of a file: its objects in file order, and the indices of the targets, the moved one first."""
 
     things: tuple[Thing, ...]
     targets: tuple[int, ...]
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Places in the list: the targets', then those of the others."""
-        return self.targets + tuple(place for place in range(len(self.things)) if place not in self.targets)
+        """Indices of the targets, then of the other objects."""
+        return self.targets + tuple(index for index in range(len(self.things)) if index not in self.targets)
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _First(_Strict):  # the manipulated object of a grasp scene spells its orientation in its own way
+class _First(_Strict):  # the key of the orientation differs for the object to grasp
     init_xy: tuple[_Number, _Number]
     orientation: Quaternion
 
@@ -71,23 +71,23 @@ _GRASP, _TWO = TypeAdapter(_Grasp), TypeAdapter(_Two)
 
 
 def is_ycb(path: Path) -> bool:
-    """Whether names of a file mean objects of YCB first: some mean an object of another kind elsewhere."""
+    """Whether the names in a file mean objects of YCB: some names are in both catalogues of VLATest."""
     return path.name.startswith("ycb_")
 
 
 def read_entries(path: Path) -> dict[str, Entry]:
-    """The scenes of a file by their keys, in order.
+    """The scenes of a file by key, in order.
 
     Raises:
-        SceneError: the file is not one of its scene files; the message names file and key.
+        SceneError: not a scene file of VLATest; the message names file and key.
     """
     return {key: _entry(path, key, raw) for key, raw in _scenes(path).items()}
 
 
 def write_entries(path: Path, entries: Sequence[Entry]) -> None:
-    """Write a file, atomically; its seed is that of a name such as ``t-grasp_n-100_o-0_s-170912623.json``."""
+    """Write a file atomically, with the seed of a name such as ``t-grasp_n-100_o-0_s-170912623.json``."""
     seed = re.search(r"_s-(\d+)$", path.stem)
-    scenes = {str(number): _said(entry) for number, entry in enumerate(entries)}
+    scenes = {str(number): _to_json(entry) for number, entry in enumerate(entries)}
     content = {**scenes, "seed": int(seed[1]) if seed else 0, "num": len(entries)}
     beside = path.with_name(path.name + ".tmp")
     beside.write_text(json.dumps(content), encoding="utf-8")
@@ -95,28 +95,28 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> None:
 
 
 def _scenes(path: Path) -> dict[str, object]:
-    hint = 'expected an object of scenes under "0", "1", …, with "seed" and "num"'
+    hint = 'expected a JSON object with scenes under "0", "1", …, "seed" and "num"'
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text, or nested too deeply"
-        there = hint if path.is_file() else "give a file that is there"
-        raise SceneError(f"{path}: cannot be read: {reason}", there) from None
-    except ValueError as error:  # a number of thousands of digits is one, too
+        advice = hint if path.is_file() else "give an existing file"
+        raise SceneError(f"{path}: cannot be read: {reason}", advice) from None
+    except ValueError as error:  # malformed, or a number with thousands of digits
         raise SceneError(f"{path}: not JSON: {error}", hint) from None
-    if not isinstance(found, dict):
-        raise SceneError(f"{path}: not a scene file of VLATest, got {type(found).__name__}", hint)
-    scenes = {key: value for key, value in found.items() if key.isdecimal()}
-    unknown = [key for key in found if key not in scenes and key not in ("seed", "num")]
+    if not isinstance(document, dict):
+        raise SceneError(f"{path}: not a scene file of VLATest, got {type(document).__name__}", hint)
+    scenes = {key: value for key, value in document.items() if key.isdecimal()}
+    unknown = [key for key in document if key not in scenes and key not in ("seed", "num")]
     if unknown:
         raise SceneError(f"{path}: {unknown[0]}: unknown key", hint)
-    if found.get("num", len(scenes)) != len(scenes):
-        raise SceneError(f"{path}: num: says {found['num']!r}, but there are {len(scenes)} scenes")
+    if document.get("num", len(scenes)) != len(scenes):
+        raise SceneError(f"{path}: num: says {document['num']!r}, but there are {len(scenes)} scenes")
     return scenes
 
 
 def _entry(path: Path, key: str, raw: object) -> Entry:
-    """A scene of either schema."""
+    """A scene in the schema of the grasp task, or of those with two targets."""
     try:
         if isinstance(raw, dict) and "model_id" in raw:
             return _of_grasp(_GRASP.validate_python(raw))
@@ -139,7 +139,7 @@ def _of_two(scene: _Two) -> Entry:
     things = tuple(_other(model, scene.obj_init_options) for model in scene.model_ids)
     for name, index in (("source_obj_id", scene.source_obj_id), ("target_obj_id", scene.target_obj_id)):
         if not 0 <= index < len(things):
-            raise IndexError(f"{name}: {index} is not the place of one of {len(things)} objects")
+            raise IndexError(f"{name}: {index} is not the index of one of {len(things)} objects")
     return Entry(things, (scene.source_obj_id, scene.target_obj_id))
 
 
@@ -149,7 +149,7 @@ def _other(model: str, options: dict[str, _Other]) -> Thing:
     return Thing(model, options[model].init_xy, options[model].init_rot_quat)
 
 
-def _said(entry: Entry) -> dict[str, Any]:
+def _to_json(entry: Entry) -> dict[str, Any]:
     names = [thing.model for thing in entry.things]
     options = {
         thing.model: {"init_xy": list(thing.xy), "init_rot_quat": list(thing.quaternion)}
@@ -159,10 +159,10 @@ def _said(entry: Entry) -> dict[str, Any]:
         ids = {"model_ids": names, "obj_init_options": options}
         return ids | {"source_obj_id": entry.targets[0], "target_obj_id": entry.targets[1]}
     first = options.pop(names[0])
-    said: dict[str, Any] = {
+    scene: dict[str, Any] = {
         "model_id": names[0],
         "obj_init_options": {"init_xy": first["init_xy"], "orientation": first["init_rot_quat"]},
     }
     if options:
-        said |= {"distractor_model_ids": names[1:], "distractor_obj_init_options": options}
-    return said
+        scene |= {"distractor_model_ids": names[1:], "distractor_obj_init_options": options}
+    return scene

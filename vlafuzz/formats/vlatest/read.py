@@ -1,4 +1,4 @@
-"""Scenes of other systems, read as ours: so far the files of VLATest (FSE 2025)."""
+"""Read scene files of VLATest (FSE 2025) as scenes of ours."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on"
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of a file.
+    """The scenes of a file.
 
     Attributes:
-        read: number of scenes in it.
-        numbers: of the scenes that came of it, in the file.
-        missing: names without a counterpart of ours, and how many scenes have each; a scene may have several.
+        read: number of scenes in the file.
+        numbers: of the imported scenes in the file.
+        missing: names without a counterpart of ours, with the number of scenes that have them.
     """
 
     path: Path
@@ -49,21 +49,21 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     """Read a scene file of VLATest.
 
     Args:
-        frame: ``fit`` stretches its sampling box onto ours, ``keep`` moves it to the middle of ours;
-            ``original`` changes nothing, and ``robot`` only has positions from the robot's base, as our rigs
-            do. Both leave no scene out: its names need not be in the catalogue.
+        frame: ``fit`` stretches VLATest's sampling box onto ours, ``keep`` moves it to the middle of ours;
+            ``original`` changes nothing, and ``robot`` only expresses positions from the robot's base, as our
+            rigs do. The last two leave no scene out: names need not be in the catalogue.
 
     Raises:
-        SceneError: the file is not one of its scene files; the message names file and key.
+        SceneError: not a scene file of VLATest; the message names file and key.
     """
     table = vlatest_table()
     entries = read_entries(path)
     tasks = {key: _task(path, entry, table) for key, entry in entries.items()}
     if frame in ("original", "robot"):
-        found = [original_scene(entry, tasks[key], ycb=is_ycb(path)) for key, entry in entries.items()]
+        originals = [original_scene(entry, tasks[key], ycb=is_ycb(path)) for key, entry in entries.items()]
         if frame == "robot":
-            found = [in_robot_frame(scene) for scene in found]
-        return Imported(path, len(entries), tuple(map(int, entries)), tuple(found), {})
+            originals = [in_robot_frame(scene) for scene in originals]
+        return Imported(path, len(entries), tuple(map(int, entries)), tuple(originals), {})
     known = table.objects | (table.ycb if is_ycb(path) else {})
     missing: Counter[str] = Counter()
     scenes: dict[int, Scene] = {}
@@ -85,7 +85,7 @@ def _scene(task: str, placed: list[Placement], catalogue: Catalogue) -> Scene:
 
 @dataclass(frozen=True)
 class _Move:
-    """From its frame to ours: half a turn about the vertical, then onto our box or to its middle."""
+    """From VLATest's frame to ours: half a turn about the vertical, then onto our box or to its middle."""
 
     theirs: Rectangle
     ours: Box
@@ -106,12 +106,12 @@ def _has(catalogue: Catalogue, counterpart: Counterpart | None) -> bool:
 
 
 def _task(path: Path, entry: Entry, table: Table) -> str:
-    """The task, from what the targets are; the file's name decides where that leaves it open."""
+    """The task by the targets; if these leave it open, by the file's name."""
     if len(entry.targets) == 1:
         return "pick-up"
-    told = table.places.get(entry.things[entry.targets[1]].model)
+    by_receptacle = table.places.get(entry.things[entry.targets[1]].model)
     named = next((task for word, task in _FILE_NAMES.items() if word in path.name), None)
-    return told or (named if named and TASKS[named].targets == 2 else "move-near")
+    return by_receptacle or (named if named and TASKS[named].targets == 2 else "move-near")
 
 
 def _placement(
@@ -133,7 +133,7 @@ def _placement(
 
 
 def quaternion(yaw: float, *, level: bool) -> Quaternion:
-    """(w, x, y, z): a quarter turn about x, or none, and then ``yaw`` radians about the vertical."""
+    """(w, x, y, z): a quarter turn about x unless ``level``, then ``yaw`` radians about the vertical."""
     half, lean = yaw / 2, 0.0 if level else math.pi / 4
     return (
         math.cos(half) * math.cos(lean),

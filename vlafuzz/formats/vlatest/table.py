@@ -1,4 +1,4 @@
-"""What is what in scenes of VLATest: names, poses, boxes, robots. See operators/objects/vlatest.yaml."""
+"""VLATest's names, poses, boxes and robots, and our counterparts: operators/objects/vlatest.yaml."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ class _Poses(_Strict):
 
 
 class Counterpart(_Strict):
-    """What an object of theirs is among ours."""
+    """The object of ours that stands for one of VLATest's."""
 
     name: str
     poses: _Poses
 
 
 class Rectangle(_Strict):
-    """A rectangle of the table in its coordinates, metres."""
+    """A rectangle on the table in VLATest's coordinates, metres."""
 
     x: tuple[float, float]
     y: tuple[float, float]
 
 
 class Base(_Strict):
-    """Where a robot stands, metres, and where it faces, degrees."""
+    """The pose of a robot's base: metres, and degrees."""
 
     x: float
     y: float
@@ -51,7 +51,7 @@ class Base(_Strict):
 
 
 class Original(_Strict):
-    """What its files leave unsaid: robots by task, boxes, sizes, and how its names are spoken."""
+    """What VLATest's files leave out: robots by task, boxes, sizes, and names in instructions."""
 
     robots: dict[str, str]
     bases: dict[str, Base]
@@ -64,7 +64,7 @@ class Original(_Strict):
 
 
 class Table(_Strict):
-    """operators/objects/vlatest.yaml."""
+    """The content of operators/objects/vlatest.yaml."""
 
     frames: dict[str, Rectangle]
     places: dict[str, str]
@@ -73,16 +73,16 @@ class Table(_Strict):
     original: Original
 
     def drawn_from(self, task: str) -> Rectangle:
-        """Where its objects are drawn from: the frame, where nothing else is said."""
+        """The box that VLATest samples positions from: by default the frame."""
         return self.original.boxes.get(task, self.frames[task])
 
 
 @cache
 def vlatest_table() -> Table:
-    """Its names, poses and boxes as ours.
+    """The table, read once.
 
     Raises:
-        CatalogueError: the table is damaged.
+        CatalogueError: the file is malformed.
     """
     path = operators_dir() / "objects" / "vlatest.yaml"
     try:
@@ -93,6 +93,6 @@ def vlatest_table() -> Table:
 
 @cache
 def our_box() -> Box:
-    """Where our targets stand by default."""
+    """The range of our targets' positions."""
     position = load_operators().get(TargetPosition)
     return Box(x=position.x, y=position.y)

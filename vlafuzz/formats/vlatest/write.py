@@ -1,4 +1,4 @@
-"""Scenes as a file of VLATest (FSE 2025), as far as it can say them: the inverse of ``interchange``."""
+"""Write scenes as a file of VLATest (FSE 2025), as far as the format can express them."""
 
 from __future__ import annotations
 
@@ -24,55 +24,55 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
-UNSAID = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
+NOT_IN_FORMAT = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
 
 
-class _UnsaidError(Exception):
-    """Why a scene cannot be said."""
+class _UnsupportedError(Exception):
+    """Why the format cannot express a scene."""
 
 
 def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> dict[str, int]:
-    """Write what can be said, atomically.
+    """Write the scenes that the format can express, atomically.
 
-    Positions go from our box onto theirs, as ``fit`` reads them; scenes that were imported as they are, in
-    the frame ``original`` or ``robot``, are written as they were.
+    Positions are stretched from our box onto VLATest's, the inverse of ``fit``; scenes that were imported
+    with the frame ``original`` or ``robot`` are written as they were.
 
     Returns:
-        How many scenes are left out, by reason.
+        The number of scenes left out, by reason.
     """
     written: list[Entry] = []
-    unsaid: Counter[str] = Counter()
+    left_out: Counter[str] = Counter()
     for scene in scenes:
         try:
-            theirs = as_original(scene)
-            written.append(_original(theirs, ycb=is_ycb(path)) if theirs else _fit(scene, catalogue))
-        except _UnsaidError as error:
-            unsaid[str(error)] += 1
+            original = as_original(scene)
+            written.append(_original(original, ycb=is_ycb(path)) if original else _fit(scene, catalogue))
+        except _UnsupportedError as error:
+            left_out[str(error)] += 1
     write_entries(path, written)
-    return dict(unsaid)
+    return dict(left_out)
 
 
 def _original(scene: Scene, *, ycb: bool) -> Entry:
     _refuse(scene, original_instruction(scene.task, [bare(target.object) for target in scene.targets]))
     for placement in scene.placements:
         if not placement.object.startswith((CUSTOM, YCB)):
-            raise _UnsaidError(f"VLATest has no {placement.object}")
+            raise _UnsupportedError(f"VLATest has no {placement.object}")
         if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
-            raise _UnsaidError(
-                "VLATest has objects of YCB in files named ycb_… only, and only them: see --out"
+            raise _UnsupportedError(
+                "VLATest keeps objects of YCB in files of their own, named ycb_…: see --out"
             )
         if placement.quaternion is None:
-            raise _UnsaidError(UNSAID + "rest poses")
+            raise _UnsupportedError(NOT_IN_FORMAT + "rest poses")
         if placement.scale != original_scale(scene.task, placement.object):
-            raise _UnsaidError(UNSAID + "sizes")
+            raise _UnsupportedError(NOT_IN_FORMAT + "sizes")
     if len({placement.object for placement in scene.placements}) < len(scene.placements):
-        raise _UnsaidError("VLATest has no object twice")
+        raise _UnsupportedError("VLATest has no object twice")
     return original_entry(scene)
 
 
 def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
     if scene.robot in vlatest_table().original.robots.values():
-        raise _UnsaidError(UNSAID + f"scenes of the {scene.robot} in another frame than its own")
+        raise _UnsupportedError(NOT_IN_FORMAT + f"scenes of the {scene.robot} in another frame than its own")
     table = vlatest_table()
     spoken = [catalogue[target.object].spoken for target in scene.targets]
     _refuse(scene, say(load_wordings()[scene.task][0], spoken))
@@ -85,24 +85,25 @@ def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
 
 
 def _refuse(scene: Scene, instruction: str) -> None:
-    """What no file of theirs can say."""
+    """Refuse light, camera and wording, which VLATest's files do not have."""
     differs = {
         "light": scene.light != Light(),
         "camera": scene.camera != Camera(),
         "wording": scene.instructions != (instruction,),
     }
-    for name in (name for name, differs in differs.items() if differs):
-        raise _UnsaidError(UNSAID + name)
+    for name, not_nominal in differs.items():
+        if not_nominal:
+            raise _UnsupportedError(NOT_IN_FORMAT + name)
 
 
 def _names(objects: Sequence[str], known: Mapping[str, Counterpart]) -> list[str]:
-    """Their names, each once: options are kept by name there."""
+    """VLATest's names, all different: its files keep options by name."""
     names: list[str] = []
     for wanted in objects:
-        theirs = [name for name, ours in known.items() if ours.name == wanted and name not in names]
-        if not theirs:
-            raise _UnsaidError(f"VLATest has no {wanted}" + (" twice" if wanted in objects[:-1] else ""))
-        names.append(theirs[0])
+        free = [name for name, ours in known.items() if ours.name == wanted and name not in names]
+        if not free:
+            raise _UnsupportedError(f"VLATest has no {wanted}" + (" twice" if wanted in objects[:-1] else ""))
+        names.append(free[0])
     return names
 
 
@@ -118,9 +119,9 @@ def _there(task: str, placement: Placement, table: Table) -> tuple[float, float]
 
 def _turned(placement: Placement, table: Table, name: str) -> Quaternion:
     if placement.quaternion is not None or placement.scale != 1.0:
-        raise _UnsaidError(UNSAID + "rest pose for an object that is turned or scaled freely")
+        raise _UnsupportedError(NOT_IN_FORMAT + "rest pose for an object that is turned or scaled freely")
     poses = table.objects[name].poses
     for pose, level in ((poses.level, True), (poses.turned, False)):
         if pose.rest == placement.rest:
             return quaternion(math.radians(placement.yaw - 180.0 - pose.yaw), level=level)
-    raise _UnsaidError(f"VLATest has no {placement.object} that is {placement.rest}")
+    raise _UnsupportedError(f"VLATest has no {placement.object} that is {placement.rest}")
