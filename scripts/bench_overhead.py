@@ -31,6 +31,7 @@ from vlafuzz.campaign.tally import Tally
 from vlafuzz.execute.local import LocalExecutor
 from vlafuzz.objects import load_catalogue
 from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.sim.toy import Region, Toy, near
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.store import Store
@@ -98,7 +99,7 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
     rows = []
     with TemporaryDirectory(dir=options.folder) as folder:
         first = plan(options, options.strategies[0], options.rollouts, folder)
-        evaluator = launch.make_evaluator(first.manifest, first.policy)
+        evaluator = make_evaluator(first.manifest, first.policy)
         with closing(LocalExecutor(evaluator)) as executor:
             scene = space_of(options).sample(np.random.default_rng(options.seed))
             list(executor.run([(0, [scene])]))  # its start takes seconds

@@ -41,6 +41,7 @@ from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import CameraRequest
@@ -265,7 +266,9 @@ def roll_out(job: tuple[int, float, int]) -> Work:
     torch.set_num_threads(1)
     operators, catalogue = load_operators(), load_catalogue()
     space = SearchSpace(operators.only(TARGETS), catalogue, "pick-up")
-    evaluator = ManiSkillEvaluator("pick-up", Mini(), catalogue, min_distance=operators.min_distance)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=operators.min_distance), Mini(), catalogue
+    )
     evaluator.evaluate([space.sample(np.random.default_rng([seed, worker, 0]))])
     _together.wait(300)
     work = Work()

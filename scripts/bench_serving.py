@@ -139,10 +139,13 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
 
 
 def make_evaluator(name: str, policy: Policy | None = None) -> Evaluator:
+    from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     catalogue, apart = load_catalogue(), load_operators().min_distance
-    return ManiSkillEvaluator(TASK, policy or make_policy(name), catalogue, min_distance=apart)
+    return ManiSkillEvaluator(
+        Conditions(task=TASK, min_distance=apart), policy or make_policy(name), catalogue
+    )
 
 
 def workers(options: argparse.Namespace, name: str) -> Executor:

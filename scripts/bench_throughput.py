@@ -38,6 +38,7 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
@@ -130,8 +131,10 @@ class Bench:
         catalogue = load_catalogue()
         space = SearchSpace(load_operators(), catalogue, task)
         apart = space.operators.min_distance
-        self._ours = ManiSkillEvaluator(task, Expert(), catalogue, min_distance=apart, checked=False)
-        self._checked = ManiSkillEvaluator(task, Expert(), catalogue, min_distance=apart)
+        self._ours = ManiSkillEvaluator(
+            Conditions(task=task, min_distance=apart), Expert(), catalogue, checked=False
+        )
+        self._checked = ManiSkillEvaluator(Conditions(task=task, min_distance=apart), Expert(), catalogue)
         drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
         recorded = filter(None, map(self._record, drawn))
         self.courses = [next(recorded) for _ in range(scenes)]

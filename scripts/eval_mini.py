@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
@@ -62,7 +63,9 @@ def space(task: str, vary: tuple[str, ...] | None) -> SearchSpace:
 @cache
 def evaluator(task: str, kind: str, weights: Path) -> ManiSkillEvaluator:
     policy = Blind(weights) if kind == "black" else Mini(weights)
-    return ManiSkillEvaluator(task, policy, load_catalogue(), min_distance=0.15, stop_early=True)
+    return ManiSkillEvaluator(
+        Conditions(task=task, min_distance=0.15, stop_early=True), policy, load_catalogue()
+    )
 
 
 def crowded(task: str) -> SearchSpace:

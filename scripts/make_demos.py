@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
@@ -139,11 +140,9 @@ class Job:
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
         evaluator = ManiSkillEvaluator(
-            self.task,
+            Conditions(task=self.task, min_distance=space.operators.min_distance, stop_early=True),
             demonstrator,
             space.catalogue,
-            min_distance=space.operators.min_distance,
-            stop_early=True,
         )
         for seed in range(SEEDS + self.first, SEEDS + self.first + self.count):
             if time.monotonic() - began > self.seconds:

@@ -43,6 +43,7 @@ def env():
 def expert_on():
     """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
     from tests.sim.scenes import CATALOGUE
+    from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.policies.expert import Expert
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
@@ -50,7 +51,7 @@ def expert_on():
 
     def evaluator(task):
         if task not in made:
-            made[task] = ManiSkillEvaluator(task, Expert(), CATALOGUE, min_distance=0.15)
+            made[task] = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), Expert(), CATALOGUE)
         return made[task]
 
     yield evaluator

@@ -58,11 +58,14 @@ def save(tmp_path, monkeypatch):
 
 
 def test_the_example_of_an_own_policy_runs_and_is_about_twenty_lines(save):
+    from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.policies.registry import make_policy
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     save(OWN_POLICY)
-    evaluator = ManiSkillEvaluator("pick-up", make_policy("python:mine:make"), CATALOGUE, min_distance=0.15)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=0.15), make_policy("python:mine:make"), CATALOGUE
+    )
     outcome = evaluator.evaluate([nominal("pick-up")])[0]
     evaluator.close()
     assert outcome.verdict is Verdict.FAILED

@@ -20,7 +20,8 @@ ROWS = (
     "tasks outcome",
     "validity scoring evidence",
     "space",  # generates fair scenes: asks validity
-    "formats conditions search policies",
+    "formats search policies",
+    "conditions",
     "clients",
     "serving sim",
     "execute store",

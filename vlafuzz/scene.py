@@ -11,10 +11,9 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from vlafuzz.errors import SceneError, UsageError, suggestion
+from vlafuzz.errors import SceneError
 
 SCHEMA = 1
-PLACEMENTS = ("resting", "published")  # how objects come to where a scene has them; see sim/maniskill/drop.py
 # Digests are older than these: with this value they are not there.
 _LATER = {"listed": None, "frame": "", "then": ()}
 _COUNTS = ("schema", "listed")  # written as whole numbers
@@ -164,14 +163,3 @@ def _first_problem(error: ValidationError) -> str:
     shown = repr(problem["input"])
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
     return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shown}"
-
-
-def check_placement(name: str) -> str:
-    """The same.
-
-    Raises:
-        UsageError: there is none of that name.
-    """
-    if name not in PLACEMENTS:
-        raise UsageError(f"unknown placement {name!r}", hint=suggestion(name, PLACEMENTS))
-    return name

@@ -16,6 +16,7 @@ from typing import Any
 
 from strategies.results import side_by_side
 from vlafuzz.campaign import config, launch
+from vlafuzz.campaign.resume import resume
 from vlafuzz.compare.compare import Comparison, compare
 from vlafuzz.compare.failures import Found, found
 from vlafuzz.compare.plots import plot
@@ -64,7 +65,7 @@ class Job:
         if not self.store.exists():
             launch.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
         elif not self._finished():
-            launch.start(config.resume(flags), lambda tally: None)
+            launch.start(resume(flags), lambda tally: None)
         return self._counted()
 
     def _finished(self) -> bool:

@@ -16,6 +16,7 @@ from tests.clients.faults import Drifting, Faults, drawn, free_port, groot, rela
 from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE
 from vlafuzz.cli import main
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.registry import make_policy
@@ -43,7 +44,7 @@ def faulty(protocol: str, faults: Faults):
 
 
 def evaluator(policy) -> ManiSkillEvaluator:
-    return ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+    return ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from tests.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy,
 from tests.clients.served import STATE, black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.clients.groot_wire import pack, unpack
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Observation
@@ -144,7 +145,7 @@ class TestConversation:
         replies = [b"?", [parts(np.repeat(STILL[None], 80, axis=1)), {}]]
         with served(*replies, told=config(keys)) as (name, _):
             policy = make_policy(f"{name}?camera=0")
-            evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
             broken, whole = evaluator.evaluate(scenes)
             evaluator.close()
         assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)

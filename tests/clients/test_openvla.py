@@ -15,6 +15,7 @@ import pytest
 from tests.clients.served import black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.clients.openvla_wire import decode, encode, request
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.harness import Harness
@@ -189,7 +190,7 @@ class TestWrongAnswers:
         scenes = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
         with scripted((200, '"error"'), (200, json.dumps([STILL] * 80))) as (name, *_):
             policy = make_policy(f"{name}?camera=0")
-            evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
             broken, whole = evaluator.evaluate(scenes)
             evaluator.close()
         assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)

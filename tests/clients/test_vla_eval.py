@@ -20,6 +20,7 @@ from tests.clients.served import (
 from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.controls import Random
@@ -46,8 +47,10 @@ class TestRollouts:
         **server: object,
     ) -> None:
         with serving(Served(make(), **server)) as name:
-            there = ManiSkillEvaluator("pick-up", make_policy(name + options), CATALOGUE, min_distance=0.15)
-            here = ManiSkillEvaluator("pick-up", make(), CATALOGUE, min_distance=0.15)
+            there = ManiSkillEvaluator(
+                Conditions(task="pick-up", min_distance=0.15), make_policy(name + options), CATALOGUE
+            )
+            here = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), make(), CATALOGUE)
             pairs = zip(there.evaluate(scenes), here.evaluate(scenes), strict=True)
             for far, near in pairs:
                 assert far.verdict is near.verdict, far.detail

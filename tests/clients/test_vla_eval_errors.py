@@ -23,6 +23,7 @@ from tests.clients.served import (
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.clients import websocket_connection as sockets
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.controls import Random
@@ -173,7 +174,7 @@ class TestWrongAnswers:
         good = lambda number: message("action", {"actions": [STILL] * 80}, number)  # noqa: E731
         with scripted(b"?", good) as name:
             policy = make_policy(f"{name}?camera=0")
-            evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
             broken, whole = evaluator.evaluate(SCENES)
             assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)
             assert broken.detail.startswith("policy: protocol: ws://127.0.0.1:")
@@ -185,7 +186,7 @@ class TestServerThatGoesAway:
     def test_while_it_is_away_scenes_are_errors(self):
         with serving(Rounded(Random())) as name:
             policy = make_policy(name)
-        evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
         (outcome,) = evaluator.evaluate(SCENES[:1])
         assert outcome.verdict is Verdict.ERROR
         assert outcome.detail.endswith("Connection refused")

@@ -24,7 +24,7 @@ def store(tmp_path: Path):
 
 
 def triaged(number: int, bucket: str = "minimal", signature: str | None = None) -> Triaged:
-    return Triaged(SCENES[number], manifest().policy_key, bucket, 1, 1, (), signature=signature)  # type: ignore[arg-type]
+    return Triaged(SCENES[number], manifest().key(), bucket, 1, 1, (), signature=signature)  # type: ignore[arg-type]
 
 
 def test_those_that_the_expert_solves_come_first_in_the_order_of_the_sample():

@@ -7,6 +7,7 @@ import pytest
 
 from tests.doubles import ClosedForm, scene
 from tests.sim.scenes import CATALOGUE
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.controls import Random
 from vlafuzz.scene import Placement
@@ -15,7 +16,9 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "closed form": ClosedForm,
-    "maniskill": lambda: ManiSkillEvaluator("pick-up", Random(), CATALOGUE, min_distance=0.15),
+    "maniskill": lambda: ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=0.15), Random(), CATALOGUE
+    ),
 }
 FAIR, ANOTHER, FAR = scene(light=0.25), scene(light=0.25, y=0.1), scene(x=1.0)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec, Privileged
@@ -136,7 +137,7 @@ class TestPolicy:
         policy.close()
 
     def test_its_rollout_repeats_itself(self, policy: Policy):
-        evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
         outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
         assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
         assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash

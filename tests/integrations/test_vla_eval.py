@@ -13,6 +13,7 @@ import pytest
 import vla_eval
 
 from vlafuzz.cli import main
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.integrations.vla_eval import CorpusBenchmark
 from vlafuzz.objects import load_catalogue
@@ -79,7 +80,9 @@ def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, l
     scenes = {probe.scene.digest: probe.scene for probe in probes(read)}
     apart, fresh = run.min_distance, Follower(follower.course)
     with closing(
-        ManiSkillEvaluator(run.task, fresh, load_catalogue(), min_distance=apart, seed=run.seed, repeats=2)
+        ManiSkillEvaluator(
+            Conditions(task=run.task, min_distance=apart, seed=run.seed, repeats=2), fresh, load_catalogue()
+        )
     ) as evaluator:
         outcomes = evaluator.evaluate(list(scenes.values()))
     assert metrics == {

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
@@ -84,7 +85,7 @@ class Slippery(Expert):
 
 
 def test_it_tries_again_when_the_object_slips():
-    evaluator = ManiSkillEvaluator("pick-up", Slippery(), CATALOGUE, min_distance=0.15)
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Slippery(), CATALOGUE)
     (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
     evaluator.close()
     trace = outcome.rollouts[0].actions[:, 6]
@@ -123,7 +124,7 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
 def test_it_comes_from_above_and_leaning_either_way(attempt: int):
     expert = Expert()
     expert.attempt = attempt
-    evaluator = ManiSkillEvaluator("pick-up", expert, CATALOGUE, min_distance=0.0)
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.0), expert, CATALOGUE)
     (outcome,) = evaluator.evaluate([nominal()])
     evaluator.close()
     assert outcome.verdict is Verdict.PASSED

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.campaign.config import default_policy
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
@@ -36,7 +37,7 @@ class Blind(Mini):
 
 def verdict(scene: Scene, policy: Mini | None = None) -> Verdict:
     evaluator = ManiSkillEvaluator(
-        scene.task, policy or Mini(), CATALOGUE, min_distance=0.15, stop_early=True
+        Conditions(task=scene.task, min_distance=0.15, stop_early=True), policy or Mini(), CATALOGUE
     )
     (outcome,) = evaluator.evaluate([scene])
     evaluator.close()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.pinhole import Pinhole, _named
@@ -17,7 +18,7 @@ SCENE = nominal("pick-up")
 
 @pytest.fixture(scope="module")
 def evaluator():
-    made = ManiSkillEvaluator("pick-up", Pinhole(), CATALOGUE, min_distance=0.15)
+    made = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Pinhole(), CATALOGUE)
     yield made
     made.close()
 
@@ -65,7 +66,7 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     two = nominal("put-on")
     stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
     never = dataclasses.replace(stepwise, then=())
-    evaluator = ManiSkillEvaluator("put-on", Pinhole(), CATALOGUE, min_distance=0.15)
+    evaluator = ManiSkillEvaluator(Conditions(task="put-on", min_distance=0.15), Pinhole(), CATALOGUE)
     plain, told, untold = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
     evaluator.close()
     assert (plain, told, untold) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
@@ -81,7 +82,7 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
         Placement("eggplant", "lying", -0.058, -0.048, -19.0),
         Placement("basket", "flat", -0.05, 0.18, 158.0),
     )
-    evaluator = ManiSkillEvaluator("put-in", Pinhole(), CATALOGUE, min_distance=0.0)
+    evaluator = ManiSkillEvaluator(Conditions(task="put-in", min_distance=0.0), Pinhole(), CATALOGUE)
     (mixed_up,) = evaluator.evaluate([Scene("put-in", targets, "fill the basket with the eggplant", around)])
     evaluator.close()
     assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")

@@ -23,6 +23,7 @@ from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.clients import openpi_wire, vla_eval_wire
 from vlafuzz.clients.openvla_wire import decode, encode
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
@@ -47,8 +48,10 @@ class TestRollouts:
 
     def same_as_in_process(self, make, protocol: str, verdict: Verdict = Verdict.FAILED) -> None:
         with serving(make(), protocol) as name:
-            there = ManiSkillEvaluator("pick-up", make_policy(name), CATALOGUE, min_distance=0.15)
-            here = ManiSkillEvaluator("pick-up", make(), CATALOGUE, min_distance=0.15)
+            there = ManiSkillEvaluator(
+                Conditions(task="pick-up", min_distance=0.15), make_policy(name), CATALOGUE
+            )
+            here = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), make(), CATALOGUE)
             for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
                 assert far.verdict is near.verdict is verdict, far.detail
                 assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)

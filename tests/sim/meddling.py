@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, STILL, nominal, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.policies.expert import Expert
@@ -62,10 +63,9 @@ def is_lifted(observation: Observation) -> bool:
     return bool(observation.privileged.state.positions[0, 2] > 0.0615 + 0.025)
 
 
-def evaluate(policy: Policy, *scenes: Scene, **options: object) -> list[Outcome]:
-    evaluator = ManiSkillEvaluator(
-        **{"task": scenes[0].task, "min_distance": 0.15} | options, policy=policy, catalogue=CATALOGUE
-    )
+def evaluate(policy: Policy, *scenes: Scene, checked: bool = True, **conditions: object) -> list[Outcome]:
+    under = Conditions(**{"task": scenes[0].task, "min_distance": 0.15} | conditions)
+    evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked)
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()
     return outcomes

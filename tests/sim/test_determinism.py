@@ -24,9 +24,10 @@ from vlafuzz.policies.base import CameraRequest
 CHILD = """
 import json
 from tests.sim.scenes import CATALOGUE, make_env, nominal, states_hash
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.policies.expert import Expert
-evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.15)
+evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Expert(), CATALOGUE)
 outcome = evaluator.evaluate([nominal()])[0]
 hashes = [rollout.states_hash for rollout in outcome.rollouts]
 print(json.dumps([states_hash(make_env()), outcome.verdict.name, *hashes]))

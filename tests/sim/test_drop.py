@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, pick_up, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
@@ -62,7 +63,9 @@ def test_a_can_that_leans_is_fair_where_it_may_fall():
     assert settled(LEANING, CATALOGUE).rejection.check == "settling"
     fallen = settled(LEANING, CATALOGUE, "published")
     assert (fallen.rejection, fallen.solved) == (None, False)
-    evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.1, placement="published")
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=0.1, placement="published"), Expert(), CATALOGUE
+    )
     (outcome,) = evaluator.evaluate([LEANING])
     evaluator.close()
     assert outcome.verdict is Verdict.PASSED

@@ -8,6 +8,7 @@ import pytest
 from tests.sim.meddling import ANOTHER, NOMINAL, Meddle, Meddled, evaluate, is_lifted
 from tests.sim.scenes import CATALOGUE, put
 from vlafuzz.clients import wire
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import Cause, PolicyError
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
@@ -21,7 +22,7 @@ from vlafuzz.sim.maniskill.world import World
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
     """NOMINAL with a broken policy, then ANOTHER with a sound one, in the same evaluator."""
     policy = Meddled(raising)
-    evaluator = ManiSkillEvaluator("pick-up", policy, CATALOGUE, min_distance=0.15)
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
 
     def play(meddle: Meddle) -> list[Outcome]:
         policy.become(meddle, episodes=1)

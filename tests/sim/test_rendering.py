@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SimulatorError
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.expert import Expert
@@ -164,7 +165,7 @@ class Watching(Expert):
 def test_the_policy_sees_the_scene_and_a_recording_every_step():
     policy, recording = Watching(), Recording(64)
     evaluator = ManiSkillEvaluator(
-        "pick-up", policy, CATALOGUE, min_distance=0.15, recording=recording, stop_early=True
+        Conditions(task="pick-up", min_distance=0.15, stop_early=True), policy, CATALOGUE, recording=recording
     )
     (rollout,) = evaluator.evaluate([ORANGE])[0].rollouts
     evaluator.close()

@@ -8,6 +8,7 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, play
 from vlafuzz import assets
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
@@ -97,7 +98,9 @@ class TestGuests:
 
     @pytest.mark.parametrize("task", ["pick-up", "put-on"])
     def test_the_expert_solves_the_nominal_scene(self, robot, task):
-        evaluator = ManiSkillEvaluator(task, Expert(), CATALOGUE, min_distance=0.1, stop_early=True)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task=task, min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
         assert evaluator.evaluate([nominal(robot, task)])[0].verdict is Verdict.PASSED
         evaluator.close()
 
@@ -105,14 +108,18 @@ class TestGuests:
         setup = rig(robot)
         far = Placement("green_cube", "flat", setup.base[0] + setup.reach - 0.02, 0.03)
         scene = Scene("pick-up", (far,), "pick up green cube", robot=robot)
-        evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.1, stop_early=True)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
         (outcome,) = evaluator.evaluate([scene])
         evaluator.close()
         assert outcome.verdict is Verdict.PASSED, outcome.detail
 
     def test_the_same_scene_has_the_same_trajectory(self, robot):
         hashes = set()
-        evaluator = ManiSkillEvaluator("pick-up", Expert(), CATALOGUE, min_distance=0.1, stop_early=True)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
         for _ in range(2):
             hashes.add(evaluator.evaluate([nominal(robot)])[0].rollouts[0].states_hash)
         evaluator.close()

@@ -79,7 +79,7 @@ def test_a_merged_store_is_one_that_can_be_written_and_gone_on_with(two: list[Pa
     merge(two, tmp_path / "out.db")
     with Store.open(tmp_path / "out.db", "write") as store:
         assert store.begin(manifest()) == 4
-        assert store.known(trial(1, passed()).scene, manifest().policy_key) is not None
+        assert store.known(trial(1, passed()).scene, manifest().key()) is not None
     with sqlite3.connect(tmp_path / "out.db") as raw:
         assert raw.execute("PRAGMA foreign_key_check").fetchall() == []
     raw.close()

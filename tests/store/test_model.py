@@ -65,13 +65,13 @@ class StoreLikeADict(RuleBasedStateMachine):
     def known_agrees(self) -> None:
         for policy in ("one", "other"):
             for which in range(5):
-                known = self.store.known(scene(x=which / 100), manifest(policy=policy).policy_key)
+                known = self.store.known(scene(x=which / 100), manifest(policy=policy).key())
                 assert (known and known.verdict.name.lower()) == self.known.get((which, policy))
 
     @invariant()
     def findings_agree(self) -> None:
         found = {(each.scene, each.policy_key) for each in self.store.findings()}
-        assert found == {(scene(x=a / 100), manifest(policy=b).policy_key) for a, b in self.findings}
+        assert found == {(scene(x=a / 100), manifest(policy=b).key()) for a, b in self.findings}
 
     def teardown(self) -> None:
         self.store.close()

@@ -10,7 +10,7 @@ from vlafuzz.errors import StoreError
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.store.store import Store
 
-KEY = manifest().policy_key
+KEY = manifest().key()
 
 
 @pytest.fixture
@@ -149,11 +149,11 @@ def test_an_error_is_not_known_and_may_be_tried_again(store: Store):
 )
 def test_an_outcome_says_nothing_of_other_conditions(store: Store, change: dict[str, object]):
     store.add(store.begin(manifest()), trial(0, passed()))
-    assert store.known(scene(x=0), manifest(**change).policy_key) is None
+    assert store.known(scene(x=0), manifest(**change).key()) is None
 
 
 def test_budget_batch_and_strategy_do_not_change_what_is_known():
-    assert manifest(budget=7, batch=3, strategy="other", command="x").policy_key == KEY
+    assert manifest(budget=7, batch=3, strategy="other", command="x").key() == KEY
 
 
 def test_a_finding_is_kept_once_a_policy_and_listed_in_each_run_that_failed(store: Store):

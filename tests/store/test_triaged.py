@@ -10,7 +10,7 @@ from vlafuzz.store.merge import merge
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
 
-KEY = manifest().policy_key
+KEY = manifest().key()
 WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1)
 MINIMAL = Triaged(
     scene=trial(0, failed()).scene,

@@ -8,6 +8,7 @@ import pytest
 from tests.triage.planted import CATALOGUE, CONDITIONS, EDGES, SPACE, STAGES, Planted
 from tests.triage.test_shrink import CASES
 from vlafuzz.cli import main
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk
@@ -43,7 +44,9 @@ def make_tilted(**_):
 @pytest.fixture(scope="module")
 def evaluator():
     made = ManiSkillEvaluator(
-        "pick-up", Afraid(), CATALOGUE, min_distance=SPACE.operators.min_distance, stop_early=True
+        Conditions(task="pick-up", min_distance=SPACE.operators.min_distance, stop_early=True),
+        Afraid(),
+        CATALOGUE,
     )
     yield made
     made.close()
@@ -97,7 +100,9 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
     player = Player(Expert().spec)
     player.actions = found.witness.actions
-    fresh = ManiSkillEvaluator("pick-up", player, CATALOGUE, min_distance=SPACE.operators.min_distance)
+    fresh = ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=SPACE.operators.min_distance), player, CATALOGUE
+    )
     again = fresh.evaluate([found.shrunk])[0]
     fresh.close()
     assert again.verdict is Verdict.PASSED

@@ -1,5 +1,3 @@
-import json
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -70,13 +68,9 @@ def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal()
 
 
 def test_it_names_what_changed_since_the_run():
-    here = {
-        "spec": json.dumps(asdict(Frozen().spec), sort_keys=True),
-        "catalogue_digest": CATALOGUE.digest,
-        "simulator": provenance.simulator(provenance.versions()),
-        "commit": provenance.commit(),
-    }
-    for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",))):
+    here = provenance.here(run("make_frozen").policy, Frozen().spec, CATALOGUE)
+    of_users_code = {"source": "of a module that has changed since"}
+    for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",)), (of_users_code, ("source",))):
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))
         runner.close()
         assert runner.changed == expected

@@ -5,6 +5,7 @@ import pytest
 
 from tests.doubles import STAGES, failed, passed, rollout, scene
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.expert import Expert
@@ -57,12 +58,13 @@ def test_a_player_executes_its_actions_and_then_stays():
 
 @pytest.mark.parametrize("task", ["pick-up", "put-on"])
 def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task):
+    from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     expert = Expert()
     player = Player(expert.spec)
-    experts = ManiSkillEvaluator(task, expert, CATALOGUE, min_distance=0.15)
-    players = ManiSkillEvaluator(task, player, CATALOGUE, min_distance=0.15)
+    experts = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), expert, CATALOGUE)
+    players = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), player, CATALOGUE)
 
     def play(scene, actions):
         player.actions = actions
@@ -82,7 +84,7 @@ def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     expert = Expert()
-    evaluator = ManiSkillEvaluator("pick-up", expert, CATALOGUE, min_distance=0.15)
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), expert, CATALOGUE)
     ways = []
     for attempt in range(2):
         expert.attempt = attempt

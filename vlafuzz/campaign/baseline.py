@@ -36,11 +36,10 @@ class Beside:
 def beside_random(store: Store, run: int) -> Beside:
     """A run beside the random runs that differ from it in strategy, budget, batch and seed only."""
     runs = {each.id: each.manifest for each in store.runs()}
-    conditions = runs[run].conditions
     random = [
         number
         for number, manifest in runs.items()
-        if manifest.strategy == "random" and manifest.conditions == conditions
+        if manifest.strategy == "random" and manifest.comparable(runs[run])
     ]
     counts = *store.judged([run]), *store.judged(random)
     if not (counts[1] and counts[3]):

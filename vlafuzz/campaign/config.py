@@ -2,47 +2,41 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from vlafuzz import assets
 from vlafuzz.campaign.clusters import Embed
 from vlafuzz.campaign.fuzz import PATIENCE, Space
-from vlafuzz.campaign.resume import check_version, unfinished
-from vlafuzz.campaign.scene_file import check_scene_file, read_scene_file, scene_file_json, stored_flag
+from vlafuzz.campaign.scene_file import read_scene_file, scene_file_json
 from vlafuzz.conditions import provenance
-from vlafuzz.conditions.operators import operators_json, stored_operators
-from vlafuzz.conditions.packs import has_packs, packs_json, stored_packs
-from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
+from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.conditions.operators import operators_json
+from vlafuzz.conditions.packs import packs_json
+from vlafuzz.errors import SceneError, UsageError, check_number
 from vlafuzz.execute.registry import Place, policy_at
 from vlafuzz.objects import Pack, load_catalogue
-from vlafuzz.plugins import source_digest
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import check_policy_name
 from vlafuzz.renderer import probe
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
-from vlafuzz.scene import Scene, check_placement
+from vlafuzz.scene import Scene
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
 from vlafuzz.search.selection import Selection
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import CameraOrientation, CameraPosition
-from vlafuzz.store.records import FLAGS, Manifest
-from vlafuzz.store.store import Store
+from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
 STRATEGY = "surrogate"  # what finds most distinct cells: scripts/bench_strategies.py
 MOST = 2**63 - 1  # what stores hold
-CRITERIA = ("strict", "published")
 _CAMERA = {CameraPosition.name, CameraOrientation.name}
-_ANEW = ("scenes", "pool", "workers", "executor", "address")  # what every command says anew
 
 
 @dataclass(frozen=True)
@@ -121,13 +115,13 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     place = Place(config.workers, config.executor, config.address)
     place.check()
     scenes = read_scene_file(config.scenes, config.pool)
-    task, setup = _task(config, scenes), _rig(config, scenes)
+    task, setup = named_task(config, scenes), named_rig(config, scenes)
     policy_name = config.policy or default_policy(setup)
-    strategy_name = _strategy_name(config)
+    strategy_name = named_strategy(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
     check_policy_name(policy_name)
     catalogue = load_catalogue(packs=config.packs)
-    space = SearchSpace(operators or _operators(config, setup), catalogue, task.name, setup.robot)
+    space = SearchSpace(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     policy = policy or policy_at(place, policy_name)
@@ -149,34 +143,6 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     )
 
 
-def resume(flags: Mapping[str, Any]) -> Plan:
-    """The newest run of a store that ended early and has what is given; all else is as it was stored.
-
-    Args:
-        flags: the fields of a ``RunConfig`` that the user gives.
-
-    Raises:
-        UsageError: no stored run fits, several do, or it cannot be gone on with here.
-    """
-    asked = RunConfig(**flags)
-    scenes = read_scene_file(asked.scenes, asked.pool)
-    task, strategy = _task(asked, scenes), _strategy_name(asked)
-    policy = asked.policy or default_policy(_rig(asked, scenes))
-    store = asked.store or default_store(task.name, policy, strategy, asked.seed)
-    wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
-    with Store.open(store) as opened:
-        run = unfinished(opened, lambda manifest: _misfit(wanted, manifest))
-    stored = {name: getattr(run.manifest, name) for name in FLAGS}
-    anew = {name: getattr(asked, name) for name in _ANEW}
-    if not scenes:
-        anew |= stored_flag(run.manifest)
-    known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=store)
-    made = plan(known, stored_operators(store, run.manifest))
-    check_scene_file(store, run.id, run.manifest, made.manifest)
-    check_version(store, run, made.manifest)
-    return replace(made, manifest=run.manifest, resume=run.id)
-
-
 def default_policy(setup: Rig = PANDA) -> str:
     """The learned one where pictures of its robot can be made, else the one that needs physics only."""
     return "mini" if setup is PANDA and probe().works else "pinhole"
@@ -193,12 +159,12 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("--batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
-    check_placement(config.placement)
-    if config.criteria not in CRITERIA:
-        raise UsageError(f"unknown criteria {config.criteria!r}", hint=suggestion(config.criteria, CRITERIA))
+    check_choice("placement", config.placement, PLACEMENTS)
+    check_choice("criteria", config.criteria, CRITERIA)
 
 
-def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
+def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
+    """The task that the user names, or that of the scenes of a file."""
     wanted = config.task or (scenes[0].task if scenes else "pick-up")
     for number, scene in enumerate(scenes, start=1):
         if scene.task != wanted:
@@ -209,8 +175,8 @@ def _task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     return find_task(wanted)
 
 
-def _rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
-    """The robot's, whose files are there."""
+def named_rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
+    """The rig of the robot that the user names, or that of the scenes of a file; its files are there."""
     setup = rig(config.robot or (scenes[0].robot if scenes else PANDA.robot))
     for number, scene in enumerate(scenes, start=1):
         if scene.robot != setup.robot:
@@ -225,7 +191,8 @@ def _rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
     return setup
 
 
-def _strategy_name(config: RunConfig) -> str:
+def named_strategy(config: RunConfig) -> str:
+    """The strategy that the user names, or the default; a file of scenes has one of its own."""
     if config.scenes is None:
         return config.strategy or STRATEGY
     if config.strategy not in (None, POOL):
@@ -245,7 +212,8 @@ def _strategy(
     return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)
 
 
-def _operators(config: RunConfig, setup: Rig) -> OperatorSet:
+def named_operators(config: RunConfig, setup: Rig) -> OperatorSet:
+    """The operators with the ranges that the user names, or that fit the robot."""
     operators = load_operators(config.operators or setup.operators)
     if config.vary:
         return operators.only(config.vary)
@@ -253,50 +221,17 @@ def _operators(config: RunConfig, setup: Rig) -> OperatorSet:
     return operators.only(set(operators.varied) - _CAMERA) if setup.photos else operators
 
 
-def _manifest(config: RunConfig, space: SearchSpace, policy: Policy, given: str) -> Manifest:
-    """``config``: with policy, strategy and budget filled in."""
-    assert config.policy
-    assert config.strategy
-    assert config.budget
-    versions, operators = provenance.versions(), space.operators
+def _manifest(config: RunConfig, space: SearchSpace, policy: Policy, scene_file: str) -> Manifest:
+    """The manifest of a run; ``config`` has policy, strategy and budget filled in."""
+    operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
-        task=space.task.name,
-        robot=space.rig.robot,
-        policy=config.policy,
-        spec=json.dumps(asdict(policy.spec), sort_keys=True),
-        source=source_digest(config.policy),
-        given=given,
-        strategy=config.strategy,
-        budget=config.budget,
-        batch=config.batch,
-        seed=config.seed,
-        repeats=config.repeats,
-        criteria=config.criteria,
-        placement=config.placement,
-        stop_early=config.stop_early,
+        **flags | {"task": space.task.name, "robot": space.rig.robot},
+        **provenance.here(str(config.policy), policy.spec, space.catalogue),
+        scene_file=scene_file,
         min_distance=operators.min_distance,
         operators=operators_json(operators),
         operators_digest=operators.digest,
-        catalogue_digest=space.catalogue.digest,
         packs=packs_json(config.packs),
-        simulator=provenance.simulator(versions),
-        versions=versions,
-        commit=provenance.commit(),
+        versions=provenance.versions(),
         command=config.command,
     )
-
-
-def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
-    """The first flag that asks for something else, in words."""
-    for name in FLAGS:
-        stored = getattr(manifest, name)
-        if flags.get(name, stored) != stored:
-            return f"{name} {stored}, not {flags[name]}"
-    if "packs" in flags and not has_packs(manifest, flags["packs"]):
-        return "other packs of objects"
-    if "operators" in flags or "vary" in flags:
-        named = RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ()))
-        asked = _operators(named, rig(manifest.robot))
-        if asked.in_task(manifest.task).digest != manifest.operators_digest:
-            return "other operators, or other ranges"
-    return None

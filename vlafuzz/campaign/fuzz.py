@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Protocol
 
 from vlafuzz.campaign.clusters import Embed, clusters
-from vlafuzz.campaign.resume import Past
+from vlafuzz.campaign.past import Past
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.execute.base import Executor
@@ -137,7 +137,7 @@ class _Campaign:
             if scene.digest in outcomes or scene.digest in fresh:
                 continue
             with self.tally.store:
-                known = self.store.known(scene, self.tally.manifest.policy_key, self.own)
+                known = self.store.known(scene, self.tally.manifest.key(), self.own)
             if known is None:
                 fresh[scene.digest] = index
             else:

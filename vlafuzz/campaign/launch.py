@@ -9,13 +9,9 @@ from functools import partial
 from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
-from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.sim.base import Evaluator
-from vlafuzz.store.records import Manifest
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.store.store import Store
 
 
@@ -48,24 +44,3 @@ def fuzz(
 def make_executor(plan: Plan) -> Executor:
     """What evaluates the run's scenes."""
     return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.policy)
-
-
-def make_evaluator(manifest: Manifest, policy: Policy | None = None) -> Evaluator:
-    """The simulator with the policy in it: from here on, seconds go by.
-
-    Args:
-        policy: by default made anew from its name.
-    """
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-    return ManiSkillEvaluator(
-        manifest.task,
-        policy or make_policy(manifest.policy),
-        stored_catalogue(manifest),
-        min_distance=manifest.min_distance,
-        seed=manifest.seed,
-        repeats=manifest.repeats,
-        stop_early=manifest.stop_early,
-        criteria=manifest.criteria,
-        placement=manifest.placement,
-    )

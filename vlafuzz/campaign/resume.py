@@ -1,33 +1,63 @@
-"""Going on with a run that ended early: which one, and what the store has of it already."""
+"""Resuming: which run that ended early is meant, and whether its conditions still hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
-import numpy as np
-
+from vlafuzz.campaign.config import (
+    Plan,
+    RunConfig,
+    default_policy,
+    default_store,
+    named_operators,
+    named_rig,
+    named_strategy,
+    named_task,
+    plan,
+)
+from vlafuzz.campaign.past import AFRESH
+from vlafuzz.campaign.scene_file import check_scene_file, read_scene_file, stored_flag
+from vlafuzz.conditions.operators import stored_operators
+from vlafuzz.conditions.packs import packs_json, stored_packs
 from vlafuzz.errors import StoreError
-from vlafuzz.scene import Scene
-from vlafuzz.search.base import Proposal
-from vlafuzz.store.records import FLAGS, UNFINISHED, Manifest, Run, Trial
+from vlafuzz.rigs.robots import rig
+from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 
-Misfit = Callable[[Manifest], str | None]
-"""What is other in a manifest than the user asks for, in words; None when it fits."""
-
-_AFRESH = "leave out --resume to start a new run: what is known costs it nothing"
-_OF_VERSION = (
-    "spec",
-    "min_distance",
-    "operators_digest",
-    "catalogue_digest",
-    "simulator",
-    "commit",
-    "source",
-)
+_ANEW = ("scenes", "pool", "workers", "executor", "address")  # not stored: every command says them anew
 
 
-def unfinished(store: Store, misfit: Misfit) -> Run:
+def resume(flags: Mapping[str, Any]) -> Plan:
+    """Plan the rest of the newest run of a store that ended early and fits the flags; all else is as stored.
+
+    Args:
+        flags: the fields of a ``RunConfig`` that the user gives.
+
+    Raises:
+        UsageError: no stored run fits, several do, or it cannot be resumed here.
+    """
+    asked = RunConfig(**flags)
+    scenes = read_scene_file(asked.scenes, asked.pool)
+    task, strategy = named_task(asked, scenes), named_strategy(asked)
+    policy = asked.policy or default_policy(named_rig(asked, scenes))
+    path = asked.store or default_store(task.name, policy, strategy, asked.seed)
+    wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
+    with Store.open(path) as store:
+        run = _unfinished(store, wanted)
+    stored = {name: getattr(run.manifest, name) for name in Manifest.flags()}
+    anew = {name: getattr(asked, name) for name in _ANEW}
+    if not scenes:
+        anew |= stored_flag(run.manifest)
+    known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=path)
+    planned = plan(known, stored_operators(path, run.manifest))
+    check_scene_file(path, run.id, run.manifest, planned.manifest)
+    _check_version(path, run, planned.manifest)
+    return replace(planned, manifest=run.manifest, resume=run.id)
+
+
+def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
     """The newest run that ended early and fits.
 
     Raises:
@@ -37,8 +67,8 @@ def unfinished(store: Store, misfit: Misfit) -> Run:
     early = [run for run in runs if run.status in UNFINISHED]
     if not early:
         shown = ", ".join(f"{run.id} {run.status}" for run in runs) or "none yet"
-        raise StoreError(f"{store.path}: no run ended early (runs: {shown})", hint=_AFRESH)
-    misfits = {run.id: misfit(run.manifest) for run in early}
+        raise StoreError(f"{store.path}: no run ended early (runs: {shown})", hint=AFRESH)
+    misfits = {run.id: _misfit(flags, run.manifest) for run in early}
     fitting = [run for run in early if misfits[run.id] is None]
     if not fitting:
         newest = early[-1].id
@@ -47,8 +77,8 @@ def unfinished(store: Store, misfit: Misfit) -> Run:
             hint=f"give the flags of run {newest}, or --store alone to take them from it",
         )
     if len({_about(run.manifest) for run in fitting}) > 1:
-        shown = "; ".join(f"run {run.id}: {_told(run.manifest)}" for run in fitting)
-        alike = len({_told(run.manifest) for run in fitting}) == 1
+        shown = "; ".join(f"run {run.id}: {_shown(run.manifest)}" for run in fitting)
+        alike = len({_shown(run.manifest) for run in fitting}) == 1
         raise StoreError(
             f"{store.path}: {len(fitting)} runs that ended early fit ({shown})",
             hint="give --operators or --vary" if alike else "give those flags in which they differ",
@@ -56,76 +86,41 @@ def unfinished(store: Store, misfit: Misfit) -> Run:
     return fitting[-1]
 
 
-def check_version(path: object, run: Run, here: Manifest) -> None:
-    """That what decides over outcomes is as it was when the run began.
+def _check_version(path: object, run: Run, here: Manifest) -> None:
+    """Check that what decides outcomes is as it was when the run began.
 
     Raises:
-        StoreError: policy, simulator, catalogue or our own code are others now.
+        StoreError: policy, simulator, catalogue or our own code have changed.
     """
-    for name in _OF_VERSION:
+    for name in run.manifest.differences(here):
         was, now = getattr(run.manifest, name), getattr(here, name)
-        if was != now:
-            values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph
-            raise StoreError(
-                f"{path}: run {run.id} was made by another version: its {name} differs{values}",
-                hint=f"go on with the version that began it, or {_AFRESH}",
-            )
-
-
-class Past:
-    """What a store has of a run already, handed out batch by batch as its strategy proposes it again.
-
-    Attributes:
-        left: trials not yet handed out; 0 for a new run.
-    """
-
-    def __init__(self, store: Store, run: int) -> None:
-        self._corpus, self._run = store, run
-        self.left = store.count(run)
-
-    def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """The stored trials of a batch by their place in it; not all of them where it was cut short.
-
-        Raises:
-            StoreError: these are not the proposals that were made then.
-        """
-        if not self.left:
-            return {}
-        first = proposals[0].id
-        found = {
-            trial.proposal - first: trial for trial in self._corpus.stored(self._run, first, len(scenes))
-        }
-        for index, trial in found.items():
-            same = trial.genome is not None and np.array_equal(trial.genome, proposals[index].genome)
-            if not same or trial.scene != scenes[index]:
-                raise self._diverged(trial.proposal)
-        self.left -= len(found)
-        if len(found) < len(scenes):
-            self.check_empty()
-        return found
-
-    def check_empty(self) -> None:
-        """That nothing is left which no batch had.
-
-        Raises:
-            StoreError: there is.
-        """
-        if self.left:
-            raise self._diverged(self._corpus.count(self._run) - self.left)
-
-    def _diverged(self, proposal: int) -> StoreError:
-        told = (
-            f"run {self._run} was made by another version: its strategy now gives another proposal {proposal}"
+        values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph
+        raise StoreError(
+            f"{path}: run {run.id} was made by another version: its {name} differs{values}",
+            hint=f"use the version that began it, or {AFRESH}",
         )
-        return StoreError(
-            f"{self._corpus.path}: {told}", hint=f"go on with the version that began it, or {_AFRESH}"
-        )
+
+
+def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
+    """The first flag that asks for something else than a run has, in words."""
+    for name in Manifest.flags():
+        stored = getattr(manifest, name)
+        if flags.get(name, stored) != stored:
+            return f"{name} {stored}, not {flags[name]}"
+    if "packs" in flags and manifest.differences(replace(manifest, packs=packs_json(flags["packs"]))):
+        return "other packs of objects"
+    if "operators" in flags or "vary" in flags:
+        named = RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ()))
+        asked = named_operators(named, rig(manifest.robot))
+        if asked.in_task(manifest.task).digest != manifest.operators_digest:
+            return "other operators, or other ranges"
+    return None
 
 
 def _about(manifest: Manifest) -> tuple[object, ...]:
-    return (_told(manifest), manifest.operators_digest)
+    return (_shown(manifest), manifest.operators_digest)
 
 
-def _told(manifest: Manifest) -> str:
+def _shown(manifest: Manifest) -> str:
     """What may tell two runs apart, as the flags that give it."""
-    return ", ".join(f"{name} {getattr(manifest, name)}" for name in FLAGS)
+    return ", ".join(f"{name} {getattr(manifest, name)}" for name in Manifest.flags())

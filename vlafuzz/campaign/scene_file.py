@@ -42,7 +42,7 @@ def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene
 
 def stored_flag(manifest: Manifest) -> dict[str, Path]:
     """The flag that gives a run its scenes again, with its file; none where it had none."""
-    mark = json.loads(manifest.given or "{}")
+    mark = json.loads(manifest.scene_file or "{}")
     return {mark["flag"]: Path(mark["file"])} if mark else {}
 
 
@@ -52,7 +52,7 @@ def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> No
     Raises:
         StoreError: it holds others.
     """
-    before, here = (json.loads(each.given or "{}") for each in (was, now))
+    before, here = (json.loads(manifest.scene_file or "{}") for manifest in (was, now))
     if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
         raise StoreError(
             f"{path}: run {run} had other scenes than {here.get('file', 'there are now')} holds",

@@ -89,6 +89,7 @@ def _run(
         commit: of the code that is loaded: what is committed in the meantime makes no other version of it.
     """
     from vlafuzz.campaign import config, launch
+    from vlafuzz.campaign.resume import resume
     from vlafuzz.cli.pace import Pace
     from vlafuzz.compare.runs import work_through
 
@@ -104,7 +105,7 @@ def _run(
             flags: dict[str, object] = {"task": asked.task, "policy": asked.policy, "budget": asked.budget}
             flags |= {"store": asked.store, "batch": asked.batch, "workers": asked.workers}
             flags |= {"executor": asked.executor, "address": asked.address}
-            return config.resume(flags | job._asdict())
+            return resume(flags | job._asdict())
 
         def fuzz(planned: Plan, executor: Executor) -> None:
             summary = launch.fuzz(planned, store, executor, pace, alone=True)

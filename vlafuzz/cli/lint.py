@@ -15,12 +15,13 @@ from vlafuzz.cli.flags import PlacementFlag
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_json, print_rows, progress, stderr
 from vlafuzz.cli.packs import PackFlag, opened
+from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.formats.scene_lines import SceneFile
 from vlafuzz.formats.sources import is_vlatest, read_scene_file
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.rigs.robots import RIGS
-from vlafuzz.scene import PLACEMENTS, Scene, check_placement
+from vlafuzz.scene import Scene
 from vlafuzz.space.operator_set import load_operators
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import CHECKS, check_static
@@ -107,7 +108,7 @@ def command(
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     keep = load_operators().min_distance if min_distance is None else min_distance
-    put = check_placement(placement or PLACEMENTS[0])
+    put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
     if static and placement:
         raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
     catalogue = load_catalogue(packs=opened(pack))

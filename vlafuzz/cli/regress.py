@@ -134,7 +134,7 @@ def _rerun(folder: Path, corpus: Corpus, policy: str) -> Rerun:
     def make(run: Manifest) -> SimulatorSceneRunner:
         made = runner.SimulatorSceneRunner(folder, run, policy)
         # That a corpus is older than this commit is no news, nor that another policy's spec is another.
-        known = {"commit"} | ({"spec"} if policy != run.policy else set())
+        known = {"commit"} | ({"spec", "source"} if policy != run.policy else set())
         changed.update(dict.fromkeys(name for name in made.changed if name not in known))
         if made.renderer is not None and corpus.renderer not in (None, made.renderer):
             changed["renderer"] = None

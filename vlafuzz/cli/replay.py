@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_format
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +15,7 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.objects import Pack
+    from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.outcome import Rollout
     from vlafuzz.scene import Scene
     from vlafuzz.sim.maniskill.video import Recording
@@ -28,13 +28,8 @@ class _Wanted:
     """A scene, and how it was run before, if it was: ``states_hash`` of its first rollout."""
 
     scene: Scene
-    policy: str
-    seed: int = 0
-    criteria: str = "strict"
-    placement: str = "resting"
-    stop_early: bool = False
+    conditions: Conditions
     states_hash: str | None = None
-    packs: tuple[Pack, ...] = ()
 
 
 def command(
@@ -66,7 +61,8 @@ def command(
     from vlafuzz.sim.maniskill.video import Recording, write_picture
 
     recording = Recording(480 if filmed else 0)
-    report, rollout, hz = _roll_out(wanted, policy or wanted.policy, recording, looks=seen is not None)
+    named = policy or wanted.conditions.policy
+    report, rollout, hz = _roll_out(wanted, named, recording, looks=seen is not None)
     if video:
         recording.write_video(video, hz)
     if picture:
@@ -122,24 +118,13 @@ def _find_in_store(source: Path, digest: str | None) -> _Wanted:
             if scene in (triaged.shrunk, *triaged.counterparts.values())
         }
         for run in reversed(store.runs()):
-            if run.manifest.policy_key in made_by:
+            if run.manifest.key() in made_by:
                 return _as_in(run.manifest, scene)
     return _never_run(scene)
 
 
 def _as_in(manifest: Manifest, scene: Scene, states_hash: str | None = None) -> _Wanted:
-    from vlafuzz.conditions.packs import stored_packs
-
-    return _Wanted(
-        scene,
-        manifest.policy,
-        manifest.seed,
-        manifest.criteria,
-        manifest.placement,
-        manifest.stop_early,
-        states_hash,
-        stored_packs(manifest),
-    )
+    return _Wanted(scene, manifest, states_hash)
 
 
 def _one_that_passed(store: Store) -> str:
@@ -151,10 +136,13 @@ def _one_that_passed(store: Store) -> str:
 
 def _never_run(scene: Scene) -> _Wanted:
     from vlafuzz.campaign.config import default_policy
+    from vlafuzz.conditions.conditions import Conditions
+    from vlafuzz.conditions.packs import packs_json
     from vlafuzz.objects.packs import packs_of
 
-    named = (placement.object for placement in scene.placements)
-    return _Wanted(scene, default_policy(), packs=packs_of(named))
+    packs = packs_of(placement.object for placement in scene.placements)
+    policy = default_policy()
+    return _Wanted(scene, Conditions(task=scene.task, policy=policy, packs=packs_json(packs)))
 
 
 def _check_renderer() -> None:
@@ -171,28 +159,17 @@ def _roll_out(
     wanted: _Wanted, policy: str, recording: Recording, *, looks: bool
 ) -> tuple[dict[str, Any], Rollout | None, int]:
     """``looks``: what the policy sees is asked for, so that it has to see something."""
-    from vlafuzz.objects import load_catalogue
     from vlafuzz.outcome import Verdict
     from vlafuzz.policies.registry import make_policy
     from vlafuzz.rigs.robots import rig
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.make import make_evaluator
 
     made, scene = make_policy(policy), wanted.scene
     if looks and not made.spec.cameras and not made.spec.silhouettes:
         made.close()
         raise UsageError(f"policy {policy!r} asks for no pictures", hint="leave --seen out")
-    evaluator = ManiSkillEvaluator(
-        scene.task,
-        made,
-        load_catalogue(packs=wanted.packs),
-        min_distance=0.0,
-        seed=wanted.seed,
-        criteria=wanted.criteria,
-        placement=wanted.placement,
-        stop_early=wanted.stop_early,
-        recording=recording,
-        checked=False,
-    )
+    once = replace(wanted.conditions, repeats=1)
+    evaluator = make_evaluator(once, made, recording=recording, checked=False)
     with closing(evaluator):
         outcome = evaluator.evaluate([scene])[0]
     if outcome.verdict is Verdict.ERROR:
@@ -216,7 +193,7 @@ def _roll_out(
 
 
 def _same(wanted: _Wanted, policy: str, rollout: Rollout | None) -> bool | None:
-    if wanted.states_hash is None or rollout is None or policy != wanted.policy:
+    if wanted.states_hash is None or rollout is None or policy != wanted.conditions.policy:
         return None
     return rollout.states_hash == wanted.states_hash
 

@@ -94,6 +94,7 @@ def command(
     that is blind, say, is not run.
     """
     from vlafuzz.campaign import config
+    from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli import triage as triaging
     from vlafuzz.cli.examining import looked_at
     from vlafuzz.cli.summary import print_summary
@@ -123,7 +124,7 @@ def command(
     }
     flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     if resume:
-        prepared = config.resume(flags)
+        prepared = resume_run(flags)
     else:
         prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     summary = _start(looked_at(prepared, unchecked=unchecked))

@@ -8,24 +8,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 
 Planned = TypeVar("Planned")
 
-_ASKED = (
-    "task",
-    "policy",
-    "budget",
-    "batch",
-    "repeats",
-    "criteria",
-    "placement",
-    "stop_early",
-    "min_distance",
-)
-_OF_VERSION = ("spec", "source", "catalogue_digest", "simulator", "commit")
+# Values that are too long for a message.
+_SAID = {
+    "operators_digest": "other operators, or other ranges",
+    "packs": "other packs of objects",
+    "scene_file": "another pool of scenes",
+}
 _ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
 
 
@@ -90,29 +85,21 @@ def work_through(
 
 
 def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
-    for name in _ASKED:
+    for name in run.manifest.differences(wanted, origins=ASKED):
+        if name in Job._fields:
+            continue
         was, now = getattr(run.manifest, name), getattr(wanted, name)
-        if was != now:
-            raise UsageError(
-                f"{path}: run {run.id} is of other conditions: {name} {was}, not {now}", hint=_ELSEWHERE
-            )
-    if run.manifest.pool != wanted.pool:
-        raise UsageError(f"{path}: run {run.id} is of other conditions: it has a pool", hint=_ELSEWHERE)
-    if run.manifest.operators_digest != wanted.operators_digest:
-        raise UsageError(
-            f"{path}: run {run.id} is of other conditions: other operators, or other ranges",
-            hint=_ELSEWHERE,
-        )
+        difference = _SAID.get(name, f"{name} {was}, not {now}")
+        raise UsageError(f"{path}: run {run.id} is of other conditions: {difference}", hint=_ELSEWHERE)
 
 
 def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> None:
     """That one version made all of them; with ``here`` that it is this one, too."""
     first = here or (runs[0].manifest if runs else None)
     for run in runs:
-        for name in _OF_VERSION:
-            if getattr(run.manifest, name) != getattr(first, name):
-                whose = "than is here" if here else f"than run {runs[0].id}"
-                raise UsageError(
-                    f"{path}: run {run.id} was made by another version {whose}: its {name} differs",
-                    hint="runs of two versions do not compare: give another --store",
-                )
+        for name in run.manifest.differences(first or run.manifest, origins=[Origin.HERE]):
+            other = "is installed" if here else f"run {runs[0].id}"
+            raise UsageError(
+                f"{path}: run {run.id} was made by another version than {other}: its {name} differs",
+                hint="runs of two versions do not compare: give another --store",
+            )

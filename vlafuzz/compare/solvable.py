@@ -13,15 +13,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from vlafuzz.compare.failures import Found
+from vlafuzz.conditions.conditions import Role
 from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import share_interval
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import find_witness
-
-# What, beside the scene, decides over whether the expert solves it.
-_DECISIVE = ("criteria", "placement", "stop_early", "min_distance", "catalogue_digest", "simulator", "commit")
 
 
 class Solver(Protocol):
@@ -88,7 +86,7 @@ class Witnesses:
 
     def __init__(self, path: Path, manifest: Manifest) -> None:
         self._path = path
-        self._conditions = json.dumps([getattr(manifest, name) for name in _DECISIVE])
+        self._conditions = json.dumps(list(manifest.values(Role.SIMULATION).values()))
         self._known: dict[str, bool] = {}
         with suppress(FileNotFoundError):
             for line in path.read_text(encoding="utf-8").splitlines():

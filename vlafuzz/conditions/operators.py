@@ -1,17 +1,17 @@
-"""A run's operators with their ranges, as its manifest keeps them."""
+"""Operators with their ranges as conditions keep them."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import StoreError
 from vlafuzz.space import OPERATORS, OperatorSet
-from vlafuzz.store.records import Manifest
 
 
 def operators_json(operators: OperatorSet) -> str:
-    """What a manifest keeps of them."""
+    """Operators as a field of conditions."""
     ranges = {name: operator.model_dump(mode="json") for name, operator in operators.operators.items()}
     varied = sorted(operators.varied)
     return json.dumps(
@@ -19,18 +19,21 @@ def operators_json(operators: OperatorSet) -> str:
     )
 
 
-def stored_operators(store: Path, manifest: Manifest) -> OperatorSet:
-    """Those of a manifest: what ``operators_json`` wrote, read back.
+def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
+    """The operators that ``operators_json`` wrote.
+
+    Args:
+        source: store or corpus that the conditions are from, for messages.
 
     Raises:
-        StoreError: another version wrote it, whose operators are others.
+        StoreError: they were written by a version with other operators.
     """
     try:
-        found = json.loads(manifest.operators)
-        operators = {name: kind.model_validate(found["operators"][name]) for name, kind in OPERATORS.items()}
-        return OperatorSet(store, found["min_distance"], operators, frozenset(found["varied"]), {})
+        stored = json.loads(conditions.operators)
+        operators = {name: kind.model_validate(stored["operators"][name]) for name, kind in OPERATORS.items()}
+        return OperatorSet(source, stored["min_distance"], operators, frozenset(stored["varied"]), {})
     except (KeyError, ValueError) as error:
         raise StoreError(
-            f"{store}: its operators are those of another version: {' '.join(str(error).split())}",
-            hint="go on with the version that began the run",
+            f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
+            hint="use the version that began the run",
         ) from None

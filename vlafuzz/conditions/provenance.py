@@ -1,35 +1,56 @@
-"""What is installed here, for the manifests of runs."""
+"""The code and the packages that are installed, as conditions keep them."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from vlafuzz import __version__
+from vlafuzz.objects import Catalogue
+from vlafuzz.plugins import source_digest
+from vlafuzz.policies.base import PolicySpec
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
+def here(policy: str, spec: PolicySpec, catalogue: Catalogue) -> dict[str, Any]:
+    """The fields of conditions that come with what is installed (``Origin.HERE``).
+
+    Args:
+        policy: its name.
+    """
+    return {
+        "spec": json.dumps(asdict(spec), sort_keys=True),
+        "source": source_digest(policy),
+        "catalogue_digest": catalogue.digest,
+        "simulator": simulator(versions()),
+        "commit": commit(),
+    }
+
+
 def versions() -> dict[str, str]:
-    """Of vlafuzz and of the packages that matter, by name."""
-    found = {"vlafuzz": __version__}
+    """Versions of vlafuzz and of the packages that matter, by name."""
+    installed = {"vlafuzz": __version__}
     for name in _PACKAGES:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return installed
 
 
 def simulator(versions: Mapping[str, str]) -> str:
-    """What scenes are run in."""
+    """Name and version of the simulator."""
     return "/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien"))
 
 
 def commit() -> str | None:
-    """Of the checkout that this package is in, if it is one."""
+    """The commit of the checkout that this package is in, if it is in one."""
     here = Path(__file__).resolve().parents[1]
     if not (here.parent / ".git").exists():
         return None

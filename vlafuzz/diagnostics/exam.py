@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from vlafuzz.campaign import launch
 from vlafuzz.conditions.operators import stored_operators
 from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.diagnostics import verdicts
@@ -24,6 +23,7 @@ from vlafuzz.execute.local import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say
@@ -47,7 +47,7 @@ class Exam:
         self._corrected = Corrected(policy)
         self._recorder = Recorder(self._corrected)
         once = replace(manifest, repeats=1, stop_early=True)
-        self._evaluator = launch.make_evaluator(once, self._recorder)
+        self._evaluator = make_evaluator(once, self._recorder)
         self._manifest, self._catalogue = manifest, stored_catalogue(manifest)
         self._nominal = self._drawn(TARGETS)
         self._outcomes: list[tuple[Scene, Outcome]] = []  # of whole rollouts in nominal scenes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -21,12 +21,14 @@ from vlafuzz.policies.expert import Expert
 from vlafuzz.regression.folder import is_corpus, read_corpus
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.episode import Episode
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 
 class Proof(NamedTuple):
@@ -90,26 +92,18 @@ class Demonstrations:
             PrerequisiteError: nothing here can render.
             UsageError: a pack of objects is gone.
         """
-        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
         runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
         catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
         player.spec = self._spec
-        evaluators: dict[tuple[str, str], ManiSkillEvaluator] = {}
+        evaluators: dict[str, ManiSkillEvaluator] = {}
         with ExitStack() as stack:
             for scene, witness, run in self.proofs:
-                kind = run.task, run.placement
-                if kind not in evaluators:
-                    made = ManiSkillEvaluator(
-                        run.task,
-                        player,
-                        catalogue,
-                        min_distance=run.min_distance,
-                        placement=run.placement,
-                        stop_early=True,
-                    )
-                    evaluators[kind] = stack.enter_context(closing(made))
-                yield self._played(evaluators[kind].begin(scene, 0), scene, witness)
+                key = f"{run.task}:{run.key(seeded=False)}"
+                if key not in evaluators:
+                    conditions = replace(run, repeats=1, stop_early=True)
+                    evaluator = make_evaluator(conditions, player, catalogue=catalogue)
+                    evaluators[key] = stack.enter_context(closing(evaluator))
+                yield self._played(evaluators[key].begin(scene, 0), scene, witness)
 
     def _played(self, episode: Episode, scene: Scene, witness: Witness) -> Demonstration | None:
         seen = []

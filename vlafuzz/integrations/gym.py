@@ -57,7 +57,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
 
     def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
         exported = read_corpus(Path(corpus))
-        self.cases = exported.cases
+        self.cases, self._runs = exported.cases, exported.runs
         self._camera = CameraRequest("image", size, size) if size else None
         cameras = (self._camera,) if self._camera else ()
         catalogue, robot = stored_catalogue(*exported.runs), self.cases[0].scene.robot
@@ -104,7 +104,9 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         state = self._env.advance(metric, "current")
         self._steps += 1
         info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
-        done, late = monitor.success_once, self._steps >= self._env.rig.seconds * self._env.control_hz
+        published = self._runs[self._case.run].criteria == "published"
+        done = monitor.published_success if published else monitor.success_once
+        late = self._steps >= self._env.rig.seconds * self._env.control_hz
         info["success"] = done
         return self._observation(state), monitor.progress - before, done, late and not done, info
 

@@ -47,6 +47,7 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.rigs.robots import rig
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
 
@@ -91,7 +92,7 @@ class CorpusBenchmark(StepBenchmark):
         self._catalogue = stored_catalogue(*self._corpus.runs)
         self._player = Player(self.spec)
         self._player.spec = replace(self.spec, execute=1)
-        self._evaluators: dict[tuple[object, ...], ManiSkillEvaluator] = {}  # by conditions
+        self._evaluators: dict[str, ManiSkillEvaluator] = {}  # by conditions
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
@@ -191,19 +192,11 @@ class CorpusBenchmark(StepBenchmark):
 
     def _evaluator(self, run: Manifest) -> ManiSkillEvaluator:
         """The evaluator with the conditions of a run."""
-        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-        if run.conditions not in self._evaluators:
-            self._evaluators[run.conditions] = ManiSkillEvaluator(
-                run.task,
-                self._player,
-                self._catalogue,
-                min_distance=run.min_distance,
-                stop_early=run.stop_early,
-                criteria=run.criteria,
-                placement=run.placement,
-            )
-        return self._evaluators[run.conditions]
+        key = run.key(seeded=False)
+        if key not in self._evaluators:
+            once = replace(run, repeats=1)
+            self._evaluators[key] = make_evaluator(once, self._player, catalogue=self._catalogue)
+        return self._evaluators[key]
 
     def _observation(self, number: int) -> Observation:
         """For the player, which only reads the action's number in the chunk."""

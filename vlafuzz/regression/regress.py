@@ -84,14 +84,14 @@ class Rerun:
         self, name: str, runs: Sequence[Manifest], runner: Callable[[Manifest], PolicyRunner]
     ) -> None:
         self.name, self._runs = name, runs
-        distinct = {run.conditions: replace(run, seed=0) for run in runs}
-        self._runners = {conditions: runner(run) for conditions, run in distinct.items()}
+        distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
+        self._runners = {key: runner(run) for key, run in distinct.items()}
         self.deterministic = all(runner.deterministic for runner in self._runners.values())
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """See ``Side``. The first rollout has the seed of the recorded one."""
         run = self._runs[probe.run]
-        return Answer.of(self._runners[run.conditions].evaluate([probe.scene], run.seed + repeat)[0])
+        return Answer.of(self._runners[run.key(seeded=False)].evaluate([probe.scene], run.seed + repeat)[0])
 
     def close(self) -> None:
         """Close all runners."""

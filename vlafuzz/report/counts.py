@@ -49,7 +49,7 @@ class Counts:
     def add(self, run: Run, trial: Trial) -> None:
         """One more trial."""
         manifest, outcome = run.manifest, trial.outcome
-        key = (manifest.policy_key, trial.scene.digest)
+        key = (manifest.key(), trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
             self.last[key] = outcome.verdict
         if trial.duplicate:

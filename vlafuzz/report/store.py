@@ -134,7 +134,7 @@ def _merged(cards: Iterable[Card]) -> Iterable[Card]:
     """Findings of which the same scene is left, as one."""
     found: dict[tuple[str, str, str], Card] = {}
     for card in cards:
-        key = (card.scene.digest, card.run.policy_key, card.bucket)
+        key = (card.scene.digest, card.run.key(), card.bucket)
         first = found.get(key)
         found[key] = replace(first, found=first.found + card.found) if first else card
     return found.values()

@@ -170,6 +170,7 @@ def _given(connection: sqlite3.Connection) -> None:
 RENAMED = (
     ("run", "subject", "policy"),
     ("run", "subject_key", "policy_key"),
+    ("run", "given", "scene_file"),
     ("finding", "subject_key", "policy_key"),
     ("triage", "subject_key", "policy_key"),
     ("triage", "subject_rollouts", "policy_rollouts"),
@@ -177,7 +178,7 @@ RENAMED = (
 
 
 def _policy(connection: sqlite3.Connection) -> None:
-    """What is tested was called the subject."""
+    """A policy was called a subject, and the file of scenes what was given."""
     for table, old, new in RENAMED:
         connection.execute(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}")
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
 from vlafuzz.evidence import Causes, Witness
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
@@ -26,86 +25,26 @@ EVIDENCE_OF: Mapping[Bucket, str] = {
     "flaky": "observed",
 }
 
-# What flags give, by the name that they have there, too.
-FLAGS = (
-    "task", "robot", "policy", "strategy", "budget", "seed", "batch", "repeats", "stop_early", "criteria",
-    "placement",
-)  # fmt: skip
-# What a scene's outcome depends on, beside the scene. Budget, batch and strategy only say which are tried.
-_DECISIVE = (
-    "policy", "spec", "seed", "repeats", "criteria", "placement", "stop_early", "min_distance",
-    "catalogue_digest", "simulator", "commit",
-)  # fmt: skip
 
-
-_OLD = {"policy": "subject"}  # in keys, so that existing stores still answer
-
-
-@dataclass(frozen=True)
-class Manifest:
-    """Everything needed to do a run again.
+@dataclass(frozen=True, kw_only=True)
+class Manifest(Conditions):
+    """Everything needed to repeat a run: its conditions, what searched, and where it comes from.
 
     Attributes:
-        policy: as the user named it; ``spec`` is its own description, as JSON.
         budget: in policy rollouts.
-        repeats: rollouts a scene.
-        operators: the operators with their ranges, as JSON.
-        min_distance: between objects, metres.
-        packs: of objects, as JSON: name, digest, and the folder in which each was; the catalogue's digest has
-            their content.
-        simulator: name and version of what the scenes are run in.
+        batch: proposals that are asked for at once.
         versions: of the packages that matter, by name.
-        commit: of vlafuzz's checkout, if it is one.
-        checkup: of the policy before the run: ``ok``, ``unchecked`` or what is wrong with it; empty where
-            nobody asked.
-        given: the file of scenes that the run had or chose from, as JSON (see ``given``); empty for none.
-        source: digest of the user's own code that makes the policy; empty for others.
+        command: the command line that began the run.
+        checkup: result of the policy's check before the run: ``ok``, ``unchecked`` or what is wrong with it;
+            empty where it was not checked.
     """
 
-    task: str
-    policy: str
-    spec: str
-    strategy: str
-    budget: int
-    batch: int
-    seed: int
-    repeats: int = 1
-    criteria: str = "strict"
-    placement: str = "resting"
-    stop_early: bool = False
-    min_distance: float = 0.0
-    operators: str = "{}"
-    operators_digest: str = ""
-    catalogue_digest: str = ""
-    packs: str = "[]"
-    robot: str = "panda"
-    simulator: str = ""
+    strategy: str = condition(Role.SEARCH, Origin.FLAG)
+    budget: int = condition(Role.SEARCH, Origin.FLAG)
+    batch: int = condition(Role.SEARCH, Origin.FLAG)
     versions: Mapping[str, str] = field(default_factory=dict)
-    commit: str | None = None
     command: str = ""
     checkup: str = ""
-    given: str = ""
-    source: str = ""
-
-    @property
-    def pool(self) -> str | None:
-        """Digest of the scenes from which the strategy chose; None where it made its own."""
-        mark = json.loads(self.given or "{}")
-        return mark["digest"] if mark.get("flag") == "pool" else None
-
-    @property
-    def conditions(self) -> tuple[object, ...]:
-        """What else than strategy and seed a share of failures depends on: where equal, runs compare."""
-        decisive = (getattr(self, name) for name in _DECISIVE if name != "seed")
-        return (self.task, self.robot, self.operators_digest, self.pool, self.source, *decisive)
-
-    @property
-    def policy_key(self) -> str:
-        """The policy and all else that an outcome depends on: within one key, a store answers for it."""
-        values = asdict(self)
-        names = (*_DECISIVE, "source") if self.source else _DECISIVE  # earlier stores have no such thing
-        decisive = json.dumps({_OLD.get(name, name): values[name] for name in names}, sort_keys=True)
-        return f"{self.policy}:{hashlib.blake2b(decisive.encode(), digest_size=6).hexdigest()}"
 
 
 class Spent(NamedTuple):

@@ -7,7 +7,7 @@ import math
 import sqlite3
 import zlib
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,9 @@ _OF_RUN = (
     "search_seconds",
     "store_seconds",
 )  # not its manifest's
+
+
+_BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
 
 
 def number(value: float) -> float | None:
@@ -64,8 +67,7 @@ def run_row(manifest: Manifest) -> Row:
     """Columns of ``run``."""
     row = asdict(manifest)
     row["versions"] = json.dumps(row["versions"], sort_keys=True)
-    row["stop_early"] = int(manifest.stop_early)
-    return row | {"policy_key": manifest.policy_key}
+    return row | {"policy_key": manifest.key()}
 
 
 def to_run(row: sqlite3.Row) -> Run:
@@ -74,7 +76,8 @@ def to_run(row: sqlite3.Row) -> Run:
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
     values["versions"] = json.loads(values["versions"])
-    values["stop_early"] = bool(values["stop_early"])
+    for name in _BOOLEANS:
+        values[name] = bool(values[name])
     return Run(manifest=Manifest(**values), **about)
 
 

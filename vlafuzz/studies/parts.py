@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from vlafuzz.conditions.packs import same_packs
+from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
@@ -15,12 +15,6 @@ from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 
 COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
-_SAME = (
-    "task", "robot", "policy", "strategy", "budget", "seed", "batch", "repeats", "criteria", "placement",
-    "stop_early",
-    "operators_digest",
-)  # fmt: skip
-_OF_VERSION = ("spec", "source", "catalogue_digest", "simulator", "commit")
 
 
 class Part(NamedTuple):
@@ -71,18 +65,15 @@ def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run 
     same = [
         run
         for run in store.runs()
-        if all(getattr(run.manifest, name) == getattr(wanted, name) for name in _SAME)
-        and same_packs(run.manifest, wanted)
-        and run.manifest.pool == wanted.pool
+        if not run.manifest.differences(wanted, origins=ASKED)
         and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
     ]
     for run in same:
-        for name in _OF_VERSION:
-            if getattr(run.manifest, name) != getattr(wanted, name):
-                raise UsageError(
-                    f"{store.path}: run {run.id} was made by another version than is here: "
-                    f"its {name} differs",
-                    hint="runs of two versions do not compare: give another --out",
-                )
+        for name in run.manifest.differences(wanted, origins=[Origin.HERE]):
+            raise UsageError(
+                f"{store.path}: run {run.id} was made by another version than is installed: "
+                f"its {name} differs",
+                hint="runs of two versions do not compare: give another --out",
+            )
     over = [run for run in same if run.status not in UNFINISHED]
     return (over or same)[-1] if same else None

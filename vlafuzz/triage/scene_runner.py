@@ -1,10 +1,9 @@
-"""SimulatorDesk: what scenes of a run are worked on with afterwards: policy, expert and simulator."""
+"""SimulatorSceneRunner: policy, expert and simulator under the conditions of a run, for work after it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +21,7 @@ from vlafuzz.renderer import probe
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, Film
+from vlafuzz.sim.make import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 
 class SimulatorSceneRunner:
-    """See ``findings.Desk``. From here on, seconds go by.
+    """A ``SceneRunner`` with a simulator, which takes seconds to make.
 
     Args:
         source: store or corpus that the manifest is from, for messages.
-        policy: another one than the run's.
-        later: seeds to leave out beside the run's own, of a stochastic policy.
+        policy: another policy than the run's.
+        later: seeds to skip beside the run's own, for a stochastic policy.
 
     Attributes:
-        changed: what decides over outcomes and is not as it was in the run, by its name in the manifest.
+        changed: names of the conditions that come with the installation and are not as they were in the run.
     """
 
     def __init__(
@@ -59,13 +59,8 @@ class SimulatorSceneRunner:
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
         self.renderer = probe().name if spec.cameras else None
-        here = {
-            "spec": json.dumps(asdict(spec), sort_keys=True),
-            "catalogue_digest": catalogue.digest,
-            "simulator": provenance.simulator(provenance.versions()),
-            "commit": provenance.commit(),
-        }
-        self.changed = tuple(name for name, now in here.items() if getattr(manifest, name) != now)
+        here = provenance.here(policy or manifest.policy, spec, catalogue)
+        self.changed = manifest.differences(replace(manifest, **here))
         self._stills: Stills | None = None
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Reel]] = {}  # by whether given actions are played
         self._policies, self._experts = self._evaluator(self._policy), self._evaluator(self._expert)
@@ -74,38 +69,25 @@ class SimulatorSceneRunner:
     def _evaluator(
         self, of: Policy, *, checked: bool = True, recording: Recording | None = None
     ) -> ManiSkillEvaluator:
-        from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-        manifest = self._manifest
-        return ManiSkillEvaluator(
-            manifest.task,
-            of,
-            self.space.catalogue,
-            min_distance=manifest.min_distance,
-            seed=manifest.seed,
-            criteria=manifest.criteria,
-            placement=manifest.placement,
-            stop_early=manifest.stop_early,
-            checked=checked,
-            recording=recording,
-        )
+        once = replace(self._manifest, repeats=1)
+        return make_evaluator(once, of, catalogue=self.space.catalogue, checked=checked, recording=recording)
 
     def renew(self) -> None:
-        """See ``findings.Desk``."""
+        """See ``SceneRunner``."""
         self._policies.renew()
 
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """See ``findings.Desk``."""
+        """See ``SceneRunner``."""
         self._policies.seed = self._seed + number
         return evaluate_safely(self._policies, scenes)
 
     def solve(self, scene: Scene, attempt: int) -> Outcome:
-        """See ``findings.Desk``."""
+        """See ``SceneRunner``."""
         self._expert.attempt = attempt
         return evaluate_safely(self._experts, [scene])[0]
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """See ``findings.Desk``."""
+        """See ``SceneRunner``."""
         self._player.actions = actions
         return evaluate_safely(self._players, [scene])[0]
 

@@ -21,13 +21,14 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
+from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
-from vlafuzz.scene import Placement, Scene, check_placement
+from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.external_robots import AGENTS, wrist_of
@@ -76,7 +77,7 @@ class TabletopEnv(BaseEnv):
         placement: str = "resting",
         **kwargs: Any,
     ) -> None:
-        self._dropped = check_placement(placement) == "published"
+        self._dropped = check_choice("placement", placement, PLACEMENTS) == "published"
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()

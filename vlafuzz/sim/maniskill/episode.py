@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Rollout
 from vlafuzz.policies.base import EpisodeStart, Observation, PolicySpec, Privileged
 from vlafuzz.scene import Scene
@@ -22,8 +23,7 @@ class Episode:
     Args:
         spec: of who acts.
         seed: of the rollout.
-        stop_early: be over at success instead of ten steps later.
-        published: go by the weaker success of the reference's environments.
+        conditions: say when a rollout is over, and what counts as success.
 
     Attributes:
         actions: so far, each ``(7,)`` metric.
@@ -35,12 +35,11 @@ class Episode:
         spec: PolicySpec,
         scene: Scene,
         seed: int,
-        *,
-        stop_early: bool = False,
-        published: bool = False,
+        conditions: Conditions,
     ) -> None:
         self.env, self._spec, self._scene = env, spec, scene
-        self._after, self._published = 0 if stop_early else AFTER_SUCCESS, published
+        self._after = 0 if conditions.stop_early else AFTER_SUCCESS
+        self._published = conditions.criteria == "published"
         self._state = env.begin(scene)
         env.applied().check(scene, env.poses, env.rig)
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)

@@ -8,13 +8,14 @@ from dataclasses import replace
 from functools import partial
 
 from vlafuzz.clients.wire import UNANSWERED, persistently
-from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
 from vlafuzz.policies.base import Knowing, Observation, Policy
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Scene, check_placement
+from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.episode import Episode
@@ -31,37 +32,26 @@ class ManiSkillEvaluator:
     """Runs a policy in scenes of one task.
 
     Args:
-        min_distance: between objects' centres, metres.
-        seed: of the rollouts; the n-th repeat of a scene has seed + n.
-        repeats: rollouts a scene.
-        stop_early: end a rollout at success instead of ten steps later.
-        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
-        placement: ``resting``, or ``published`` to drop the objects as they do.
+        conditions: task, seed and whatever else decides an outcome; their ``policy`` is only a name.
         recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
+
+    Attributes:
+        seed: of the next rollouts; at first that of the conditions.
     """
 
     def __init__(
         self,
-        task: str,
+        conditions: Conditions,
         policy: Policy,
         catalogue: Catalogue,
         *,
-        min_distance: float,
-        seed: int = 0,
-        repeats: int = 1,
-        stop_early: bool = False,
-        criteria: str = "strict",
-        placement: str = "resting",
         recording: Recording | None = None,
         checked: bool = True,
     ) -> None:
-        if criteria not in ("strict", "published"):
-            raise UsageError(f"criteria: {criteria!r}", hint="strict or published")
-        self._task, self._policy, self._catalogue = task_named(task), policy, catalogue
-        self._min_distance, self.seed, self._repeats = min_distance, seed, repeats
-        self._stop_early, self._published, self._checked = stop_early, criteria == "published", checked
-        self._placement, self._recording = check_placement(placement), recording
+        self._conditions, self._task = conditions, task_named(conditions.task)
+        self._policy, self._catalogue, self.seed = policy, catalogue, conditions.seed
+        self._checked, self._recording = checked, recording
         self._env: TabletopEnv | None = None
         if isinstance(policy, Knowing):
             policy.know(catalogue)
@@ -74,13 +64,13 @@ class ManiSkillEvaluator:
         """Whether a scene is fair."""
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
-        rejection = check_static(scene, self._catalogue, self._min_distance)
-        return rejection or settled(scene, self._catalogue, self._placement).rejection
+        rejection = check_static(scene, self._catalogue, self._conditions.min_distance)
+        return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
 
     def begin(self, scene: Scene, seed: int) -> Episode:
         """A rollout in a fair scene, for who goes through it himself."""
         env, spec = self._environment(scene.robot), self._policy.spec
-        return Episode(env, spec, scene, seed, stop_early=self._stop_early, published=self._published)
+        return Episode(env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
         """The next scene gets an environment that has seen no other."""
@@ -96,7 +86,8 @@ class ManiSkillEvaluator:
             rejection = self.check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
-            rollouts = tuple(self._persist(scene, self.seed + number) for number in range(self._repeats))
+            seeds = range(self.seed, self.seed + self._conditions.repeats)
+            rollouts = tuple(self._persist(scene, seed) for seed in seeds)
         except PrerequisiteError:
             raise  # nothing that another scene would not meet too
         except PolicyError as error:
@@ -142,7 +133,7 @@ class ManiSkillEvaluator:
             spec = self._policy.spec
             cameras = spec.cameras + ((watching,) if watching else ())
             self._env = make_env(
-                self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._placement
+                self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._conditions.placement
             )
         return self._env
 

@@ -1,0 +1,100 @@
+"""Conditions: what decides an outcome is declared once, and keys stay what they were."""
+
+import json
+from dataclasses import fields, replace
+
+import pytest
+
+from tests.doubles import manifest
+from vlafuzz.conditions.conditions import ASKED, Conditions, Origin, Role
+from vlafuzz.errors import UsageError
+from vlafuzz.store.records import Manifest
+
+BEGUN = Conditions(
+    task="pick-up",
+    policy="mini",
+    spec='{"name": "mini"}',
+    seed=3,
+    min_distance=0.15,
+    catalogue_digest="c" * 16,
+    simulator="vlafuzz 0.1.0/mani_skill 3.0.1/sapien 3.0.3",
+    commit="0" * 40,
+)
+OWN = {"policy": "python:mine:make", "source": "abc123"}
+
+
+def packs(folder: str, digest: str = "d") -> str:
+    return json.dumps([{"name": "cups", "digest": digest, "folder": folder}])
+
+
+def scenes(flag: str, digest: str) -> str:
+    return json.dumps({"flag": flag, "file": "/a/b.jsonl", "digest": digest})
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({}, "mini:ac61f15bf582"),
+        ({"commit": None}, "mini:8ca4c7e1bcea"),
+        (
+            {"repeats": 5, "criteria": "published", "placement": "published", "stop_early": True},
+            "mini:3db387351770",
+        ),
+        (OWN, "python:mine:make:368bbde6cb5b"),
+        ({"seed": 4}, "mini:8e7a219953f7"),
+    ],
+)
+def test_keys_are_those_of_the_stores_that_there_are(changes, key):
+    assert replace(BEGUN, **changes).key() == key
+
+
+@pytest.mark.parametrize(
+    "change", [{"task": "put-on"}, {"robot": "widowx"}, {"operators_digest": "o"}, {"packs": packs("a")}]
+)
+def test_what_only_says_which_scenes_there_are_is_not_in_a_key(change):
+    assert replace(BEGUN, **change).key() == BEGUN.key()
+
+
+def test_a_key_without_the_seed_is_shared_by_repetitions_and_nothing_else():
+    assert replace(BEGUN, seed=9).key(seeded=False) == BEGUN.key(seeded=False)
+    assert replace(BEGUN, repeats=2).key(seeded=False) != BEGUN.key(seeded=False)
+
+
+def test_differences_are_named_by_where_their_values_come_from():
+    other = replace(BEGUN, robot="google", seed=4, min_distance=0.1, commit="1")
+    assert BEGUN.differences(other) == ("robot", "seed", "min_distance", "commit")
+    assert BEGUN.differences(other, origins=ASKED) == ("robot", "seed", "min_distance")
+    assert BEGUN.differences(other, roles=[Role.SIMULATION]) == ("min_distance", "commit")
+    assert BEGUN.differences(other, origins=[Origin.HERE]) == ("commit",)
+
+
+def test_packs_are_compared_by_what_is_in_them_and_a_file_of_scenes_only_as_a_pool():
+    moved = replace(BEGUN, packs=packs("a")).differences(replace(BEGUN, packs=packs("b")))
+    changed = replace(BEGUN, packs=packs("a")).differences(replace(BEGUN, packs=packs("a", "e")))
+    assert (moved, changed) == ((), ("packs",))
+    pool = replace(BEGUN, scene_file=scenes("pool", "x"))
+    assert pool.differences(replace(BEGUN, scene_file=scenes("pool", "y"))) == ("scene_file",)
+    assert BEGUN.differences(replace(BEGUN, scene_file=scenes("scenes", "x"))) == ()
+
+
+def test_runs_compare_when_only_search_and_seed_differ():
+    assert manifest(strategy="nsga2", budget=9, batch=2, seed=5).comparable(manifest())
+    assert not manifest(robot="widowx").comparable(manifest())
+    assert not manifest(source="x").comparable(manifest())
+
+
+def test_every_field_has_a_role_but_those_that_decide_nothing():
+    without = {field.name for field in fields(Manifest) if "role" not in field.metadata}
+    assert without == {"operators", "versions", "command", "checkup"}
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"criteria": "weak"}, "unknown criteria 'weak'"),
+        ({"placement": "in"}, "unknown placement 'in'"),
+    ],
+)
+def test_values_that_no_simulator_knows_are_refused(change, says):
+    with pytest.raises(UsageError, match=says):
+        replace(BEGUN, **change)
