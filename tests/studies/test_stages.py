@@ -117,9 +117,7 @@ def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path)
         assert found
         assert (found.id, found.status) == (1, "finished")
         assert stored(store, manifest(seed=9)) is None
-        with pytest.raises(
-            UsageError, match="another version than is installed: its commit"
-        ):
+        with pytest.raises(UsageError, match="another version than is installed: its commit"):
             stored(store, manifest(commit="abc"))
 
 
