@@ -25,7 +25,7 @@ from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.statistics import ratio, ratio_interval
 
 SIGNALS = ("smooth", "flat", "noise")
-ALL = [name for name in STRATEGIES if "-without-" not in name]
+ALL = list(STRATEGIES)
 
 
 def planted(options: argparse.Namespace) -> dict[str, Any]:

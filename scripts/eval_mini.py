@@ -99,7 +99,9 @@ def mutant(base: Scene, full: Scene, kind: str, seed: int) -> Scene:
         way = rng.normal(size=3)
         azimuth = np.degrees(np.arctan2(way[1], way[0]))
         elevation = np.degrees(np.arcsin(way[2] / np.linalg.norm(way)))
-        return replace(base, camera=Camera(rng.uniform(0, 0.05), azimuth, elevation, roll, pitch, yaw))
+        return replace(
+            base, camera=Camera(rng.uniform(0, 0.05), azimuth, elevation, roll=roll, pitch=pitch, yaw=yaw)
+        )
     if kind == "confounders":
         return full
     if kind == "wording":

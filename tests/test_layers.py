@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,31 @@ def test_other_imports_are_fine(source: str):
 
 def test_a_new_package_needs_a_row():
     assert complaints("unheard_of", ast.parse("")) == ["'unheard_of' has no row: give it one in ROWS"]
+
+
+def module(path: Path) -> str:
+    parts = ("vlafuzz", *path.relative_to(ROOT).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_modules(tree: ast.AST, known: set[str]) -> set[str]:
+    """Our modules that a tree names in imports, those for type checking and inside functions included."""
+    named: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            named |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            inner = {f"{node.module}.{alias.name}" for alias in node.names} & known
+            named |= inner or {node.module}
+    return named & known
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    modules = {module(path): path for path in FILES}
+    graph = {
+        name: imported_modules(ast.parse(path.read_text()), set(modules)) for name, path in modules.items()
+    }
+    TopologicalSorter({name: names - {name} for name, names in graph.items()}).prepare()  # raises CycleError
 
 
 def test_campaign_loads_no_simulator():

@@ -31,7 +31,7 @@ SCENES = st.builds(
     instruction=st.text(),
     confounders=st.lists(PLACEMENTS, max_size=4).map(tuple),
     light=st.builds(Light, NUMBER),
-    camera=st.builds(Camera, *[NUMBER] * 6),
+    camera=st.builds(Camera, NUMBER, NUMBER, NUMBER, roll=NUMBER, pitch=NUMBER, yaw=NUMBER),
     robot=st.text(),
     frame=st.text(),
     then=st.lists(st.text(), max_size=2).map(tuple),
@@ -40,9 +40,9 @@ ONE = Scene(
     "put-on",
     (Placement("apple", "resting", 0.1, -0.2, 30.0), Placement("plate", "flat", -0.05, 0.1)),
     "put apple on plate",
-    (Placement("orange", "resting", -0.15, 0.0, quaternion=(1.0, 0.0, 0.0, 0.0), scale=0.9),),
-    Light(2.0),
-    Camera(0.05, 90.0, 45.0, 1.0, 2.0, 3.0),
+    confounders=(Placement("orange", "resting", -0.15, 0.0, quaternion=(1.0, 0.0, 0.0, 0.0), scale=0.9),),
+    light=Light(2.0),
+    camera=Camera(0.05, 90.0, 45.0, roll=1.0, pitch=2.0, yaw=3.0),
 )
 TEXT = ONE.to_json()
 
@@ -164,7 +164,7 @@ def test_a_cameras_offset_has_its_distance_and_direction(camera, offset):
         ('"x":-0.15', '"x":null', "confounders.0.x: "),
         ('"quaternion":[1.0,0.0,0.0,0.0]', '"quaternion":[1.0,0.0,0.0]', "confounders.0.quaternion"),
         ('"task":"put-on"', '"task":7', "task: input should be a valid string, got 7"),
-        ('"schema":1', '"schema":2', "schema: this scene has version 2, newer than 1"),
+        ('"schema":1', '"schema":2', "schema: version 2 of this scene is newer than 1"),
         ('"schema":1', '"schema":"one"', "schema: "),
     ],
 )
@@ -192,7 +192,7 @@ def test_a_file_of_scenes_is_read_back(tmp_path: Path):
     path = tmp_path / "scenes.jsonl"
     write_scenes(path, [ONE, replace(ONE, light=Light(3.0))])
     assert load_scenes(path) == [ONE, replace(ONE, light=Light(3.0))]
-    assert [each.name for each in tmp_path.iterdir()] == ["scenes.jsonl"]
+    assert [path.name for path in tmp_path.iterdir()] == ["scenes.jsonl"]
 
 
 def test_a_broken_line_is_named_and_blank_ones_are_passed_over(tmp_path: Path):
@@ -236,6 +236,6 @@ def test_what_came_later_is_not_in_the_json_of_what_is_without():
 def test_objects_are_listed_with_the_targets_first_unless_told_otherwise():
     apple, plate, orange = ONE.placements
     assert ONE.listing == ONE.placements
-    told = replace(ONE, targets=(replace(apple, listed=2), replace(plate, listed=0)),
+    renumbered = replace(ONE, targets=(replace(apple, listed=2), replace(plate, listed=0)),
                    confounders=(replace(orange, listed=1),))  # fmt: skip
-    assert [each.object for each in told.listing] == ["plate", "orange", "apple"]
+    assert [placement.object for placement in renumbered.listing] == ["plate", "orange", "apple"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
-# Digests are older than these: with this value they are not there.
+# Added after the first digests: left out of the canonical JSON at these values.
 _LATER = {"listed": None, "frame": "", "then": ()}
 _COUNTS = ("schema", "listed")  # written as whole numbers
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -24,9 +24,9 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 class Placement:
     """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
-    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It is of the mesh that a
-    pack's object is made of, and (x, y) is where then that mesh's origin is. ``scale`` is of the object's
-    size, and ``listed`` its place among all objects where they are not listed with the targets first.
+    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It rotates the mesh of a
+    pack's object, and (x, y) is then the origin of that mesh. ``scale`` multiplies the object's size.
+    ``listed`` is the object's position in a list that does not start with the targets.
     """
 
     __pydantic_config__ = _STRICT
@@ -35,6 +35,7 @@ class Placement:
     x: float
     y: float
     yaw: float = 0.0
+    _: KW_ONLY
     quaternion: tuple[float, float, float, float] | None = None
     scale: float = 1.0
     listed: int | None = None
@@ -42,7 +43,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Light:
-    """``intensity`` multiplies every light of the nominal scene, the ambient one included."""
+    """``intensity`` multiplies all lights of the nominal scene, ambient light included."""
 
     __pydantic_config__ = _STRICT
     intensity: float = 1.0
@@ -52,22 +53,23 @@ class Light:
 class Camera:
     """The third-person camera's deviation from its nominal pose.
 
-    It stands ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the
-    world's x axis) and
-    ``elevation``, and is turned by ``roll``, ``pitch`` and ``yaw`` about its own axes. All angles in degrees.
+    The camera is ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the
+    world's x axis) and ``elevation``, and is rotated by ``roll``, ``pitch`` and ``yaw`` about its own axes.
+    Angles are in degrees.
     """
 
     __pydantic_config__ = _STRICT
     distance: float = 0.0
     azimuth: float = 0.0
     elevation: float = 0.0
+    _: KW_ONLY
     roll: float = 0.0
     pitch: float = 0.0
     yaw: float = 0.0
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """Metres along the world's x, y and z."""
+        """Displacement along the world's x, y and z, metres."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         level = self.distance * math.cos(elevation)
         return level * math.cos(azimuth), level * math.sin(azimuth), self.distance * math.sin(elevation)
@@ -75,17 +77,18 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that is shown to the policy. Equal scenes are equal, and have equal digests.
+    """Everything that is shown to the policy. Equal scenes have equal digests.
 
-    ``frame`` names the world that an imported scene's coordinates are of; none for that of its robot, the
-    only one that can be run. ``then`` are instructions that take the first one's place, one after the other:
-    each once another stage is reached.
+    ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that
+    can be simulated. ``then`` are further instructions: each replaces the one before it when another stage is
+    reached.
     """
 
     __pydantic_config__ = _STRICT
     task: str
     targets: tuple[Placement, ...]
     instruction: str
+    _: KW_ONLY
     confounders: tuple[Placement, ...] = ()
     light: Light = Light()
     camera: Camera = Camera()
@@ -96,11 +99,11 @@ class Scene:
 
     @property
     def instructions(self) -> tuple[str, ...]:
-        """All of them, in their order."""
+        """All instructions, in order."""
         return (self.instruction, *self.then)
 
-    def said(self, reached: int) -> str:
-        """The instruction once so many stages are reached."""
+    def instruction_at(self, reached: int) -> str:
+        """The instruction after ``reached`` stages."""
         return self.instructions[min(reached, len(self.then))]
 
     @property
@@ -111,8 +114,11 @@ class Scene:
     @property
     def listing(self) -> tuple[Placement, ...]:
         """All objects, in the order in which an imported scene lists them."""
-        places = [place if each.listed is None else each.listed for place, each in enumerate(self.placements)]
-        return tuple(self.placements[place] for place in sorted(range(len(places)), key=places.__getitem__))
+        numbered = [
+            (index if placement.listed is None else placement.listed, index)
+            for index, placement in enumerate(self.placements)
+        ]
+        return tuple(self.placements[index] for _, index in sorted(numbered))
 
     @cached_property
     def digest(self) -> str:
@@ -120,7 +126,7 @@ class Scene:
         return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
 
     def to_json(self) -> str:
-        """Canonical JSON: sorted keys, no blanks, floats as written by ``repr``."""
+        """Canonical JSON: sorted keys, no whitespace, floats as written by ``repr``."""
         return json.dumps(_canonical(asdict(self)), sort_keys=True, separators=(",", ":"))
 
     @staticmethod
@@ -138,7 +144,7 @@ class Scene:
             ) from None
         if scene.schema > SCHEMA:
             raise SceneError(
-                f"schema: this scene has version {scene.schema}, newer than {SCHEMA}", hint="upgrade vlafuzz"
+                f"schema: version {scene.schema} of this scene is newer than {SCHEMA}", hint="upgrade vlafuzz"
             )
         return scene
 
@@ -148,7 +154,7 @@ _ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
 
 def _canonical(value: Any) -> Any:
     if isinstance(value, (int, float)):
-        return float(value) + 0.0  # 1 and 1.0 are one value, and so are -0.0 and 0.0
+        return float(value) + 0.0  # 1 equals 1.0, and -0.0 equals 0.0
     if isinstance(value, dict):
         kept = {key: item for key, item in value.items() if key not in _LATER or item != _LATER[key]}
         return {key: item if key in _COUNTS else _canonical(item) for key, item in kept.items()}

@@ -8,7 +8,9 @@ from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.scene import Placement, Scene
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
-CROWDED = Scene("pick-up", FAIR.targets, "pick up apple", (Placement("orange", "resting", 0.1, 0.0),))
+CROWDED = Scene(
+    "pick-up", FAIR.targets, "pick up apple", confounders=(Placement("orange", "resting", 0.1, 0.0),)
+)
 FILES = sorted(
     (Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "scenes").glob("*t-*_n-1000*.json")
 )

@@ -13,18 +13,19 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.registry import STRATEGIES, strategy_factory
+from vlafuzz.search.registry import ABLATIONS, STRATEGIES, strategy_factory
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 
+SHIPPED = STRATEGIES | ABLATIONS
 MAKERS: dict[str, Callable[[int], Strategy]] = {
-    name: lambda seed, factory=factory: factory(space(), seed, 120) for name, factory in STRATEGIES.items()
+    name: lambda seed, factory=factory: factory(space(), seed, 120) for name, factory in SHIPPED.items()
 }
 MAKERS["pool"] = lambda seed: InOrder(500)
 MAKERS["own"] = lambda seed: Climb(space(), seed, 120)
 strategies = pytest.mark.parametrize("name", MAKERS)
-shipped = pytest.mark.parametrize("name", STRATEGIES)
-guided = pytest.mark.parametrize("name", [name for name in STRATEGIES if name != "random"])
+shipped = pytest.mark.parametrize("name", SHIPPED)
+guided = pytest.mark.parametrize("name", [name for name in SHIPPED if name != "random"])
 
 
 def mixed(proposal: Proposal) -> Score:
@@ -88,20 +89,20 @@ class TestStrategy:
 
 @shipped
 def test_the_budget_may_be_unknown(name: str):
-    strategy = STRATEGIES[name](space(), 0, None)
+    strategy = SHIPPED[name](space(), 0, None)
     assert [proposal.id for proposal in play(strategy, *(16,) * 6)] == list(range(96))
 
 
 @shipped
 @pytest.mark.parametrize("budget", [1, 17, 10_000])
 def test_a_run_may_go_on_beyond_its_budget(name: str, budget: int):
-    assert len(play(STRATEGIES[name](space(), 0, budget), *(16,) * 4)) == 64
+    assert len(play(SHIPPED[name](space(), 0, budget), *(16,) * 4)) == 64
 
 
 @shipped
 def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
     tiny = space("pick-up", "wording")
-    strategy = STRATEGIES[name](tiny, 0, 48)
+    strategy = SHIPPED[name](tiny, 0, 48)
     scores = {}
     for _ in range(3):
         asked = strategy.ask(16)
@@ -119,7 +120,7 @@ def test_no_scene_is_proposed_twice_while_there_are_others(name: str):
 @pytest.mark.parametrize("task", TASKS)
 def test_every_proposal_is_fair_as_far_as_can_be_told_without_a_simulator(name: str, task: str):
     one = space(task)
-    for proposal in play(STRATEGIES[name](one, 0, 96), *(16,) * 6):
+    for proposal in play(SHIPPED[name](one, 0, 96), *(16,) * 6):
         assert check_static(one.decode(proposal.genome), CATALOGUE, 0.15) is None
 
 
@@ -162,6 +163,11 @@ def test_an_unknown_strategy_is_refused_with_the_nearest_known():
     with pytest.raises(UsageError, match="unknown strategy 'randon'") as caught:
         strategy_factory("randon")
     assert caught.value.hint == "did you mean 'random'?"
+
+
+def test_ablations_are_reachable_by_name_but_not_listed():
+    assert all(strategy_factory(name) is factory for name, factory in ABLATIONS.items())
+    assert not STRATEGIES.keys() & ABLATIONS.keys()
 
 
 def test_the_pool_is_asked_for_by_its_scenes():

@@ -63,7 +63,7 @@ def test_it_puts_things_on_and_into_places(expert_on, task, place, name):
 )
 def test_it_moves_things_near_others_and_knocks_nothing_over(expert_on, names):
     targets = tuple(put(name, -0.05, y) for name, y in zip(names, (-0.12, 0.14), strict=True))
-    scene = Scene("move-near", targets, "move it near", (put("pepsi_can", 0.09, -0.22),))
+    scene = Scene("move-near", targets, "move it near", confounders=(put("pepsi_can", 0.09, -0.22),))
     assert verdict(expert_on, scene) is Verdict.PASSED
 
 

@@ -83,7 +83,9 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
         Placement("basket", "flat", -0.05, 0.18, 158.0),
     )
     evaluator = ManiSkillEvaluator(Conditions(task="put-in", min_distance=0.0), Pinhole(), CATALOGUE)
-    (mixed_up,) = evaluator.evaluate([Scene("put-in", targets, "fill the basket with the eggplant", around)])
+    (mixed_up,) = evaluator.evaluate(
+        [Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)]
+    )
     evaluator.close()
     assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")
 

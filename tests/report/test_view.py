@@ -103,7 +103,12 @@ def test_all_that_is_not_nominal_is_said_in_words():
     other = Placement("apple", "upright", 0.1, -0.2)
     turned = Placement(nominal.targets[0].object, nominal.targets[0].rest, 0.02, 0.0, 45.0)
     scene = Scene(
-        "pick-up", (turned,), nominal.instruction, (other,), Light(6.5), Camera(0.028, 30.0, 10.0, pitch=-3.0)
+        "pick-up",
+        (turned,),
+        nominal.instruction,
+        confounders=(other,),
+        light=Light(6.5),
+        camera=Camera(0.028, 30.0, 10.0, pitch=-3.0),
     )
     causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
     said = {

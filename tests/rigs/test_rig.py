@@ -76,7 +76,7 @@ def test_the_axes_are_a_right_handed_frame():
 
 
 def test_the_quaternion_is_of_the_same_frame():
-    pose = camera_pose(PANDA.view, Camera(0.05, 40, 30, 3, -4, 5))
+    pose = camera_pose(PANDA.view, Camera(0.05, 40, 30, roll=3, pitch=-4, yaw=5))
     w, x, y, z = pose.quaternion
     assert pytest.approx(pose.axes) == Rotation.from_quat([x, y, z, w]).as_matrix().T
 

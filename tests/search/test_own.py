@@ -67,7 +67,7 @@ def test_a_proposal_that_is_none_is_refused_in_a_sentence(strategy: Given, says:
 
 
 def test_what_cannot_be_asked_is_no_strategy():
-    with pytest.raises(UsageError, match="'python:mine:make' made a int, which has no ask"):
+    with pytest.raises(UsageError, match="'python:mine:make' returned a int, which has no ask"):
         Own("python:mine:make", 3, 3)  # type: ignore[arg-type]
 
 

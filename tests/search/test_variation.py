@@ -94,7 +94,7 @@ def test_the_count_goes_up_or_down_by_one_and_the_other_confounders_stay():
     for seed in range(60):
         child = mutated(scene, "confounder-count", seed=seed)
         counts[len(child.confounders)] += 1
-        kept = [each for each in child.confounders if each in scene.confounders]
+        kept = [placement for placement in child.confounders if placement in scene.confounders]
         assert len(kept) == min(len(child.confounders), 2)
     assert set(counts) == {1, 3}
 
@@ -109,8 +109,12 @@ def test_a_crossed_childs_confounders_are_whole_ones_of_its_parents(seed: int):
     )
     assert len(child.confounders) in (2, 3)
     around = (*mother.confounders, *father.confounders)
-    assert {(each.x, each.y, each.yaw) for each in child.confounders} <= {(e.x, e.y, e.yaw) for e in around}
-    if len({each.object for each in (*mother.targets, *father.targets, *around)}) == 7:  # no name gave way
+    assert {(placement.x, placement.y, placement.yaw) for placement in child.confounders} <= {
+        (e.x, e.y, e.yaw) for e in around
+    }
+    if (
+        len({placement.object for placement in (*mother.targets, *father.targets, *around)}) == 7
+    ):  # no name gave way
         assert set(child.confounders) <= set(around)
 
 

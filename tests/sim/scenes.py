@@ -29,7 +29,9 @@ def pick_up(
     target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = NOT_MOVED
 ) -> Scene:
     instruction = f"pick up {CATALOGUE[target.object].spoken}"
-    return Scene("pick-up", (target,), instruction, confounders, Light(light), camera)
+    return Scene(
+        "pick-up", (target,), instruction, confounders=confounders, light=Light(light), camera=camera
+    )
 
 
 # Six objects around and under the hand at rest: tall, low and rolling ones, and one that the fingers hit.

@@ -18,7 +18,7 @@ SHOWN = pick_up(
     put("orange", -0.10, 0.15, 30.0),
     put("coke_can", 0.05, -0.2, -70.0, "lying"),
     light=0.4,
-    camera=Camera(0.04, 30.0, 20.0, 2.0, -3.0, 4.0),
+    camera=Camera(0.04, 30.0, 20.0, roll=2.0, pitch=-3.0, yaw=4.0),
 )
 
 

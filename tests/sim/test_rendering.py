@@ -32,7 +32,7 @@ CAMERAS = {
     "to the right": Camera(distance=0.05, azimuth=90),
     "farther": Camera(distance=0.05, azimuth=0),
     "higher": Camera(distance=0.05, elevation=90),
-    "all at once": Camera(0.05, 135, -30, -4, 3, -5),
+    "all at once": Camera(0.05, 135, -30, roll=-4, pitch=3, yaw=-5),
 }
 
 

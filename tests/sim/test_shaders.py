@@ -22,7 +22,7 @@ EXTREMES = [
     *(Camera(**{axis: angle}) for axis in ("roll", "pitch", "yaw") for angle in (-5.0, 5.0)),
     *(Camera(distance=0.05, azimuth=azimuth) for azimuth in (0.0, 90.0, 180.0, 270.0)),
     *(Camera(distance=0.05, elevation=elevation) for elevation in (-90.0, 90.0)),
-    Camera(0.05, 0, -45, 5, 5, 5),  # beyond the table's near edge
+    Camera(0.05, 0, -45, roll=5, pitch=5, yaw=5),  # beyond the table's near edge
 ]
 
 

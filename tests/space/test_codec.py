@@ -167,7 +167,9 @@ def test_the_nominal_scene_of_the_same_objects_keeps_them() -> None:
     one = space("move-near")
     for scene in scenes("move-near", 5):
         nominal = one.nominal(like=scene)
-        assert [each.object for each in nominal.targets] == [each.object for each in scene.targets]
+        assert [placement.object for placement in nominal.targets] == [
+            placement.object for placement in scene.targets
+        ]
         assert sum(share > 0 for share in one.severities(nominal).values()) <= 1
 
 

@@ -15,7 +15,7 @@ tasks = pytest.mark.parametrize("task", TASKS)
 
 
 def apart(one: Scene, other: Scene) -> float:
-    vectors = [space(one.task).embed(each) for each in (one, other)]
+    vectors = [space(one.task).embed(scene) for scene in (one, other)]
     return float(np.linalg.norm(vectors[0] - vectors[1]))
 
 

@@ -37,9 +37,9 @@ def test_samples_are_fair_and_on_the_grid(ranges: str, task: str) -> None:
 @tasks
 def test_objects_keep_15_cm_and_have_names_of_their_own(task: str) -> None:
     for scene in sampled("tabletop", task)[1]:
-        places = [(each.x, each.y) for each in scene.placements]
+        places = [(placement.x, placement.y) for placement in scene.placements]
         assert all(dist(*pair) > 0.15 - 1e-9 for pair in combinations(places, 2))
-        spoken = [CATALOGUE[each.object].spoken for each in scene.placements]
+        spoken = [CATALOGUE[placement.object].spoken for placement in scene.placements]
         assert len(set(spoken)) == len(spoken)
 
 
@@ -77,13 +77,13 @@ def test_what_does_not_vary_stays_nominal() -> None:
 
 def test_the_papers_upright_objects_are_not_turned() -> None:
     upright = [
-        each
+        placement
         for scene in sampled("paper", "pick-up")[1]
-        for each in scene.placements
-        if each.rest in ("standing", "on_edge")
+        for placement in scene.placements
+        if placement.rest in ("standing", "on_edge")
     ]
     assert len(upright) > 10
-    assert {each.yaw for each in upright} == {0.0}
+    assert {placement.yaw for placement in upright} == {0.0}
 
 
 def test_a_box_that_is_too_small_is_an_error_with_box_count_and_distance() -> None:

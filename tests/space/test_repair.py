@@ -50,7 +50,7 @@ def test_only_what_has_no_room_moves_and_not_farther_than_it_takes():
         assert (repaired.light, repaired.camera) == (scene.light, scene.camera)
         pairs = zip(scene.placements, repaired.placements, strict=True)
         away += [np.hypot(a.x - b.x, a.y - b.y) for a, b in pairs]
-    moved = [each for each in away if each > 0]
+    moved = [distance for distance in away if distance > 0]
     assert 0.1 < len(moved) / len(away) < 0.5
     assert np.median(moved) < 0.12
 

@@ -35,7 +35,7 @@ def run_of(store: Store, *trials: tuple[Scene, Outcome], status: Status = "finis
 
 def with_confounder(name: str, x: float) -> Scene:
     beside = Placement(name, CATALOGUE[name].stable_poses[0].name, 0.1, 0.2)
-    return Scene("pick-up", scene(x=x).targets, "pick up green cube", (beside,))
+    return Scene("pick-up", scene(x=x).targets, "pick up green cube", confounders=(beside,))
 
 
 def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: Path) -> None:
@@ -76,9 +76,9 @@ def test_the_papers_success_of_a_task() -> None:
 
 def test_like_the_target_is_what_is_called_alike() -> None:
     cans = Placement("coke_can", "standing", 0.0, 0.0), Placement("pepsi_can", "standing", 0.1, 0.1)
-    assert is_similar(Scene("pick-up", cans[:1], "", cans[1:]), CATALOGUE)
+    assert is_similar(Scene("pick-up", cans[:1], "", confounders=cans[1:]), CATALOGUE)
     assert not is_similar(
-        Scene("pick-up", cans[:1], "", (Placement("apple", "resting", 0.1, 0.1),)), CATALOGUE
+        Scene("pick-up", cans[:1], "", confounders=(Placement("apple", "resting", 0.1, 0.1),)), CATALOGUE
     )
 
 

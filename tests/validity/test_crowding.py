@@ -8,7 +8,7 @@ CATALOGUE = load_catalogue()
 
 
 def scene(*things: Placement) -> Scene:
-    return Scene("pick-up", things[:1], "pick up apple", things[1:])
+    return Scene("pick-up", things[:1], "pick up apple", confounders=things[1:])
 
 
 def apple(x: float, y: float = 0.0, name: str = "apple") -> Placement:

@@ -12,7 +12,7 @@ NOMINAL = Camera()
 
 
 def scene(*placements: Placement, camera: Camera = NOMINAL) -> Scene:
-    return Scene("pick-up", placements[:1], "do it", placements[1:], camera=camera)
+    return Scene("pick-up", placements[:1], "do it", confounders=placements[1:], camera=camera)
 
 
 def can(x: float, y: float, rest: str = "standing", yaw: float = 0.0) -> Placement:

@@ -15,7 +15,7 @@ def at(name: str, rest: str | None = None, scale: float = 1.0) -> Placement:
 
 
 def scene(task: str, *targets: Placement, confounders: tuple[Placement, ...] = ()) -> Scene:
-    return Scene(task, targets, "do it", confounders)
+    return Scene(task, targets, "do it", confounders=confounders)
 
 
 FAIR = {

@@ -55,7 +55,7 @@ def fuzz(
     but for scenes of the last batch that only ever found the policy gone: they are tried when it is resumed.
 
     Args:
-        meaningful: makes vectors of scenes, by which near-duplicates among the failures are grouped.
+        embed: the embedding of scenes by which near-duplicates among the failures are grouped.
         chunk: scenes that the executor gets at once; more suits one that evaluates them side by side.
         patience: proposals in a row without a rollout after which it stops; None for never.
         resume: a run that ended early, to go on with: a strategy as new is told again what the store has of

@@ -104,7 +104,7 @@ def coverage_inverted_distance(found: Sequence[Failure], reference: Sequence[Fai
     """CID: the mean distance from each reference failure to the nearest one that was found.
 
     Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20
-    and more genes ours is what all strategies together found. Distances are those of meaningful vectors: two
+    and more genes ours is what all strategies together found. Distances are those of scene embeddings: two
     scenes that differ in one operator only are at most 1 apart.
     """
     if not found or not reference:

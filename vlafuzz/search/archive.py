@@ -1,4 +1,4 @@
-"""Archive: the scenes found of late as points, and how far from them others are."""
+"""Archive: recent scenes as points, and how far other scenes are from them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Points = NDArray[np.float64]  # (n, k)
 
 
 class Archive:
-    """The last ``capacity`` points. Bounded, so that the thousandth question costs as much as the first."""
+    """The last ``capacity`` points: bounded, so that the cost of a query does not grow with the run."""
 
     def __init__(self, capacity: int = 500) -> None:
         self._points: Points | None = None
@@ -19,14 +19,14 @@ class Archive:
         return min(self._added, self._capacity)
 
     def add(self, point: NDArray[np.float64]) -> None:
-        """Keep ``(k,)`` a point, in the place of the oldest when there are too many."""
+        """Keep a ``(k,)`` point; when the archive is full it replaces the oldest."""
         if self._points is None:
             self._points = np.empty((self._capacity, len(point)))
         self._points[self._added % self._capacity] = point
         self._added += 1
 
     def novelty(self, points: Points, neighbours: int = 5) -> NDArray[np.float64]:
-        """``(n,)`` mean distance to the nearest points in the archive; 0 where it is empty.
+        """``(n,)`` mean distance to the nearest points in the archive; 0 for an empty archive.
 
         A point that is in the archive is not its own neighbour.
         """

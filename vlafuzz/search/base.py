@@ -1,4 +1,4 @@
-"""Strategy: what proposes scenes. It sees numbers only: genomes out, scores in."""
+"""Strategy: proposes scenes. It sees numbers only: genomes out, scores in."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Proposal:
 
 
 class Source(Measure, Protocol):
-    """What a strategy may know of the space that it searches."""
+    """What a strategy may know of the search space."""
 
     @property
     def genes(self) -> Sequence[Gene]:
-        """What each coordinate of a genome stands for."""
+        """The coordinates of a genome, in order."""
 
     @property
     def dim(self) -> int:
-        """Length of a genome."""
+        """The length of a genome."""
 
     def sample(self, rng: np.random.Generator) -> Scene:
         """A random scene that keeps the preconditions."""
@@ -45,31 +45,31 @@ class Source(Measure, Protocol):
         """The scene at these coordinates."""
 
     def nearest(self, scene: Scene) -> Genome:
-        """The coordinates of the nearest scene that has any: for scenes from elsewhere."""
+        """The genome of the nearest scene on the grid: for scenes from elsewhere."""
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """One near it that keeps the preconditions; None when there is no room for it."""
+        """A scene near this one that keeps the preconditions; None when there is no room for it."""
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """Where in the space it lies: what fails at one site may well be one bug."""
+        """Where in the space a scene lies: failures at one site may well have one cause."""
 
     def embed(self, scene: Scene) -> NDArray[np.float64]:
-        """``(k,)`` numbers whose Euclidean distance says how different two scenes are."""
+        """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
 
 
 class Strategy(Protocol):
-    """Proposes genomes and is told what became of them.
+    """Proposes genomes and learns from their scores.
 
-    One that chose something by itself, such as a size by the budget, may say so in an attribute ``about``.
+    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size.
     """
 
     def ask(self, n: int) -> list[Proposal]:
-        """Up to ``n`` new proposals, with consecutive ids; fewer, or none, when there are no more."""
+        """Up to ``n`` new proposals with consecutive ids; fewer, or none, when the space is exhausted."""
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Every proposal exactly once, in the order asked; a known scene with its known score."""
+        """Receive the score of every proposal exactly once, in the order of ``ask``, stored ones included."""
 
 
 def about(strategy: Strategy) -> str:
-    """What it says of itself, in a few words; nothing when it has no ``about``."""
+    """The strategy's description of itself in a few words; empty if it has no ``about``."""
     return str(getattr(strategy, "about", ""))

@@ -1,4 +1,4 @@
-"""Candidates: fair scenes that might be proposed, made in advance and without a rollout."""
+"""Candidates: fair scenes that may be proposed, generated in advance and without a rollout."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from vlafuzz.search.variation import Variation
 
 Rng = np.random.Generator
 
-FRESH = 0.3  # share of the candidates that are drawn at random
-CROSSED = 0.5  # share of the others that have a random scene as second parent
-AGAIN = 0.5  # chance of one more operator in a mutation
+FRESH = 0.3  # share of the candidates drawn at random
+CROSSED = 0.5  # share of the others with a random scene as second parent
+AGAIN = 0.5  # chance that a mutation changes one more operator
 PARENTS = 200  # the newest failures, and as many of the random scenes
-HARDEST = 16  # passes that are parents while there are few failures
+HARDEST = 16  # passes that serve as parents before the first failure
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,9 @@ class Candidate:
     """A scene as numbers.
 
     Attributes:
-        features: what a forest learns from: meaning, genome and severities.
-        site: what of the cell of its failure would be known before.
-        severity: its distance from nominal, the sum over the operators.
+        features: input of the forest: embedding, genome and severities.
+        site: the part of its cell that is known before a rollout.
+        severity: distance from nominal, summed over the operators.
     """
 
     genome: Genome
@@ -39,33 +39,33 @@ class Candidate:
 
 
 class Breeder:
-    """Makes candidates: fresh ones, and children of failures, and of passes that were nearly failures."""
+    """Generates candidates: random ones, and children of failures or of passes that nearly failed."""
 
     def __init__(self, space: Source, proposals: ProposalFactory) -> None:
-        self._space, self._nursery = space, proposals
+        self._space, self._proposals = space, proposals
         self._variation = Variation(space.genes)
         self._failures: deque[Genome] = deque(maxlen=PARENTS)
         self._drawn: deque[Genome] = deque(maxlen=PARENTS)
         self._nearly: list[tuple[float, Genome]] = []
 
     def candidate(self, genome: Genome) -> Candidate:
-        """What there is to know of a genome without a rollout."""
+        """Everything known about a genome without a rollout."""
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
         features = np.concatenate([self._space.embed(scene), genome, list(severities.values())])
         return Candidate(genome, features, self._space.site(scene, severities), sum(severities.values()))
 
     def learn(self, genome: Genome, score: Score) -> None:
-        """Keep what may become a parent."""
+        """Keep the genome if it may become a parent."""
         if score.failed:
             self._failures.append(genome)
         else:
             self._nearly = sorted([*self._nearly, (score.ease, genome)], key=lambda pair: pair[0])[:HARDEST]
 
     def breed(self, n: int, rng: Rng) -> list[Candidate]:
-        """Up to ``n`` new ones, all fair as far as can be told without a simulator, none proposed before."""
+        """Up to ``n`` new candidates that pass the static checks, none proposed before."""
         genomes = [self._fresh(rng) if rng.random() < FRESH else self._child(rng) for _ in range(n)]
-        new = self._nursery.new(genomes)
+        new = self._proposals.new(genomes)
         return [self.candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new]
 
     def _fresh(self, rng: Rng) -> Genome:
@@ -73,15 +73,15 @@ class Breeder:
         return self._drawn[-1]
 
     def _child(self, rng: Rng) -> Genome:
-        """One of a parent's: with few operators changed, or crossed with a scene drawn at random."""
+        """A parent with few operators changed, or crossed with a random scene."""
         parents = self._failures or [genome for _, genome in self._nearly]
         if not parents or not self._drawn:
             return self._fresh(rng)
         parent = parents[rng.integers(len(parents))]
         if rng.random() < CROSSED:
             other = self._drawn[rng.integers(len(self._drawn))]
-            return self._nursery.fair(self._variation.cross(parent, other, rng), rng)
+            return self._proposals.fair(self._variation.cross(parent, other, rng), rng)
         operators = self._variation.operators(parent)
         count = min(int(rng.geometric(1 - AGAIN)), len(operators))
         chosen = rng.choice(operators, count, replace=False).tolist()
-        return self._nursery.fair(self._variation.mutate(parent, chosen, rng), rng)
+        return self._proposals.fair(self._variation.mutate(parent, chosen, rng), rng)

@@ -1,4 +1,4 @@
-"""Feedback: a fuzzer in AFL's manner. Scenes that reach something first are kept, and varied again."""
+"""Feedback: an AFL-style fuzzer. Scenes that reach a new place are kept as seeds and mutated."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
-MOST_SEEDS = 500  # beyond, the seed of the place that was reached most often gives way
-TRIES = 10  # children that turn out to be known before a fresh scene takes their place
-BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
+MOST_SEEDS = 500  # beyond this, the seed of the place reached most often is dropped
+TRIES = 10  # known children before a random scene is proposed instead
+BLIND = 0.5  # share of random scenes before the first failure: ease may be misleading
 GUIDED = 0.15  # and after it: there may be failures elsewhere
-SPLICED = 0.2  # share of children that get confounders of another seed
-AGAIN = 0.4  # chance of one more operator in a mutation
-BUCKETS = 2  # of times to success, for each doubling
-FADES = 0.98  # how much a bandit still believes after one more reward: what paid may pay no longer
+SPLICED = 0.2  # share of children with confounders from another seed
+AGAIN = 0.4  # chance that a mutation changes one more operator
+BUCKETS = 2  # of times to success, per doubling
+FADES = 0.98  # discount of a bandit's past rewards
 
 Rng = np.random.Generator
 
 
 @dataclass
 class Seed:
-    """A scene that was the first, or is the least severe, to reach its place."""
+    """The least severe scene that reached a place, and how often the place was reached."""
 
     genome: Genome
     score: Score
@@ -36,7 +36,7 @@ class Seed:
 
 @dataclass(frozen=True)
 class Parentage:
-    """Whether the parent of a proposal failed, how easy it was, and what was changed in it."""
+    """Whether the parent of a proposal failed, its ease, and the operators changed in the child."""
 
     failed: bool
     ease: float
@@ -44,29 +44,29 @@ class Parentage:
 
 
 class Feedback:
-    """Keeps scenes that reach something first and varies them, those in rarely reached places most: AFL.
+    """Mutates scenes that reached a new place, those in rarely reached places most: AFL-style.
 
-    See Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>. What a branch is to AFL is a *place*
-    here: the cell of a failure, or how late a pass succeeded. A place keeps its least severe scene as a seed.
-    Seeds in places that are rarely reached are chosen more often, as in AFLFast (Böhme, Pham, Roychoudhury
-    2016, <https://doi.org/10.1145/2976749.2978428>). Which operators are varied, two bandits learn: one from
-    passes that become harder, one from failures that reach rare places.
+    See Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>. AFL's branches correspond to
+    *places*: the cell of a failure, or how late a pass succeeded. A place keeps its least severe scene as a
+    seed. Seeds in rarely reached places are chosen more often, as in AFLFast (Böhme, Pham, Roychoudhury 2016,
+    <https://doi.org/10.1145/2976749.2978428>). Two bandits learn which operators to mutate: one from passes
+    that become harder, one from failures that reach rare places.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._seed, self._asked = seed, 0
-        self._nursery, self._variation = ProposalFactory(space), Variation(space.genes)
+        self._proposals, self._variation = ProposalFactory(space), Variation(space.genes)
         self._seeds: dict[str, Seed] = {}
         self._parents: dict[int, Parentage] = {}
         self._bandits = {failed: Bandit() for failed in (False, True)}
 
     def ask(self, n: int) -> list[Proposal]:
-        """Fresh scenes and children of the seeds."""
+        """Random scenes and children of the seeds."""
         first, self._asked = self._asked, self._asked + n
         return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Keep what reached a place first or with less severity, and learn which changes paid."""
+        """Update the seeds, and learn which mutations paid off."""
         for proposal, score in zip(proposals, scores, strict=True):
             hits = self._keep(proposal.genome, score) if score.rolled_out else 0
             parent = self._parents.pop(proposal.id, None)
@@ -93,13 +93,13 @@ class Feedback:
         if not self._is_fresh(rng):
             for _ in range(TRIES):
                 genome, parentage = self._child(rng)
-                if self._nursery.new([genome])[0]:
+                if self._proposals.new([genome])[0]:
                     self._parents[number] = parentage
-                    return Proposal(number, self._nursery.registered(genome))
-        return Proposal(number, self._nursery.fresh(rng))
+                    return Proposal(number, self._proposals.registered(genome))
+        return Proposal(number, self._proposals.fresh(rng))
 
     def _is_fresh(self, rng: Rng) -> bool:
-        """Whether to draw a scene at random: always, as long as nothing tells one seed from another."""
+        """Whether to draw a random scene: always, while there are fewer than two seeds."""
         share = GUIDED if any(seed.score.failed for seed in self._seeds.values()) else BLIND
         return len(self._seeds) < 2 or rng.random() < share
 
@@ -111,19 +111,19 @@ class Feedback:
         if rng.random() < SPLICED:
             genome = self._variation.splice(genome, donor.genome, rng)
         operators = self._bandits[parent.score.failed].choose(self._variation.operators(genome), rng)
-        child = self._nursery.fair(self._variation.mutate(genome, operators, rng), rng)
+        child = self._proposals.fair(self._variation.mutate(genome, operators, rng), rng)
         return child, Parentage(parent.score.failed, parent.score.ease, operators)
 
 
 class Bandit:
-    """Thompson sampling: an operator is believed to pay as often as it did, more firmly the oftener tried."""
+    """Thompson sampling over operators, with a Beta posterior of how often mutating each one paid off."""
 
     def __init__(self) -> None:
         self._paid: dict[str, float] = {}
         self._tried: dict[str, float] = {}
 
     def choose(self, operators: Sequence[str], rng: Rng) -> tuple[str, ...]:
-        """Those that are believed to pay most: one of them, at times several."""
+        """The operators with the highest sampled payoff: one, sometimes several."""
         count = min(int(rng.geometric(1 - AGAIN)), len(operators))
         paid = np.array([self._paid.get(name, 0.0) for name in operators])
         tried = np.array([self._tried.get(name, 0.0) for name in operators])
@@ -131,14 +131,14 @@ class Bandit:
         return tuple(operators[index] for index in np.argsort(-beliefs)[:count])
 
     def learn(self, operators: Sequence[str], pay: float) -> None:
-        """Changing these operators paid, or did not."""
+        """Update the belief in these operators by a reward in [0, 1]."""
         for name in operators:
             self._paid[name] = FADES * self._paid.get(name, 0.0) + pay
             self._tried[name] = FADES * self._tried.get(name, 0.0) + 1
 
 
 def _place(score: Score) -> str:
-    """What a scene reached: of a failure its cell, of a pass how late it succeeded, in logarithmic steps."""
+    """The place a scene reached: a failure's cell, or how late a pass succeeded, in logarithmic steps."""
     if score.failed:
         return score.cell or "failed"
     return f"passed {round(-BUCKETS * math.log2(max(score.slack, 1e-6)))}"

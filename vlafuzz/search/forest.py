@@ -1,4 +1,4 @@
-"""Forest: from scenes that were rolled out to how likely others are to fail."""
+"""Forest: predicts from past rollouts how likely other scenes are to fail."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from vlafuzz.scoring import Score
 Numbers = NDArray[np.float64]
 
 TREES = 32
-VOTES = 12  # trees that judge for one proposal
-REMEMBERED = 400  # failures, and as many passes, that it learns from: bounded, so that fits stay short
-SOONEST, GROWTH = 16, 0.15  # scenes after which it is fitted again: so many, and this share of all it knows
-FEW = 8  # failures up to which the lateness of passes counts, too
-JUDGED = 96  # predictions by which it is judged
-ENOUGH = 8  # failures, and passes, among them
+VOTES = 12  # trees that vote on one proposal
+REMEMBERED = 400  # failures, and as many passes, in the training set: bounded, so that fits stay short
+SOONEST, GROWTH = 16, 0.15  # new scenes before a refit: at least so many, and this share of all scenes
+FEW = 8  # failures below which the lateness of passes counts, too
+JUDGED = 96  # recent predictions by which the forest is assessed
+ENOUGH = 8  # failures, and passes, needed among them
 
 
 class Forest:
     """Extremely randomised trees (Geurts, Ernst, Wehenkel 2006, <https://doi.org/10.1007/s10994-006-6226-1>).
 
     They regress *hardness*: 1 for a failure, 0 for a pass; as long as failures are few, up to a half for a
-    pass that came late among the passes. Where its trees disagree it is uncertain, so each proposal is judged
-    by a few of them only: Thompson sampling.
+    late pass. Where the trees disagree the forest is uncertain, so only a few of them vote on each proposal:
+    Thompson sampling.
     """
 
     def __init__(self, seed: int) -> None:
@@ -39,11 +39,11 @@ class Forest:
 
     @property
     def fitted(self) -> bool:
-        """Whether it has an opinion."""
+        """Whether there was enough data for a first fit."""
         return self._trees is not None
 
     def learn(self, points: Numbers, scores: Sequence[Score]) -> None:
-        """``(n, k)`` scenes and what became of them; first it is judged by them."""
+        """Assess the forest by its predictions for ``(n, k)`` scenes, then learn their scores."""
         if not len(points):
             return
         if self._trees is not None:
@@ -56,20 +56,20 @@ class Forest:
             self._fit()
 
     def votes(self, points: Numbers) -> Numbers:
-        """``(trees, n)`` the hardness of ``(n, k)`` scenes, as each tree sees it."""
+        """``(trees, n)`` hardness of ``(n, k)`` scenes as predicted by every tree."""
         assert self._trees is not None
-        single = points.astype(np.float32)  # as the trees want them: converted once, not by each
+        single = points.astype(np.float32)  # the dtype of the trees, converted once for all
         return np.array([tree.predict(single, check_input=False) for tree in self._trees.estimators_])
 
     def misses(self) -> float:
-        """Share of passes in what came of late."""
+        """Share of passes among the recent scenes."""
         return float(np.mean([not score.failed for _, score in self._judged] or [False]))
 
     def misleads(self) -> bool:
-        """Whether what came of late is no better than chance, among failures and passes.
+        """Whether recent predictions separate failures from passes no better than chance.
 
-        Prequential (Dawid 1984, <https://doi.org/10.2307/2981683>): every scene was predicted before it was
-        learnt from. The measure is the area under the ROC curve.
+        Prequential (Dawid 1984, <https://doi.org/10.2307/2981683>): every scene is predicted before it is
+        learnt. The measure is the area under the ROC curve.
         """
         predicted = np.array([prediction for prediction, _ in self._judged])
         failed = np.array([score.failed for _, score in self._judged], dtype=bool)
@@ -80,7 +80,7 @@ class Forest:
         return bool(area <= 0.5)
 
     def foresees_lateness(self) -> bool:
-        """Whether it tells late passes from early ones, more clearly than by chance one time in twenty."""
+        """Whether predictions correlate with the lateness of passes, at the 5 % level."""
         passes = np.array([(guess, score.slack) for guess, score in self._judged if not score.failed])
         if len(passes) < 2 * ENOUGH or (np.ptp(passes, axis=0) == 0).any():
             return False

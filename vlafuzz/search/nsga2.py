@@ -1,4 +1,4 @@
-"""NSGA-II: scenes evolve toward failures that come early, near to nominal, and unlike those found before."""
+"""NSGA-II: evolves scenes toward early failures that are near nominal and unlike known ones."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
-GENERATIONS, FEWEST = 15, 10  # of a whole run: at least, and at least for a small budget
-TINIEST, SMALLEST, LARGEST = 4, 8, 64  # populations; of less than 8 only where the budget is small
-BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
+GENERATIONS, FEWEST = 15, 10  # in a run: at least, and at least with a small budget
+TINIEST, SMALLEST, LARGEST = 4, 8, 64  # population sizes; below 8 only with a small budget
+BLIND = 0.5  # share of random scenes before the first failure: ease may be misleading
 GUIDED = 0.1  # and after it: there may be failures elsewhere
-CROSSED = 0.7  # share of children that have two parents
-CHANGES = 1.5  # operators that mutation changes in a child, on average
-TRIES = 10  # rounds of mating that give known scenes only, before fresh ones take the children's place
-MOST_SEVERE = 100.0  # beyond any severity
+CROSSED = 0.7  # share of children with two parents
+CHANGES = 1.5  # mean number of operators that a mutation changes
+TRIES = 10  # rounds of mating without a new scene before random ones are proposed instead
+MOST_SEVERE = 100.0  # above any severity
 
 Rng = np.random.Generator
 Genomes = NDArray[np.float64]  # (n, dim)
@@ -40,8 +40,8 @@ class Nsga2:
     """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's selection.
 
     Failures are ranked by progress, severity and novelty among the failures; every failure dominates every
-    pass. A batch told competes with the population at once, so batches may be of any size. Children are
-    repaired, and never the same twice while there are others.
+    pass. Each batch competes with the population at once, so batches may have any size. Children are
+    repaired, and not proposed twice unless the space is exhausted.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -51,15 +51,15 @@ class Nsga2:
         self.about = f"population of {self._size}"
         if budget is not None:
             self.about += f", {budget // self._size} generations"
-        self._nursery, self._failures = ProposalFactory(space), Archive()
+        self._proposals, self._failures = ProposalFactory(space), Archive()
         variation = Variation(space.genes)
         self._algorithm = NSGA2(
             pop_size=self._size,
             sampling=None,
             crossover=_Crossing(variation),
             mutation=_Mutating(variation),
-            repair=_Repairing(self._nursery),
-            eliminate_duplicates=_OnlyNew(self._nursery),
+            repair=_Repairing(self._proposals),
+            eliminate_duplicates=_OnlyNew(self._proposals),
         )
         problem = Problem(n_var=space.dim, n_obj=3, n_ieq_constr=1, xl=0.0, xu=1.0)
         self._algorithm.setup(problem, seed=seed)
@@ -67,7 +67,7 @@ class Nsga2:
         self._algorithm.mating.n_max_iterations = TRIES
 
     def ask(self, n: int) -> list[Proposal]:
-        """Fresh scenes to begin with, then mostly children of the best."""
+        """Random scenes to begin with, then mostly children of the best."""
         first, self._asked = self._asked, self._asked + n
         rngs = [np.random.default_rng([self._seed, number]) for number in range(first, self._asked)]
         share = self._share_of_fresh()
@@ -76,29 +76,29 @@ class Nsga2:
         proposals = []
         for number, rng, breed in zip(range(first, self._asked), rngs, bred, strict=True):
             child = next(children, None) if breed else None
-            genome = self._nursery.fresh(rng) if child is None else self._nursery.registered(child)
+            genome = self._proposals.fresh(rng) if child is None else self._proposals.registered(child)
             proposals.append(Proposal(number, genome))
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Let the batch compete with the population for a place in it."""
+        """Let the batch compete with the population."""
         if not proposals:
             return
-        told = Population.new("X", np.array([proposal.genome for proposal in proposals]))
+        population = Population.new("X", np.array([proposal.genome for proposal in proposals]))
         points = [self._space.embed(self._space.decode(proposal.genome)) for proposal in proposals]
-        for individual, point, score in zip(told, points, scores, strict=True):
+        for individual, point, score in zip(population, points, scores, strict=True):
             individual.set("point", point)
             individual.set("score", score)
             if score.failed:
                 self._failures.add(point)
-        self._judge(told)
+        self._judge(population)
         if self._algorithm.is_initialized:
-            self._judge(self._algorithm.pop)  # what was novel may no longer be
+            self._judge(self._algorithm.pop)  # novelty changes with the archive
         self._algorithm.random_state = np.random.default_rng([self._seed, proposals[0].id, 2])
-        self._algorithm.tell(infills=told)
+        self._algorithm.tell(infills=population)
 
     def _share_of_fresh(self) -> float:
-        """All while nothing tells one scene from another."""
+        """1 while all scores are equal."""
         if len(self._failures):
             return GUIDED
         known = self._algorithm.pop.get("score") if self._algorithm.is_initialized else ()
@@ -109,11 +109,11 @@ class Nsga2:
             return []
         self._algorithm.random_state, self._algorithm.n_offsprings = rng, n
         children = self._algorithm.ask()
-        self._algorithm.termination.force_termination = False  # as it is when there are no new children
+        self._algorithm.termination.force_termination = False  # set when mating found no new children
         return [] if children is None else list(children.get("X"))
 
     def _judge(self, population: Any) -> None:
-        """Set objectives and constraint: what was not judged ranks behind everything that was."""
+        """Set objectives and constraint: invalid scenes rank behind all others."""
         scores: list[Score] = list(population.get("score"))
         novelty = self._failures.novelty(population.get("point"))
         population.set("F", np.array([self._objectives(*pair) for pair in zip(scores, novelty, strict=True)]))
@@ -121,7 +121,7 @@ class Nsga2:
 
     @staticmethod
     def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
-        """To be made small. Severity and novelty are merits of failures only."""
+        """To be minimized. Severity and novelty count for failures only."""
         if score.failed:
             return score.ease, score.severity, -novelty
         return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
@@ -156,17 +156,17 @@ class _Mutating(Mutation):
 class _Repairing(Repair):
     def __init__(self, proposals: ProposalFactory) -> None:
         super().__init__()
-        self._nursery = proposals
+        self._proposals = proposals
 
     def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
-        return np.array([self._nursery.fair(genome, random_state) for genome in genomes])
+        return np.array([self._proposals.fair(genome, random_state) for genome in genomes])
 
 
 class _OnlyNew(DuplicateElimination):
     def __init__(self, proposals: ProposalFactory) -> None:
         super().__init__()
-        self._nursery = proposals
+        self._proposals = proposals
 
     def do(self, pop: Any, *others: Any, **_: Any) -> Any:
         earlier = [individual.X for other in others for individual in other]
-        return pop[self._nursery.new([individual.X for individual in pop], earlier)]
+        return pop[self._proposals.new([individual.X for individual in pop], earlier)]

@@ -1,4 +1,4 @@
-"""Own: a user's own strategy, of which nobody knows whether it keeps to what a strategy promises."""
+"""Own: wraps a user's strategy and checks that it keeps the contract of ``Strategy``."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ _HINT = "see vlafuzz.search.base.Strategy"
 
 
 class Own:
-    """Hands on what it is asked and told, and says in a sentence what is wrong with the proposals."""
+    """Delegates to the user's strategy; a wrong proposal is an error in one sentence."""
 
     def __init__(self, name: str, strategy: Strategy, dim: int) -> None:
         for method in ("ask", "tell"):
             if not callable(getattr(strategy, method, None)):
-                made = type(strategy).__name__
-                raise UsageError(f"{name!r} made a {made}, which has no {method}", hint=_HINT)
+                kind = type(strategy).__name__
+                raise UsageError(f"{name!r} returned a {kind}, which has no {method}", hint=_HINT)
         self._name, self._strategy, self._dim, self._asked = name, strategy, dim, 0
 
     @property
     def about(self) -> str:
-        """What it says of itself."""
+        """See ``Strategy``."""
         return about(self._strategy)
 
     def ask(self, n: int) -> list[Proposal]:
-        """Its proposals.
+        """The proposals of the user's strategy.
 
         Raises:
-            UsageError: an id is not the next one, or a genome not one of the space.
-            PrerequisiteError: it raises.
+            UsageError: an id is not consecutive, or a genome is not one of the space.
+            PrerequisiteError: the user's code raises.
         """
         with users_code(self._name):
             proposals = list(self._strategy.ask(n))
@@ -48,10 +48,10 @@ class Own:
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """As it is.
+        """Pass the scores on.
 
         Raises:
-            PrerequisiteError: it raises.
+            PrerequisiteError: the user's code raises.
         """
         with users_code(self._name):
             self._strategy.tell(proposals, scores)

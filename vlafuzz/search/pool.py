@@ -1,4 +1,4 @@
-"""A fixed pool of scenes in place of a space: a genome is a scene's index, and each is proposed once."""
+"""A fixed pool of scenes in place of a search space: a genome is a scene's index."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from vlafuzz.search.base import Genome, Proposal
 
 
 class Pool:
-    """Scenes from a file. How far they are from nominal, ``measure`` says."""
+    """Scenes from a file; ``measure`` gives their severities."""
 
     def __init__(self, scenes: Sequence[Scene], measure: Measure) -> None:
         self.scenes, self._measure = tuple(scenes), measure
 
     @property
     def dim(self) -> int:
-        """A genome is one number, not in [0, 1]: the scene's index."""
+        """1: a genome is a scene's index, not in [0, 1]."""
         return 1
 
     def decode(self, genome: Genome) -> Scene:
@@ -31,28 +31,28 @@ class Pool:
         return np.array([self.scenes.index(scene)], dtype=np.float64)
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """Any of them."""
+        """A random scene of the pool."""
         return self.scenes[rng.integers(len(self.scenes))]
 
     def severity(self, scene: Scene) -> float:
-        """Of the whole scene."""
+        """See ``Measure``."""
         return self._measure.severity(scene)
 
     def severities(self, scene: Scene) -> Mapping[str, float]:
-        """Of each operator."""
+        """See ``Measure``."""
         return self._measure.severities(scene)
 
 
 class InOrder:
-    """Proposes a pool's scenes from the first to the last, once each."""
+    """Proposes the scenes of a pool in order, each once."""
 
     def __init__(self, size: int) -> None:
         self._size, self._asked = size, 0
 
     def ask(self, n: int) -> list[Proposal]:
-        """The next ``n``, fewer at the end."""
+        """The next ``n`` scenes, fewer at the end."""
         first, self._asked = self._asked, min(self._asked + n, self._size)
         return [Proposal(index, np.array([index], dtype=np.float64)) for index in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Nothing is learnt."""
+        """Scores change nothing."""

@@ -1,4 +1,4 @@
-"""Random testing, the paper's strategy: scenes drawn one by one, whatever came of those before."""
+"""Random testing, the paper's strategy: scenes are drawn independently of earlier outcomes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from vlafuzz.search.base import Proposal, Source
 
 
 class Random:
-    """Draws scenes one by one, whatever came of those before: VLATest's strategy.
+    """Draws scenes independently of earlier outcomes: VLATest's strategy.
 
-    Each proposal has a generator of its own: batch size and workers do not change what is drawn.
+    Each proposal has its own random generator: batch size and workers do not change the scenes.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -25,7 +25,7 @@ class Random:
         return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Nothing is learnt."""
+        """Scores change nothing."""
 
     def _proposal(self, number: int) -> Proposal:
         rng = np.random.default_rng([self._seed, number])

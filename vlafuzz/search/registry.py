@@ -17,64 +17,43 @@ from vlafuzz.search.random import Random
 Factory = Callable[[Source, int, int | None], Strategy]
 """``(space, seed, budget)`` to a strategy: what ``python:pkg.mod:factory`` has to name.
 
-``budget`` is how many scenes will be rolled out; None when nobody knows.
+``budget`` is the number of scenes to be rolled out; None if it is unknown.
 """
 
 
 def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Evolves scenes toward failures that come early, near to nominal and unlike others: Deb et al. 2002."""
+    """Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002."""
     from vlafuzz.search.nsga2 import Nsga2  # pymoo takes half a second to import
 
     return Nsga2(space, seed, budget)
 
 
 def _nsga2d(space: Source, seed: int, budget: int | None) -> Strategy:
-    """NSGA-II that keeps away from the failures it has, and makes room for fresh scenes when it stalls."""
+    """NSGA-II that keeps away from known failures and draws fresh scenes when it stalls. A baseline."""
     from vlafuzz.search.baselines.nsga2d import Nsga2D
 
     return Nsga2D(space, seed, budget)
 
 
 def _map_elites(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Keeps the best scene of every niche (lost stage, farthest operator, target's place) and varies them."""
+    """Varies the best scene of every niche: lost stage, farthest operator, target's place. A baseline."""
     from vlafuzz.search.baselines.map_elites import MapElites  # pyribs takes a second to import
 
     return MapElites(space, seed, budget)
 
 
 def _art_rf(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Of fresh scenes, those far from all before that a random forest predicts to fail: after FATE-VLA."""
+    """Fresh scenes far from all before that a random forest predicts to fail: FATE-VLA's. A baseline."""
     from vlafuzz.search.baselines.art_rf import ArtRf
 
     return ArtRf(space, seed, budget)
 
 
-def _surrogate(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Tries what a forest predicts to fail in cells that have no failure yet; else random."""
+def _surrogate(space: Source, seed: int, budget: int | None, **switches: bool) -> Strategy:
+    """Rolls out what a forest predicts to fail in cells that have no failure yet; else random."""
     from vlafuzz.search.surrogate import Surrogate  # scikit-learn takes a second to import
 
-    return Surrogate(space, seed, budget)
-
-
-def _without_forest(space: Source, seed: int, budget: int | None) -> Strategy:
-    """``surrogate`` without its forest: children of failures in cells that have none yet. An ablation."""
-    from vlafuzz.search.surrogate import Surrogate
-
-    return Surrogate(space, seed, budget, forest=False)
-
-
-def _without_novelty(space: Source, seed: int, budget: int | None) -> Strategy:
-    """``surrogate`` without regard to cells: whatever is most likely to fail. An ablation."""
-    from vlafuzz.search.surrogate import Surrogate
-
-    return Surrogate(space, seed, budget, novelty=False)
-
-
-def _without_fallback(space: Source, seed: int, budget: int | None) -> Strategy:
-    """``surrogate`` that trusts its forest even where it predicts no better than chance. An ablation."""
-    from vlafuzz.search.surrogate import Surrogate
-
-    return Surrogate(space, seed, budget, fallback=False)
+    return Surrogate(space, seed, budget, **switches)
 
 
 STRATEGIES: dict[str, Factory] = {
@@ -86,9 +65,12 @@ STRATEGIES: dict[str, Factory] = {
     "art-rf": _art_rf,
     "mcts": Mcts,
     "surrogate": _surrogate,
-    "surrogate-without-forest": _without_forest,
-    "surrogate-without-novelty": _without_novelty,
-    "surrogate-without-fallback": _without_fallback,
+}
+# Reachable by name, for scripts/bench_strategies.py; not listed.
+ABLATIONS: dict[str, Factory] = {
+    "surrogate-without-forest": partial(_surrogate, forest=False),
+    "surrogate-without-novelty": partial(_surrogate, novelty=False),
+    "surrogate-without-fallback": partial(_surrogate, fallback=False),
 }
 POOL = "pool"
 
@@ -99,7 +81,7 @@ def _own(name: str, make: Factory, space: Source, seed: int, budget: int | None)
 
 
 def strategy_factory(name: str) -> Factory:
-    """What makes the strategy of that name.
+    """The factory of the strategy of that name, ablations included.
 
     Raises:
         UsageError: no such strategy.
@@ -108,6 +90,6 @@ def strategy_factory(name: str) -> Factory:
         return partial(_own, name, cast(Factory, load_factory(name)))
     if name == POOL:
         raise UsageError(f"strategy {POOL!r} needs a file of scenes", hint="give it with --scenes")
-    if name not in STRATEGIES:
+    if name not in STRATEGIES | ABLATIONS:
         raise UsageError(f"unknown strategy {name!r}", hint=suggestion(name, STRATEGIES))
-    return STRATEGIES[name]
+    return (STRATEGIES | ABLATIONS)[name]

@@ -1,4 +1,4 @@
-"""Selection: any strategy, made to choose from a fixed pool of scenes."""
+"""Selection: lets any strategy choose from a fixed pool of scenes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from vlafuzz.space.params import Gene
 
 
 class Selection:
-    """Proposes scenes of a pool, each once, and ends with it: the nearest to what a strategy proposes.
+    """Proposes the scenes of a pool, each once: always the nearest one to what a strategy proposes.
 
-    Near is what is alike in meaning. The strategy sees a space of nothing but what is left of the pool, each
-    scene as the nearest one that has a genome, and is told of the one that was taken. A genome of ours is a
-    scene's index, as in ``Pool``.
+    Distance is that of the scene embedding. The strategy sees a space that consists of the unused scenes,
+    each as its nearest genome, and receives the score of the scene that was taken. A genome proposed here is
+    a scene's index, as in ``Pool``.
 
     Raises:
-        SceneError: a scene has something that no operator gives.
+        SceneError: a scene has a value that no operator gives.
     """
 
     def __init__(
@@ -33,26 +33,29 @@ class Selection:
 
     @property
     def about(self) -> str:
-        """What the strategy says of itself, and how large the pool is."""
-        said, size = about(self._strategy), len(self._left.genomes)
-        return f"{said}, from a pool of {size}" if said else f"from a pool of {size}"
+        """The strategy's own description, and the size of the pool."""
+        description, size = about(self._strategy), len(self._left.genomes)
+        return f"{description}, from a pool of {size}" if description else f"from a pool of {size}"
 
     def ask(self, n: int) -> list[Proposal]:
-        """The nearest unused scenes, fewer at the end."""
+        """The nearest unused scenes, fewer at the end of the pool."""
         wanted = self._strategy.ask(min(n, int(self._left.unused.sum())))
-        return [Proposal(each.id, np.array([self._left.take(each.genome)], dtype=float)) for each in wanted]
+        return [
+            Proposal(proposal.id, np.array([self._left.take(proposal.genome)], dtype=float))
+            for proposal in wanted
+        ]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Hand it on, as if the strategy had proposed what was taken."""
-        taken = [Proposal(each.id, self._left.genomes[int(each.genome[0])]) for each in proposals]
+        """Pass the scores on, as if the strategy had proposed the scenes that were taken."""
+        taken = [Proposal(proposal.id, self._left.genomes[int(proposal.genome[0])]) for proposal in proposals]
         self._strategy.tell(taken, scores)
 
 
 class Left:
-    """What is left of a pool, as a ``Source``: other scenes do not come out of it.
+    """The unused scenes of a pool as a ``Source``, which yields no others.
 
     Attributes:
-        genomes: by index, the genome nearest to each scene.
+        genomes: the nearest genome of each scene, by index.
         unused: ``(n,)`` which scenes are left.
     """
 
@@ -64,7 +67,7 @@ class Left:
         self.unused = np.ones(len(scenes), dtype=bool)
 
     def take(self, genome: Genome) -> int:
-        """Use up the nearest scene; its index."""
+        """Mark the nearest scene as used; return its index."""
         index = self._nearest(self._space.decode(genome))
         self.unused[index] = False
         return index
@@ -80,12 +83,12 @@ class Left:
         return self._space.dim
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """Any that is left; at the end, any."""
+        """A random unused scene; any scene when all are used."""
         left = np.flatnonzero(self.unused)
         return self._scenes[int(rng.choice(left)) if len(left) else int(rng.integers(len(self._scenes)))]
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The nearest that is left."""
+        """The nearest unused scene."""
         return self._scenes[self._nearest(scene)]
 
     def encode(self, scene: Scene) -> Genome:
@@ -105,7 +108,7 @@ class Left:
         return self._space.embed(scene)
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """The scene itself: in a pool, each counts."""
+        """The scene's digest: in a pool every scene is a site of its own."""
         return scene.digest
 
     def severity(self, scene: Scene) -> float:

@@ -1,4 +1,4 @@
-"""Surrogate: a forest says which scenes are likely to fail; of those, the ones in new cells are tried."""
+"""Surrogate: a forest predicts which scenes fail; likely failures in new cells are rolled out."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vlafuzz.search.forest import VOTES, Forest, Numbers
 from vlafuzz.search.proposal_factory import ProposalFactory
 
 SUPPLY = 6  # candidates made for each proposal
-KEPT = 256  # of those that were not chosen, the best: they may be at another time
-WARM = 16  # fresh scenes to begin with, each the one of SUPPLY that is farthest from nominal
-BLIND = 0.5  # share of fresh scenes before the first failure, where lateness can be foreseen; else all
-GUIDED = 0.2  # and after it, times the share of guesses that miss: there may be failures elsewhere
-REPEATED = 0.2  # worth of one more failure at a site that has one: the lost stage may be another
+KEPT = 256  # best candidates that are kept for the next batch
+WARM = 16  # random scenes to begin with, each the most severe of SUPPLY draws
+BLIND = 0.5  # share of random scenes before the first failure, if lateness is predictable; else 1
+GUIDED = 0.2  # and after it, times the share of proposals that pass: there may be failures elsewhere
+REPEATED = 0.2  # worth of another failure at a known site: the lost stage may differ
 
 Rng = np.random.Generator
 
@@ -26,10 +26,10 @@ Rng = np.random.Generator
 class Surrogate:
     """Spends the budget on distinct cells, with a forest in the place of most rollouts.
 
-    Fair scenes are made in advance, fresh ones and children of failures. Everything of a cell but the lost
-    stage is known of them before a rollout, their *site*. Proposed is what is worth most: its chance to fail,
-    as a random part of the forest sees it, times how new its site is. As long as the forest predicts no
-    better than chance, scenes are drawn at random.
+    Fair candidates are generated in advance, at random and from failures. Their *site*, the cell without the
+    lost stage, is known before a rollout. The candidate of greatest worth is proposed: the failure
+    probability predicted by a random part of the forest, times the novelty of its site. While the forest
+    predicts no better than chance, scenes are drawn at random.
     """
 
     def __init__(
@@ -44,15 +44,15 @@ class Surrogate:
     ) -> None:
         self._seed, self._asked = seed, 0
         self._uses_forest, self._uses_novelty, self._uses_fallback = forest, novelty, fallback
-        self._nursery = ProposalFactory(space)
-        self._breeder, self._forest = Breeder(space, self._nursery), Forest(seed)
+        self._proposals = ProposalFactory(space)
+        self._breeder, self._forest = Breeder(space, self._proposals), Forest(seed)
         self._stock: list[Candidate] = []
         self._failed = False
         self._out: dict[int, Candidate] = {}
         self._tried: Counter[str] = Counter()  # sites that have failed, or may be about to
 
     def ask(self, n: int) -> list[Proposal]:
-        """Fresh scenes to begin with, then mostly candidates that are likely to fail at a new site."""
+        """Random scenes to begin with, then mostly candidates likely to fail at a new site."""
         first, self._asked = self._asked, self._asked + n
         share = self._share_of_fresh()
         proposals: list[Proposal] = []
@@ -69,7 +69,7 @@ class Surrogate:
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Learn from what was rolled out."""
+        """Learn from the scenes that were rolled out."""
         judged = []
         for proposal, score in zip(proposals, scores, strict=True):
             candidate = self._out.pop(proposal.id)
@@ -84,14 +84,14 @@ class Surrogate:
                 judged.append((candidate.features, score))
                 self._failed |= score.failed
         if self._uses_forest and judged:
-            features, told = zip(*judged, strict=True)
-            self._forest.learn(np.array(features), told)
+            features, known = zip(*judged, strict=True)
+            self._forest.learn(np.array(features), known)
 
     def _fresh(self, number: int) -> Candidate:
         rng = np.random.default_rng([self._seed, number])
-        drawn = [self._nursery.drawn(rng) for _ in range(SUPPLY if number < WARM else 1)]
+        drawn = [self._proposals.drawn(rng) for _ in range(SUPPLY if number < WARM else 1)]
         candidate = max(map(self._breeder.candidate, drawn), key=lambda candidate: candidate.severity)
-        self._nursery.registered(candidate.genome)
+        self._proposals.registered(candidate.genome)
         return candidate
 
     def _share_of_fresh(self) -> float:
@@ -102,7 +102,7 @@ class Surrogate:
         return BLIND if foresees else 1.0
 
     def _chosen(self, n: int, rng: Rng) -> list[Candidate]:
-        """Up to ``n`` candidates, each the best there is when those before it are out."""
+        """Up to ``n`` candidates, each the best given the ones chosen before."""
         if n == 0:
             return []
         self._stock += self._breeder.breed(SUPPLY * n, rng)
@@ -116,8 +116,8 @@ class Surrogate:
             best = int(np.argmax(np.where(left, ballot * self._worths(), -1.0)))
             left[best] = 0.0
             candidate = self._stock[best]
-            if self._nursery.new([candidate.genome])[0]:
-                self._nursery.registered(candidate.genome)
+            if self._proposals.new([candidate.genome])[0]:
+                self._proposals.registered(candidate.genome)
                 self._tried[candidate.site] += 1
                 chosen.append(candidate)
         ranked = np.argsort(-left * votes.mean(axis=0) * self._worths(), kind="stable")[:KEPT]
@@ -125,13 +125,13 @@ class Surrogate:
         return chosen
 
     def _votes(self, rng: Rng) -> Numbers:
-        """``(trees, candidates)``, above 0; at random where no forest is to be asked."""
+        """``(trees, candidates)`` hardness above 0; random without a fitted forest."""
         if not self._forest.fitted:
             return rng.random((1, len(self._stock)))
         return self._forest.votes(np.array([candidate.features for candidate in self._stock])) + 1e-3
 
     def _worths(self) -> Numbers:
-        """``(candidates,)`` 1 at a new site, less where there is a failure."""
+        """``(candidates,)`` 1 at a new site, less at one with failures."""
         if not self._uses_novelty:
             return np.ones(len(self._stock))
         tried = np.array([self._tried[candidate.site] for candidate in self._stock])

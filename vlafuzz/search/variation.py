@@ -1,6 +1,7 @@
-"""Variation: from genomes that are known to new ones, with regard to what a gene means.
+"""Variation: mutation and crossover that respect what a gene stands for.
 
-Values move on the grid, angles wrap, categories have no order, and a confounder goes as a whole.
+Values move on the grid, angles wrap, categories have no order, and a confounder is added or removed as a
+whole.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from vlafuzz.space.params import Gene
 Levels = NDArray[np.int64]  # (dim,)
 
 COUNT, AROUND = "confounders", "confounders."
-FINEST, COARSEST = 0.01, 0.5  # standard deviations of a moved value, in ranges; drawn evenly in the logarithm
+FINEST, COARSEST = 0.01, 0.5  # standard deviation of a mutation, as a share of the range; log-uniform
 
 
 class Variation:
     """Mutation and crossover of the genomes of a space.
 
-    A *unit* is what an operator says of one slot, such as where the first target stands: x and y.
+    A *unit* is the set of genes of one operator in one slot, such as x and y of the first target.
     """
 
     def __init__(self, genes: Sequence[Gene]) -> None:
@@ -37,12 +38,12 @@ class Variation:
             self._units.setdefault(operator, []).append(indices)
 
     def operators(self, genome: Genome) -> list[str]:
-        """The operators that have a say in the scene: those of confounders only where there are any."""
+        """The operators that affect the scene: those of confounders only if there are any."""
         bare = self._number(self._levels(genome)) == 0
         return [name for name in self._units if not (bare and self._is_around(name))]
 
     def mutate(self, genome: Genome, operators: Collection[str], rng: np.random.Generator) -> Genome:
-        """The genome with some of a unit of each of these operators changed."""
+        """The genome with some genes of one unit of each of these operators changed."""
         levels = self._levels(genome)
         for name in operators:
             units = self._units[name]
@@ -56,7 +57,7 @@ class Variation:
         return self._genome(levels)
 
     def cross(self, one: Genome, other: Genome, rng: np.random.Generator) -> Genome:
-        """A child that has each unit of one parent or of the other, and some of the confounders of both."""
+        """A child with each unit taken from either parent, and confounders from both."""
         first, second = self._levels(one), self._levels(other)
         child = first.copy()
         for name, units in self._units.items():
@@ -66,12 +67,12 @@ class Variation:
         return self._genome(self._gathered(child, first, second, rng))
 
     def splice(self, genome: Genome, donor: Genome, rng: np.random.Generator) -> Genome:
-        """The genome with some of its confounders replaced by the donor's."""
+        """The genome with some confounders replaced by the donor's."""
         levels = self._levels(genome)
         return self._genome(self._gathered(levels.copy(), levels, self._levels(donor), rng))
 
     def _gathered(self, child: Levels, one: Levels, other: Levels, rng: np.random.Generator) -> Levels:
-        """The child with as many confounders as one of the parents, each a whole one of either."""
+        """The child with as many confounders as one of the parents, each taken whole from either."""
         count = self._number((one, other)[rng.integers(2)])
         for number, slot in enumerate(self._around[:count]):
             having = [parent for parent in (one, other) if self._number(parent) > number]
@@ -95,7 +96,7 @@ class Variation:
             levels[index] = moved % size if gene.grid.wraps else _reflected(moved, size)
 
     def _add_or_remove(self, levels: Levels, rng: np.random.Generator) -> None:
-        """One confounder more, drawn at random, or one of them less; the others stay as they are."""
+        """Add a random confounder or remove one; the others stay as they are."""
         assert self._count is not None
         level, last = int(levels[self._count]), int(self._sizes[self._count]) - 1
         more = level == 0 or (level < last and rng.random() < 0.5)
@@ -109,7 +110,7 @@ class Variation:
                 levels[self._around[here]] = levels[self._around[here + 1]]
 
     def _number(self, levels: Levels) -> int:
-        """Of confounders; where it does not vary, all slots are taken to be in use."""
+        """The number of confounders; if it does not vary, all slots count as used."""
         if self._count is None:
             return len(self._around)
         return int(self._genes[self._count].grid.value(int(levels[self._count])))
@@ -121,13 +122,13 @@ class Variation:
         return np.asarray((levels + 0.5) / self._sizes)
 
     def _is_around(self, operator: str) -> bool:
-        """Whether it is about the confounders that there are."""
+        """Whether an operator varies the confounders."""
         gene = self._genes[int(self._units[operator][0][0])]
         return gene.slot.startswith(AROUND)
 
 
 def _grouped(keys: Iterable[Hashable]) -> dict[Any, Levels]:
-    """The indices of each key, in the order in which they come first."""
+    """The indices of each key, in order of first occurrence."""
     groups: dict[Hashable, list[int]] = {}
     for index, key in enumerate(keys):
         groups.setdefault(key, []).append(index)
@@ -135,6 +136,6 @@ def _grouped(keys: Iterable[Hashable]) -> dict[Any, Levels]:
 
 
 def _reflected(level: int, size: int) -> int:
-    """A level beyond an end comes back from it."""
+    """A level beyond an end of the range is reflected at it."""
     level %= 2 * (size - 1)
     return level if level < size else 2 * (size - 1) - level

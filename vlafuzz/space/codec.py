@@ -1,4 +1,4 @@
-"""SearchSpace: the scenes of a task as points, and the way from genomes to scenes and back."""
+"""Codec: genomes to scenes and back, and how far a scene is from nominal."""
 
 from __future__ import annotations
 
@@ -16,20 +16,18 @@ from vlafuzz.scene import Scene
 from vlafuzz.scoring import site
 from vlafuzz.space.compose import Composer, Values
 from vlafuzz.space.embedding import SceneEmbedding, Vector
-from vlafuzz.space.generate import generate
 from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import OPERATORS, TargetType
 from vlafuzz.space.params import Gene, Genome
-from vlafuzz.space.repair import repair
-from vlafuzz.space.simplify import simpler
 from vlafuzz.tasks.tabletop import task as task_named
 
 
-class SearchSpace:
-    """Every scene that the operators can make of a task.
+class Codec:
+    """The scenes that the operators can make of a task, as points of a unit cube.
 
     Attributes:
-        genes: the coordinates, in the order of the genome: those of the operators that vary.
+        genes: the coordinates of a genome, in order: the genes of the varying operators.
+        by_path: every gene by its path, those of other operators included.
     """
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
@@ -49,21 +47,21 @@ class SearchSpace:
         return len(self.genes)
 
     def varies(self, gene: Gene) -> bool:
-        """Whether a gene is free; the others stay nominal."""
+        """Whether a gene's operator varies; others stay nominal."""
         return gene.operator in self.operators.varied
 
     def decode(self, genome: Genome) -> Scene:
-        """The scene of a ``(dim,)`` genome in [0, 1]. Never fails; many genomes have the same scene."""
+        """The scene of a ``(dim,)`` genome in [0, 1]. Never fails; many genomes decode to the same scene."""
         values = dict(self._nominal)
-        for gene, where in zip(self.genes, genome, strict=True):
-            values[gene.path] = gene.grid.value(min(int(where * gene.grid.size), gene.grid.size - 1))
+        for gene, coordinate in zip(self.genes, genome, strict=True):
+            values[gene.path] = gene.grid.value(min(int(coordinate * gene.grid.size), gene.grid.size - 1))
         return self.composer.compose(values)
 
     def encode(self, scene: Scene) -> Genome:
-        """A genome of a scene, at the middle of each level; what the scene does not use is nominal.
+        """The genome of a scene, at the middle of each level; genes that the scene does not use are nominal.
 
         Raises:
-            SceneError: no genome has this scene; the message names the value.
+            SceneError: no genome decodes to this scene; the message names the value.
         """
         if scene.task != self.task.name:
             raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
@@ -81,10 +79,10 @@ class SearchSpace:
         return genome
 
     def nearest(self, scene: Scene) -> Genome:
-        """The genome of the scene of this space that is nearest to one from elsewhere, value by value.
+        """The genome nearest to a scene from elsewhere, value by value.
 
         Raises:
-            SceneError: it is of another task, or has something that is not a value of any operator.
+            SceneError: it is of another task, or has a value that no operator gives.
         """
         if (scene.task, len(scene.targets)) != (self.task.name, self.task.targets):
             raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
@@ -97,45 +95,25 @@ class SearchSpace:
         middles = [(gene.grid.snap(values[gene.path]) + 0.5) / gene.grid.size for gene in self.genes]
         return np.array(middles, dtype=np.float64)
 
-    def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that passes the semantic and the geometric checks.
-
-        Raises:
-            UsageError: the ranges leave no room for the objects.
-        """
-        return generate(self, rng)
-
-    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene with as little drawn again as it takes to make it fair; None when there is no room."""
-        return repair(self, scene, rng)
-
     def values(self, scene: Scene) -> Values:
-        """One value a gene: nominal for what the scene does not have, NaN for what no gene stands for."""
+        """One value per gene: nominal for unused slots, NaN for values that no gene can express."""
         return self._nominal | self.composer.values(scene)
 
     def embed(self, scene: Scene) -> Vector:
-        """``(k,)`` numbers whose Euclidean distance says how different two scenes are, see ``Meaning``."""
+        """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
         return self._embedding.vector(self.composer.values(scene))
 
-    def simpler(self, scene: Scene) -> list[Scene]:
-        """The scenes one simplification away, each strictly less severe; an empty list at nominal only.
-
-        Raises:
-            SceneError: the scene has something that is not a value of any operator.
-        """
-        return simpler(self, scene)
-
     def nominal(self, like: Scene | None = None) -> Scene:
-        """The scene in which every operator is nominal; with ``like``, its targets' types are kept."""
+        """The scene with every operator nominal; with ``like``, that scene's target types are kept."""
         if like is None:
             return self.composer.compose(self._nominal)
         return self.reset(like, OPERATORS.keys() - {TargetType.name})
 
     def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
-        """The same scene with some operators wholly nominal; others keep their values, on the grid or not.
+        """The scene with some operators reset to nominal; others keep their values, on the grid or not.
 
         Raises:
-            SceneError: the scene has something that is not a value of any operator.
+            SceneError: the scene has a value that no operator gives.
         """
         values = self.values(scene)
         operators = set(operators)
@@ -151,21 +129,21 @@ class SearchSpace:
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
 
-        A slot that is not used counts as nominal, so that leaving out a confounder is never more severe.
+        An unused slot counts as nominal, so that removing a confounder is never more severe.
         """
         values = self.values(scene)
         squares: dict[str, list[float]] = {name: [] for name in OPERATORS}
         for path, gene in self.by_path.items():
             if not gene.neutral:
                 squares[gene.operator].append(gene.distance(values[path]) ** 2)
-        return {name: math.sqrt(sum(each) / len(each)) if each else 0.0 for name, each in squares.items()}
+        return {name: math.sqrt(sum(terms) / len(terms)) if terms else 0.0 for name, terms in squares.items()}
 
     def severity(self, scene: Scene) -> float:
-        """The sum over all operators."""
+        """The sum of the severities of all operators."""
         return sum(self.severities(scene).values())
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """What of the cell of its failure is known before a rollout, see ``scoring.site``."""
+        """The part of a failure's cell that is known before a rollout, see ``scoring.site``."""
         return site(scene, severities, self.rig.workspace)
 
     def _levels(self, values: Values, scene: Scene) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Composer: from values, one a gene, to a scene, and back. It knows no grid: any number is fine here."""
+"""Composer: values, one per gene, to scenes and back. It knows no grid: any number is a value."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ from vlafuzz.space.operators import (
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.instructions import load_wordings, say
 
-Values = dict[str, float]  # by where they stand in a scene; of a category, its index
+Values = dict[str, float]  # by path in a scene; a category by its index
 
 
 class Composer:
-    """Puts the scenes of one task together."""
+    """Composes the scenes of one task.
+
+    Attributes:
+        layout: the slots of a scene.
+    """
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot
@@ -41,7 +45,7 @@ class Composer:
         self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene that has these values. A name that is taken gives way to the next free one."""
+        """The scene with these values. A name that is taken is replaced by the next free one."""
         slots = [*self.layout.of("targets"), *self.layout.of("confounders")[: int(values["confounders"])]]
         names: list[str] = []
         for slot in slots:
@@ -60,26 +64,28 @@ class Composer:
         )
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
-        """The object of that name in a slot."""
+        """The placement of an object in a slot."""
         poses = self._catalogue[name].stable_poses
         rest = poses[int(values[f"{slot}.rest"]) % len(poses)].name
         yaw = 0.0 if rest in self._fixed[slot.partition(".")[0]] else values[f"{slot}.yaw"]
         return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
 
     def values(self, scene: Scene) -> Values:
-        """The values of a scene, for all that it has; NaN where no index stands for what it has."""
-        found: Values = {"confounders": len(scene.confounders), "light.intensity": scene.light.intensity}
+        """The values of everything that a scene has; NaN where no index stands for it."""
+        values: Values = {"confounders": len(scene.confounders), "light.intensity": scene.light.intensity}
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
-                found |= self._placed(slot, placement)
+                values |= self._placed(slot, placement)
         for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
-            found[f"camera.{field}"] = getattr(scene.camera, field)
+            values[f"camera.{field}"] = getattr(scene.camera, field)
         spoken = [
-            self._catalogue[each.object].spoken for each in scene.targets if each.object in self._catalogue
+            self._catalogue[target.object].spoken
+            for target in scene.targets
+            if target.object in self._catalogue
         ]
         wordings = [say(wording, spoken) for wording in self._wordings]
-        found["instruction"] = math.nan if scene.then else _index(wordings, scene.instruction)
-        return found
+        values["instruction"] = math.nan if scene.then else _index(wordings, scene.instruction)
+        return values
 
     def _placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None
@@ -100,7 +106,7 @@ class Composer:
 
 
 def camera(values: Mapping[str, float]) -> Camera:
-    """The camera that has these values; of directions that mean the same, the one with zeros."""
+    """The camera with these values; equivalent directions are written with zeros."""
     distance, elevation = values["camera.distance"], values["camera.elevation"]
     azimuth = 0.0 if distance == 0 or abs(elevation) == 90 else values["camera.azimuth"]
     turned = {axis: values[f"camera.{axis}"] for axis in ("roll", "pitch", "yaw")}
@@ -114,7 +120,7 @@ def _index(known: Sequence[str], name: str) -> float:
 def _slots(
     operators: OperatorSet, catalogue: Catalogue, task: Task, hand: Hand
 ) -> dict[str, tuple[str, ...]]:
-    """The slots of a task's scenes with the names that each may have."""
+    """The slots of a task's scenes, with the names allowed in each."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
     takes = tuple(name for name in catalogue.graspable() if _fits(catalogue[name], hand))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
@@ -125,13 +131,13 @@ def _slots(
 
 
 def _fits(model: ObjectModel, hand: Hand) -> bool:
-    """Whether a hand can hold an object as it rests first of all the ways in which it can be grasped."""
+    """Whether a hand can hold an object in its first graspable stable pose."""
     first = next((pose.grasps for pose in model.stable_poses if pose.grasps), ())
     return any(hand.takes(grasp.width, grasp.z) for grasp in first)
 
 
 def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:
-    """What an object can be brought to."""
+    """The objects that a task can bring another one to."""
     if task.onto is None:
         return catalogue.graspable()
     models = [catalogue[name] for name in catalogue.names()]
@@ -145,15 +151,15 @@ def _narrowed(
 ) -> tuple[str, ...]:
     for name in names or ():
         if name not in allowed:
-            what = "is of no use there" if name in catalogue else "is not in the catalogue"
-            raise UsageError(f"{key}: {name!r} {what}", hint="known: " + ", ".join(allowed))
+            reason = "is of no use there" if name in catalogue else "is not in the catalogue"
+            raise UsageError(f"{key}: {name!r} {reason}", hint="known: " + ", ".join(allowed))
     if not allowed:
         raise UsageError(f"{key}: the catalogue has no object for it", hint="see `vlafuzz objects`")
     return names or catalogue.preferred(allowed)
 
 
 def _distinct(slots: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
-    """For each slot the first name that no earlier slot has."""
+    """For each slot, the first name that no earlier slot has."""
     nominal: dict[str, int] = {}
     taken: set[str] = set()
     for slot, names in slots.items():

@@ -1,4 +1,4 @@
-"""Scenes as vectors in which distance means difference: for nearest neighbours and for learning."""
+"""Scene embedding: vectors whose distance measures difference, for nearest neighbours and learning."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Vector = NDArray[np.float64]
 
 
 class SceneEmbedding:
-    """Maps values to vectors of one length.
+    """Maps values to vectors of fixed length.
 
-    Two scenes that differ in one operator only are at most 1 apart, whichever operator it is. Numbers are
-    centred, so that zeros, which stand for what a scene does not have, are as far from one end as from the
-    other. Angles are points of a circle, categories one-hot, the camera's place is a point in space.
+    Two scenes that differ in a single operator are at most 1 apart, whichever operator it is. Numbers are
+    centred, so that zero, which stands for an unused slot, is equally far from both ends of a range. Angles
+    are points on a circle, categories are one-hot, the camera's position is a point in space.
     """
 
     def __init__(self, genes: Sequence[Gene]) -> None:
@@ -32,7 +32,7 @@ class SceneEmbedding:
         self._weights = {name: 1 / math.sqrt(number) for name, number in count.items()}
 
     def vector(self, values: Mapping[str, float]) -> Vector:
-        """``(length,)`` of the values of a scene; genes that have none there give zeros."""
+        """``(length,)`` embedding of the values of a scene; genes without a value give zeros."""
         numbers: list[float] = []
         for gene in self._genes:
             weight = self._weights[gene.operator]
@@ -43,12 +43,12 @@ class SceneEmbedding:
 
 
 def _numbers(gene: Gene, value: float | None) -> Iterator[float]:
-    """A value as numbers that are at most 1 away from those of any other value; zeros for none."""
-    none = value is None or math.isnan(value)
+    """A value as numbers at most 1 away from those of any other value; zeros for no value."""
+    missing = value is None or math.isnan(value)
     if gene.kind == "category":
         yield from (math.sqrt(0.5) * (index == value) for index in range(gene.grid.size))
     elif gene.kind == "angle":
-        yield 0.0 if none else math.sin(math.radians(value or 0.0)) / 2
-        yield 0.0 if none else math.cos(math.radians(value or 0.0)) / 2
+        yield 0.0 if missing else math.sin(math.radians(value or 0.0)) / 2
+        yield 0.0 if missing else math.cos(math.radians(value or 0.0)) / 2
     else:
-        yield 0.0 if none else gene.grid.share(value or 0.0) - 0.5
+        yield 0.0 if missing else gene.grid.share(value or 0.0) - 0.5

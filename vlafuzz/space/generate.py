@@ -1,42 +1,41 @@
 """Random generation: VLATest's Algorithm 1, with every precondition that the paper states.
 
-Objects are drawn without replacement by their spoken names. A draw that the task does not allow
-(``semantic_valid``) or that has no room (``safe_dist``) is rejected. Rejection is bounded: a place is drawn
-again, then the whole scene, then it is an error.
+Objects are drawn without replacement by their spoken names. Draws that the task does not allow
+(``semantic_valid``) or that have no room (``safe_dist``) are rejected. Rejection is bounded: first a position
+is redrawn, then the whole scene, then generation fails.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import ObjectModel
 from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.space.codec import Codec
 from vlafuzz.space.compose import Values, camera
 from vlafuzz.space.operators import TargetPosition
 from vlafuzz.validity.footprint import Footprint, footprint
 from vlafuzz.validity.geometry import off_workspace, out_of_reach, out_of_view, too_close
 from vlafuzz.validity.semantic import ambiguous, cannot_grasp, cannot_place
 
-if TYPE_CHECKING:
-    from vlafuzz.space.codec import SearchSpace
-
-REDRAWS = 60  # places of one object
-RESTARTS = 200  # of a scene
+REDRAWS = 60  # positions tried for one object
+RESTARTS = 200  # attempts at a scene
 _ONCE = ("light.intensity", "instruction")
 
 
-def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
+def generate(space: Codec, rng: np.random.Generator) -> Scene:
     """A random scene that passes the semantic and the geometric checks.
 
     Raises:
         UsageError: the ranges leave no room for the objects.
     """
-    count = _draw(space, rng, "confounders")  # outside the restarts: crowded scenes are not rarer than others
+    count = _draw(
+        space, rng, "confounders"
+    )  # outside the restarts, so that crowded scenes are not rarer than others
     attempt = Attempt(space, rng)
     for _ in range(RESTARTS):
         values = attempt.values(count)
@@ -52,15 +51,15 @@ def generate(space: SearchSpace, rng: np.random.Generator) -> Scene:
 
 
 class Attempt:
-    """One try after another at a scene; ``reason`` says why the last one failed."""
+    """Repeated attempts at a scene; ``reason`` says why the last one failed."""
 
-    def __init__(self, space: SearchSpace, rng: np.random.Generator) -> None:
+    def __init__(self, space: Codec, rng: np.random.Generator) -> None:
         self._space, self._rng = space, rng
         self._placed: list[tuple[Placement, ObjectModel, Footprint]] = []
         self.reason = ""
 
     def values(self, count: float) -> Values | None:
-        """The values of a scene with so many confounders, unless the draws leave no room for it."""
+        """The values of a scene with ``count`` confounders; None if the draws leave no room."""
         space = self._space
         values = {path: gene.grid.nominal for path, gene in space.by_path.items()} | {"confounders": count}
         for path in values:
@@ -75,10 +74,10 @@ class Attempt:
         return values
 
     def keep(self, slot: str, values: Values) -> bool:
-        """Place a slot's object as it is, or with as little drawn again as it takes; tell whether that works.
+        """Place a slot's object as it is, or with as little redrawn as necessary; return whether it worked.
 
-        What means nothing beside the objects placed before gets another rest pose, else another type. What
-        has no room is moved, each time a little farther from where it was.
+        An object that the task does not allow beside those placed before gets another rest pose, else another
+        type. One without room is moved, each time a little farther from where it was.
         """
         name = self._choose(slot, values, values.copy())
         if name is None:
@@ -86,7 +85,7 @@ class Attempt:
         return self._accepts(slot, name, values) or self._stand(slot, name, values, near=values.copy())
 
     def _choose(self, slot: str, values: Values, first: Values | None = None) -> str | None:
-        """Draw a name and a rest pose that mean something beside what is there, after trying ``first``."""
+        """Draw a name and a rest pose allowed beside the objects already placed, after trying ``first``."""
         names = self._space.composer.layout.slots[slot]
         for index in self._options(f"{slot}.object", len(names), first):
             model = self._space.catalogue[names[index]]
@@ -117,7 +116,7 @@ class Attempt:
         return None
 
     def _stand(self, slot: str, name: str, values: Values, near: Values | None = None) -> bool:
-        """Draw places for an object until there is room; farther and farther off ``near``, if given."""
+        """Draw positions for an object until there is room; farther and farther from ``near``, if given."""
         for attempt in range(1, REDRAWS + 1):
             for field in ("x", "y"):
                 path = f"{slot}.{field}"
@@ -132,7 +131,7 @@ class Attempt:
         return False
 
     def _moved(self, path: str, value: float, share: float) -> float:
-        """A value that is off another by at most so much of its range."""
+        """A value at most ``share`` of its range away from another."""
         gene = self._space.by_path[path]
         if not self._space.varies(gene):
             return value
@@ -141,7 +140,7 @@ class Attempt:
         return gene.grid.value(gene.grid.snap(float(self._rng.uniform(*span))))
 
     def _accepts(self, slot: str, name: str, values: Values) -> bool:
-        """Place an object where the values say, if there is room for it."""
+        """Place an object where the values say, if there is room."""
         model = self._space.catalogue[name]
         placement = self._space.composer.placement(values, slot, name)
         if self._crowded(placement):
@@ -155,7 +154,7 @@ class Attempt:
         return True
 
     def _crowded(self, placement: Placement) -> bool:
-        """Whether another centre is too close: what most draws fail by, so it is looked at first."""
+        """Whether another centre is too close: checked first, since most draws fail by it."""
         here, nearest = (placement.x, placement.y), self._space.operators.min_distance
         if all(math.dist(here, other.centre) >= nearest for _, _, other in self._placed):
             return False
@@ -176,6 +175,6 @@ class Attempt:
         return out_of_reach(*named, setup) or out_of_view(placement, model, setup, watched)
 
 
-def _draw(space: SearchSpace, rng: np.random.Generator, path: str) -> float:
+def _draw(space: Codec, rng: np.random.Generator, path: str) -> float:
     gene = space.by_path[path]
     return gene.draw(rng) if space.varies(gene) else gene.grid.nominal

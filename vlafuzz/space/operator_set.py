@@ -39,12 +39,12 @@ class _File(Strict):
 
 @dataclass(frozen=True)
 class OperatorSet:
-    """All operators with their ranges in a task, and which of them vary; the others stay nominal.
+    """All operators with their ranges, and which of them vary; the others stay nominal.
 
     Attributes:
-        source: the file that they come from.
+        source: the file that was read.
         min_distance: between the centres of any two objects, metres.
-        tasks: the same for the tasks whose ranges differ.
+        tasks: the sets of the tasks whose ranges differ.
     """
 
     source: Path
@@ -54,7 +54,7 @@ class OperatorSet:
     tasks: Mapping[str, OperatorSet]
 
     def only(self, names: Iterable[str]) -> OperatorSet:
-        """The same, with nothing but these operators varied.
+        """The same set with only these operators varying.
 
         Raises:
             UsageError: no such operator, or one that has nothing to vary.
@@ -73,18 +73,18 @@ class OperatorSet:
         return replace(self, varied=frozenset(names), tasks=tasks)
 
     def in_task(self, task: str) -> OperatorSet:
-        """The operators as they are in a task."""
+        """The set for a task."""
         return self.tasks.get(task, self)
 
     def get(self, kind: type[Kind]) -> Kind:
         """The operator of a kind."""
-        found = self.operators[kind.name]
-        assert isinstance(found, kind)
-        return found
+        operator = self.operators[kind.name]
+        assert isinstance(operator, kind)
+        return operator
 
     @cached_property
     def digest(self) -> str:
-        """32 hexadecimal digits: equal for sets that vary the same in the same way."""
+        """32 hexadecimal digits: equal for sets that vary the same operators in the same ranges."""
         parts = [f"{task}={part.digest}" for task, part in sorted(self.tasks.items())]
         ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.operators.items())]
         text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts])
@@ -112,7 +112,7 @@ def _find(source: str, beside: Path | None) -> Path:
 
 
 def _read(path: Path, extended: tuple[Path, ...]) -> _File:
-    """A file with what it extends filled in."""
+    """A file, completed by the files that it extends."""
     if path in extended:
         raise CatalogueError(f"{path}: extends: goes round in a circle")
     try:
@@ -187,17 +187,17 @@ S = TypeVar("S", bound=Strict)
 
 
 def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
-    """Data as a model.
+    """Data validated as a model.
 
     Raises:
-        CatalogueError: file, key and value in a sentence, with the nearest key where one is misspelt.
+        CatalogueError: file, key and value in a sentence, with a suggestion for a misspelt key.
     """
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
         problems = error.errors(include_url=False)
-    misspelt = (each for each in problems if each["type"] == "extra_forbidden")
-    problem = next(misspelt, problems[0])  # it is why another key is missing
+    misspelt = (problem for problem in problems if problem["type"] == "extra_forbidden")
+    problem = next(misspelt, problems[0])  # a misspelt key explains a missing one
     keys = [str(key) for key in problem["loc"]]
     place = ".".join([where, *keys] if where else keys) or "the file"
     if problem["type"] == "extra_forbidden":
@@ -205,11 +205,8 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
             f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1]))
         )
     message = problem["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
-    told = problem["type"] in (
-        "missing",
-        "value_error",
-    )  # the message has the value already, or there is none
-    got = "" if told else f", got {_short(problem['input'])}"
+    complete = problem["type"] in ("missing", "value_error")  # the message has the value, or there is none
+    got = "" if complete else f", got {_short(problem['input'])}"
     raise CatalogueError(
         f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
         hint="operators/README.md says what each key means; `vlafuzz operators` shows the ranges in use",
@@ -217,11 +214,11 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
 
 
 def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
-    """The keys that would be right where a wrong one stands."""
+    """The valid keys at the place of an unknown one."""
     for key in keys:
         inner = kind.model_fields[key].annotation if key in kind.model_fields else None
         if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return list(_TaskPart.model_fields)  # the only model that stands in a mapping
+            return list(_TaskPart.model_fields)  # the only model inside a mapping
         kind = inner
     return list(kind.model_fields)
 

@@ -1,4 +1,4 @@
-"""The eleven scene operators: what each one varies, in which ranges, and its genes in a task."""
+"""The scene operators: what each varies, in which ranges, and its genes in a task."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MOST_CONFOUNDERS = 4
 
 @dataclass(frozen=True)
 class Layout:
-    """What a scene of a task has room for.
+    """The slots of a task's scenes.
 
     Attributes:
-        slots: where each object stands in a scene, such as ``targets.0``, with the names that it may have.
-        nominal: the nominal name of each slot, by its index.
-        stable_poses: the largest number of stable poses of any object.
-        wordings: how many ways there are to say the task.
+        slots: the allowed object names of each slot, such as ``targets.0``.
+        nominal: the index of each slot's nominal name.
+        stable_poses: the largest number of stable poses of one object.
+        wordings: the number of wordings of the instruction.
     """
 
     slots: dict[str, tuple[str, ...]]
@@ -37,22 +37,22 @@ class Layout:
 
 
 class Operator(Strict):
-    """One way in which a scene can vary. ``name`` is how users call it, ``says`` what it does."""
+    """One way in which a scene can vary. ``name`` is for users to refer to it, ``says`` describes it."""
 
     name: ClassVar[str]
     says: ClassVar[str]
 
     @abstractmethod
     def genes(self, layout: Layout) -> Iterator[Gene]:
-        """Its genes, slot by slot."""
+        """The operator's genes, slot by slot."""
 
     @abstractmethod
     def ranges(self) -> str:
-        """What it varies, for people."""
+        """The ranges in words."""
 
     @abstractmethod
     def nominally(self) -> str:
-        """Its nominal value, for people."""
+        """The nominal value in words."""
 
     def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
         return Gene(self.name, path, kind, grid)
@@ -78,16 +78,16 @@ class _Type(Operator):
 
 
 class TargetType(_Type):
-    """Which object is manipulated, of ``names``, and which one it goes to, of ``onto``."""
+    """Which of ``names`` is manipulated, and which of ``onto`` it is brought to."""
 
     name, says, part = "target-type", "which objects the task is about", "targets"
     onto: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
 
 
 class ConfounderType(_Type):
-    """Which objects stand about: all that can be grasped, or of ``names``."""
+    """Which objects stand around: all that can be grasped, or those of ``names``."""
 
-    name, says, part = "confounder-type", "which objects stand about", "confounders"
+    name, says, part = "confounder-type", "which other objects are there", "confounders"
 
 
 class _Position(Operator):
@@ -124,7 +124,7 @@ class _Position(Operator):
 
 
 class TargetPosition(_Position):
-    """Where the targets stand, the second one in the box ``onto`` if given. One nominal place a target."""
+    """Where the targets stand, the second one in the box ``onto`` if given. One nominal place per target."""
 
     name, says, part, spots = "target-position", "where the targets stand", "targets", 2
     onto: Box | None = None
@@ -134,7 +134,7 @@ class TargetPosition(_Position):
 
 
 class ConfounderPosition(_Position):
-    """Where the confounders stand. One nominal place a slot."""
+    """Where the confounders stand. One nominal place per slot."""
 
     name, says, part = "confounder-position", "where the confounders stand", "confounders"
     spots = MOST_CONFOUNDERS
@@ -174,9 +174,9 @@ class ConfounderOrientation(_Orientation):
 
 
 class ConfounderCount(Operator):
-    """How many objects stand about that the task is not about."""
+    """The number of objects beside the targets."""
 
-    name, says = "confounder-count", "how many objects stand about"
+    name, says = "confounder-count", "how many other objects are there"
     low: int = Field(ge=0, le=MOST_CONFOUNDERS)
     high: int = Field(ge=0, le=MOST_CONFOUNDERS)
     nominal: int
@@ -198,7 +198,7 @@ class ConfounderCount(Operator):
 
 
 class Light(Operator):
-    """A factor on every light of the scene, stepped and drawn evenly in log2, or by the paper's ``coin``."""
+    """A factor on all lights, stepped in log2 and drawn evenly in it, or by the paper's ``coin``."""
 
     name, says = "light", "a factor on all lights"
     intensity: Range
@@ -224,7 +224,7 @@ class Light(Operator):
 
 
 class CameraPosition(Operator):
-    """How far from its nominal place the camera stands, in whatever direction."""
+    """The camera's distance from its nominal position, in any direction."""
 
     name, says = "camera-position", "where the camera stands"
     distance: Range
@@ -251,7 +251,7 @@ class CameraPosition(Operator):
 
 
 class CameraOrientation(Operator):
-    """How the camera is turned about its own axes."""
+    """The camera's rotation about its own axes."""
 
     name, says = "camera-orientation", "how the camera is turned"
     roll: Range
@@ -270,9 +270,9 @@ class CameraOrientation(Operator):
 
 
 class Wording(Operator):
-    """How the task is said."""
+    """The wording of the instruction."""
 
-    name, says = "wording", "how the task is said"
+    name, says = "wording", "how the instruction is worded"
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         yield self._gene("instruction", "category", Grid.choice(layout.wordings))

@@ -1,9 +1,9 @@
-"""Gene: one coordinate of a scene, on a grid of levels. Categories and counts are numbers, too."""
+"""Gene: one coordinate of a scene on a grid of levels. Categories and counts are numbers, too."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -17,28 +17,29 @@ Spread = Literal["even", "coin", "sphere"]
 
 @dataclass(frozen=True)
 class Grid:
-    """The values ``nominal + k * step`` between ``low`` and ``high``; levels count them from 0.
+    """The values ``nominal + k * step`` between ``low`` and ``high``; their indices are the levels.
 
     Attributes:
-        log: the steps are steps of log2 of the value.
-        wraps: the two ends are the same angle, of which the upper one is kept.
+        log: ``step`` is one of log2 of the value.
+        wraps: both ends are the same angle; only the upper one is a level.
     """
 
     low: float
     high: float
     step: float
     nominal: float
+    _: KW_ONLY
     log: bool = False
     wraps: bool = False
 
     @staticmethod
     def choice(size: int, nominal: int = 0) -> Grid:
-        """One of ``size`` things, by index."""
+        """One of ``size`` options, by index."""
         return Grid(0, size - 1, 1, nominal)
 
     @cached_property
     def size(self) -> int:
-        """Number of levels."""
+        """The number of levels."""
         return self._last - self._first + 1
 
     @property
@@ -55,7 +56,7 @@ class Grid:
         start = self._scaled(self.nominal)
         scaled = [round(start + (level + self._first) * self.step, 9) + 0.0 for level in range(self.size)]
         # Short floats: equal on every machine.
-        return tuple(float(f"{2.0**each:.6g}") for each in scaled) if self.log else tuple(scaled)
+        return tuple(float(f"{2.0**exponent:.6g}") for exponent in scaled) if self.log else tuple(scaled)
 
     def snap(self, value: float) -> int:
         """The level nearest to a value."""
@@ -64,21 +65,21 @@ class Grid:
         return min(max(steps, 0), self.size - 1)
 
     def level(self, value: float) -> int | None:
-        """The level that has exactly this value, if one has."""
+        """The level with exactly this value, or None."""
         if not math.isfinite(value) or (self.log and value <= 0):
             return None
         level = self.snap(value)
         return level if self.value(level) == value else None
 
     def share(self, value: float) -> float:
-        """Where a value lies between the ends of the range, in [0, 1]."""
+        """The position of a value between the ends of the range, in [0, 1]."""
         if math.isnan(value) or self.high == self.low:
             return 0.5
         low, high = self._scaled(self.low), self._scaled(self.high)
         return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
 
     def distance(self, value: float) -> float:
-        """How far a value is from nominal, as a share of the farthest that the range allows: in [0, 1]."""
+        """The distance of a value from nominal, as a share of the greatest in the range: in [0, 1]."""
         if math.isnan(value) or (self.log and value <= 0):
             return 1.0
         centre = self._scaled(self.nominal)
@@ -107,23 +108,24 @@ class Gene:
     """One coordinate.
 
     Attributes:
-        operator: whose it is.
+        operator: the name of its operator.
         path: where its value stands in a scene, such as ``targets.0.x``.
-        neutral: none of its values is more severe than another, as of a direction.
+        neutral: no value is more severe than another, as for a direction.
         spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below
-            or above 1, then linearly (the paper's light); ``sphere``, the elevation of an even direction.
+            or above 1, then linearly (the paper's light); ``sphere``, the elevation of a uniform direction.
     """
 
     operator: str
     path: str
     kind: Kind
     grid: Grid
+    _: KW_ONLY
     neutral: bool = False
     spread: Spread = "even"
 
     @property
     def slot(self) -> str:
-        """What its value belongs to: ``targets.0``, ``confounders.2``, ``camera``; empty if nothing."""
+        """The part of the scene it belongs to: ``targets.0``, ``confounders.2``, ``camera``, or empty."""
         return self.path.rpartition(".")[0]
 
     def draw(self, rng: np.random.Generator) -> float:
@@ -137,7 +139,7 @@ class Gene:
         return grid.value(int(rng.integers(grid.size)))
 
     def distance(self, value: float) -> float:
-        """How far a value is from nominal, in [0, 1]; of two categories, one is either the same or not."""
+        """The distance of a value from nominal, in [0, 1]; for categories 0 or 1."""
         if self.neutral:
             return 0.0
         return float(value != self.grid.nominal) if self.kind == "category" else self.grid.distance(value)

@@ -1,4 +1,4 @@
-"""Ranges as YAML gives them: low, high, grid step, nominal value."""
+"""Ranges as written in YAML: low, high, grid step, nominal value."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from vlafuzz.space.params import Grid
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
-Step = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]  # values are kept to nine decimals
+Step = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]  # values are rounded to nine decimals
 Point = tuple[Number, Number]
 
 
 class Strict(BaseModel):
-    """Data from outside: an unknown key is an error, and so is a number in quotes."""
+    """Data from outside: unknown keys and quoted numbers are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -37,7 +37,7 @@ class Span(Strict):
         return Grid(self.low, self.high, self.step, nominal)
 
     def holds(self, value: float) -> bool:
-        """Whether a value is in it."""
+        """Whether a value is inside."""
         return self.low <= value <= self.high
 
 

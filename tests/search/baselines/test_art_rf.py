@@ -19,7 +19,7 @@ def nearest(genomes: list[Genome]) -> float:
 
 
 def test_scenes_lie_farther_apart_than_random_ones():
-    adaptive, drawn = (each.ask(60) for each in (ArtRf(space(), 0), Random(space(), 0)))
+    adaptive, drawn = (strategy.ask(60) for strategy in (ArtRf(space(), 0), Random(space(), 0)))
     assert nearest([p.genome for p in adaptive]) > 1.05 * nearest([p.genome for p in drawn])
 
 

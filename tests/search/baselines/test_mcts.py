@@ -7,7 +7,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.baselines import mcts
-from vlafuzz.search.baselines.mcts import EXTENTS, Mcts, _disturbed
+from vlafuzz.search.baselines.mcts import EXTENTS, Mcts, _perturbed
 
 NARROW = space("pick-up", "light", "camera-orientation")
 
@@ -37,7 +37,7 @@ def test_branches_that_fail_are_tried_more():
 def test_an_extent_says_how_far_a_gene_is_from_nominal(extent: str, low: float, high: float):
     (gene,) = [gene for gene in space().genes if gene.path == "light.intensity"]
     for where in np.random.default_rng(0).random(50):
-        level = int(_disturbed(gene, where, extent) * gene.grid.size)
+        level = int(_perturbed(gene, where, extent) * gene.grid.size)
         assert low - 0.02 <= gene.distance(gene.grid.value(level)) <= high + 0.02
 
 

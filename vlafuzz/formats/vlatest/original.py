@@ -32,7 +32,7 @@ def original_scene(entry: Entry, task: str, *, ycb: bool) -> Scene:
         task,
         tuple(placed[index] for index in targets),
         original_instruction(task, [entry.things[index].model for index in targets]),
-        tuple(placed[index] for index in others),
+        confounders=tuple(placed[index] for index in others),
         robot=vlatest_table().original.robots[task],
         frame=FRAME,
     )

@@ -80,7 +80,7 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
 def _scene(task: str, placed: list[Placement], catalogue: Catalogue) -> Scene:
     targets = tuple(placed[: TASKS[task].targets])
     instruction = say(load_wordings()[task][0], [catalogue[target.object].spoken for target in targets])
-    return Scene(task, targets, instruction, tuple(placed[len(targets) :]))
+    return Scene(task, targets, instruction, confounders=tuple(placed[len(targets) :]))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,4 @@
+"""Baselines: published strategies that are kept to compare against, none of which we recommend.
+
+They find fewer distinct causes than random generation does; README has the comparison.
+"""

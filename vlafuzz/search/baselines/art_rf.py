@@ -1,4 +1,4 @@
-"""Adaptive random testing with a random forest: fresh scenes far from all before, likely to fail."""
+"""Adaptive random testing with a random forest: scenes far from earlier ones and likely to fail."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vlafuzz.search.archive import Archive
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposal_factory import ProposalFactory
 
-CANDIDATES = 10  # for each proposal, as is usual for FSCS
-FARTHEST = 5  # of these, by distance, the forest may choose from
+CANDIDATES = 10  # per proposal, the usual number for FSCS
+FARTHEST = 5  # candidates, by distance, among which the forest chooses
 TREES = 50
-REMEMBERED = 800  # scenes that the forest learns from
-SOONEST, GROWTH = 16, 0.15  # scenes after which it is fitted again: so many, and this share of all it knows
+REMEMBERED = 800  # scenes in the training set
+SOONEST, GROWTH = 16, 0.15  # new scenes before a refit: at least so many, and this share of all scenes
 
 Points = NDArray[np.float64]  # (n, k)
 
@@ -27,30 +27,30 @@ class ArtRf:
     """After FATE-VLA's description of its hybrid (Kanwal, Valle, Ali, Arrieta 2026, <https://arxiv.org/abs/2606.02307>).
 
     Fixed-size-candidate-set adaptive random testing (Chen, Leung, Mak 2004,
-    <https://doi.org/10.1007/978-3-540-30502-6_23>): of ten fresh scenes those count that are farthest from
-    everything proposed so far. Of these, a random forest that learnt from the outcomes chooses the one that
-    fails most likely; as long as it has seen no failure, or no pass, the farthest is taken.
+    <https://doi.org/10.1007/978-3-540-30502-6_23>): of ten random scenes the five farthest from all proposals
+    are kept. Of these, a random forest trained on the outcomes chooses the likeliest failure; before it has
+    seen both a failure and a pass, the farthest is taken.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
-        self._nursery, self._proposed = ProposalFactory(space), Archive()
+        self._proposals, self._proposed = ProposalFactory(space), Archive()
         self._known: deque[tuple[Points, bool]] = deque(maxlen=REMEMBERED)
         self._forest: RandomForestClassifier | None = None
         self._fits = self._new = 0
 
     def ask(self, n: int) -> list[Proposal]:
-        """The best of ten fresh scenes, ``n`` times."""
+        """The best of ten random scenes, ``n`` times."""
         first, self._asked = self._asked, self._asked + n
         return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Learn which scenes fail."""
+        """Learn the outcomes, and refit the forest from time to time."""
         for proposal, score in zip(proposals, scores, strict=True):
             if score.rolled_out:
                 self._known.append((self._point(proposal.genome), score.failed))
                 self._new += 1
-        failed = [each for _, each in self._known]
+        failed = [is_failure for _, is_failure in self._known]
         if self._new >= max(SOONEST, GROWTH * len(failed)) and 0 < sum(failed) < len(failed):
             state = int(np.random.default_rng([self._seed, self._fits]).integers(2**32))
             forest = RandomForestClassifier(TREES, min_samples_leaf=2, random_state=state)
@@ -60,16 +60,16 @@ class ArtRf:
     def _proposal(self, number: int) -> Proposal:
         rng = np.random.default_rng([self._seed, number])
         genomes = [self._space.encode(self._space.sample(rng)) for _ in range(CANDIDATES)]
-        genomes = [genome for genome, new in zip(genomes, self._nursery.new(genomes), strict=True) if new]
+        genomes = [genome for genome, new in zip(genomes, self._proposals.new(genomes), strict=True) if new]
         if not genomes:
-            return Proposal(number, self._nursery.fresh(rng))
+            return Proposal(number, self._proposals.fresh(rng))
         points = np.array([self._point(genome) for genome in genomes])
         best = self._best(points)
         self._proposed.add(points[best])
-        return Proposal(number, self._nursery.registered(genomes[best]))
+        return Proposal(number, self._proposals.registered(genomes[best]))
 
     def _best(self, points: Points) -> int:
-        """Index of the likeliest failure among the farthest."""
+        """The index of the likeliest failure among the farthest."""
         farthest = np.argsort(-self._proposed.novelty(points, neighbours=1), kind="stable")[:FARTHEST]
         if self._forest is None:
             return int(farthest[0])

@@ -1,4 +1,4 @@
-"""MAP-Elites: an archive keeps the best scene of every niche, and new scenes are made from all of them."""
+"""MAP-Elites: an archive keeps the best scene of every niche; new scenes are mutated from them."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.search.variation import Variation
 
-STAGES, SQUARES = 8, 16  # that may be lost, more than any task has; in which the target may be
-BLIND = 0.5  # share of fresh scenes before the first failure: climbing may lead astray
+STAGES, SQUARES = 8, 16  # lost stages, at most; squares of the workspace for the target
+BLIND = 0.5  # share of random scenes before the first failure: ease may be misleading
 GUIDED = 0.1  # and after it: there may be failures elsewhere
-CROSSED = 0.3  # share of children that have two parents
-AGAIN = 0.4  # chance of one more operator in a mutation
-TRIES = 10  # children that turn out to be known before a fresh scene takes their place
-
-PASSING = -1.0  # merit below which a scene passed: see Score.ease
+CROSSED = 0.3  # share of children with two parents
+AGAIN = 0.4  # chance that a mutation changes one more operator
+TRIES = 10  # known children before a random scene is proposed instead
+PASSING = -1.0  # objective at or below which a scene passed, see Score.ease
 
 Rng = np.random.Generator
 Genomes = NDArray[np.float64]  # (n, dim)
@@ -29,14 +28,14 @@ Genomes = NDArray[np.float64]  # (n, dim)
 class MapElites:
     """Mouret, Clune 2015 <https://arxiv.org/abs/1504.04909>, with the archive of pyribs.
 
-    A niche is a lost stage (or none), the operator that is farthest from nominal, and the target's place in
-    the 4 × 4 grid. In each the scene survives that fails earliest, or passes latest. Parents are drawn evenly
-    from the elites that fail; from all, as long as none does.
+    A niche is a lost stage (or none), the operator farthest from nominal, and the target's square in the
+    4 × 4 grid. Each keeps the scene that fails earliest, or passes latest. Parents are drawn uniformly from
+    the failing elites; from all elites while none fails.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
-        self._nursery, self._variation = ProposalFactory(space), Variation(space.genes)
+        self._proposals, self._variation = ProposalFactory(space), Variation(space.genes)
         operators = len({gene.operator for gene in space.genes})
         dims = (STAGES, operators + 1, SQUARES)
         self._numbers: list[dict[str, int]] = [{} for _ in dims]
@@ -45,13 +44,13 @@ class MapElites:
         )
 
     def ask(self, n: int) -> list[Proposal]:
-        """Fresh scenes to begin with, then mostly children of elites."""
+        """Random scenes to begin with, then mostly children of elites."""
         first, self._asked = self._asked, self._asked + n
         parents, share = self._parents()
         return [self._proposal(number, parents, share) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Let every scene that was judged compete for its niche."""
+        """Let every scene that was rolled out compete for its niche."""
         judged = [pair for pair in zip(proposals, scores, strict=True) if pair[1].rolled_out]
         if judged:
             self._archive.add(
@@ -61,7 +60,7 @@ class MapElites:
             )
 
     def _niche(self, genome: Genome, score: Score) -> list[int]:
-        """Its coordinates: names are numbered in the order in which they come first."""
+        """The niche's coordinates: names are numbered in order of first occurrence."""
         scene = self._space.decode(genome)
         severities = self._space.severities(scene)
         farthest = max(severities, key=lambda name: severities[name])
@@ -71,21 +70,21 @@ class MapElites:
         return [known.setdefault(name, len(known)) for known, name in zip(self._numbers, names, strict=True)]
 
     def _parents(self) -> tuple[Genomes, float]:
-        """``(n, dim)`` elites that may have children, and the share of fresh scenes beside these."""
-        elites, merits = (np.asarray(self._archive.data(field)) for field in ("solution", "objective"))
-        failing = elites[merits > PASSING]
+        """``(n, dim)`` elites to choose parents from, and the share of random scenes."""
+        elites, objectives = (np.asarray(self._archive.data(field)) for field in ("solution", "objective"))
+        failing = elites[objectives > PASSING]
         if len(failing):
             return failing, GUIDED
-        return elites, BLIND if len(set(merits)) > 1 else 1.0
+        return elites, BLIND if len(set(objectives)) > 1 else 1.0
 
     def _proposal(self, number: int, parents: Genomes, share: float) -> Proposal:
         rng = np.random.default_rng([self._seed, number])
         if len(parents) and rng.random() >= share:
             for _ in range(TRIES):
-                child = self._nursery.fair(self._child(parents, rng), rng)
-                if self._nursery.new([child])[0]:
-                    return Proposal(number, self._nursery.registered(child))
-        return Proposal(number, self._nursery.fresh(rng))
+                child = self._proposals.fair(self._child(parents, rng), rng)
+                if self._proposals.new([child])[0]:
+                    return Proposal(number, self._proposals.registered(child))
+        return Proposal(number, self._proposals.fresh(rng))
 
     def _child(self, parents: Genomes, rng: Rng) -> Genome:
         genome, other = parents[rng.integers(len(parents), size=2)]

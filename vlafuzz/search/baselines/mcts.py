@@ -1,4 +1,4 @@
-"""MCTS: a tree says which operators to disturb and how far; branches whose scenes fail are tried more."""
+"""MCTS: a tree decides which operators to perturb and how far; failing branches are visited more."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposal_factory import ProposalFactory
 from vlafuzz.space.params import Gene
 
-EXTENTS = ("nominal", "near", "far")  # how far an operator is disturbed: not, up to half of its range, beyond
-CURIOSITY = 0.7  # weight of what was tried rarely, beside what failed often
-MOST_NODES = 20_000  # beyond, the tree does not grow
-TRIES = 10  # draws that turn out to be known before a fresh scene takes their place
+EXTENTS = ("nominal", "near", "far")  # an operator's perturbation: none, up to half of its range, more
+CURIOSITY = 0.7  # weight of exploration in UCB1
+MOST_NODES = 20_000  # the tree stops growing there
+TRIES = 10  # known scenes before a random one is proposed instead
 
 Rng = np.random.Generator
 
 
 class Node:
-    """What became of the scenes that begin with the same extents."""
+    """Visits and failures of the scenes whose first operators have the same extents."""
 
     def __init__(self) -> None:
         self.children: dict[int, Node] = {}
         self.visits, self.failures = 0, 0.0
 
     def promise(self, extent: int) -> float:
-        """Upper confidence bound of the failures below (UCB1); without limit where nothing was tried."""
+        """Upper confidence bound of a child's failure rate (UCB1); infinite for an unvisited child."""
         child = self.children.get(extent)
         if child is None or child.visits == 0:
             return math.inf
@@ -37,17 +37,17 @@ class Node:
 
 
 class Mcts:
-    """Monte Carlo tree search in RoboTest's manner, but rewarded for failures.
+    """Monte Carlo tree search as in RoboTest, but rewarded for failures. A baseline.
 
     UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest
     <https://github.com/scuama/RoboTest> rewards successes. The n-th level of the tree decides how far the
-    n-th operator is from nominal; a path is completed at random, and drawn as a scene. One that is out counts
-    as a pass until its outcome is told, so that a batch spreads over the tree.
+    n-th operator is from nominal; a path is completed at random and drawn as a scene. A pending scene counts
+    as a pass until it is scored, so that a batch spreads over the tree.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._space, self._seed, self._asked = space, seed, 0
-        self._nursery, self._root, self._nodes = ProposalFactory(space), Node(), 1
+        self._proposals, self._root, self._nodes = ProposalFactory(space), Node(), 1
         self._operators = list(dict.fromkeys(gene.operator for gene in space.genes))
         self._out: dict[int, list[Node]] = {}
 
@@ -57,7 +57,7 @@ class Mcts:
         return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Reward the branches of the failures; forget what was not judged."""
+        """Reward the branches of failures; undo the visits of invalid scenes."""
         for proposal, score in zip(proposals, scores, strict=True):
             for node in self._out.pop(proposal.id):
                 node.failures += score.failed
@@ -70,13 +70,13 @@ class Mcts:
         for node in path:
             node.visits += 1
         for _ in range(TRIES):
-            genome = self._nursery.fair(self._drawn(extents, rng), rng)
-            if self._nursery.new([genome])[0]:
-                return Proposal(number, self._nursery.registered(genome))
-        return Proposal(number, self._nursery.fresh(rng))
+            genome = self._proposals.fair(self._drawn(extents, rng), rng)
+            if self._proposals.new([genome])[0]:
+                return Proposal(number, self._proposals.registered(genome))
+        return Proposal(number, self._proposals.fresh(rng))
 
     def _descend(self, rng: Rng) -> tuple[dict[str, int], list[Node]]:
-        """An extent for each operator, and the nodes on the way; at most one of them is new."""
+        """An extent for each operator, and the nodes visited; at most one of them is new."""
         node: Node | None = self._root
         path, extents = [self._root], dict[str, int]()
         for operator in self._operators:
@@ -90,7 +90,7 @@ class Mcts:
         return extents, path
 
     def _entered(self, node: Node, extent: int, path: list[Node]) -> Node | None:
-        """The child to go on from; None below a new one, or where the tree may not grow."""
+        """The child to continue from; None below a new node, or where the tree may not grow."""
         known = node.children.get(extent)
         if known is None and self._nodes < MOST_NODES:
             path.append(node.children.setdefault(extent, Node()))
@@ -100,13 +100,13 @@ class Mcts:
         return known
 
     def _drawn(self, extents: dict[str, int], rng: Rng) -> Genome:
-        """A random scene of which every operator is as far from nominal as wanted."""
+        """A random scene with every operator as far from nominal as its extent says."""
         genome = self._space.encode(self._space.sample(rng))
         pairs = zip(self._space.genes, genome, strict=True)
-        return np.array([_disturbed(gene, where, EXTENTS[extents[gene.operator]]) for gene, where in pairs])
+        return np.array([_perturbed(gene, where, EXTENTS[extents[gene.operator]]) for gene, where in pairs])
 
 
-def _disturbed(gene: Gene, where: float, extent: str) -> float:
+def _perturbed(gene: Gene, where: float, extent: str) -> float:
     """A gene's coordinate, moved along its range; categories and neutral genes are nominal or as drawn."""
     grid = gene.grid
     level, nominal = min(int(where * grid.size), grid.size - 1), grid.nominal_level

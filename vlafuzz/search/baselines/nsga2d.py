@@ -1,4 +1,4 @@
-"""NSGA-II with a diversity fitness and repopulation: it keeps away from the failures that it has."""
+"""NSGA-II-D: NSGA-II with a diversity objective and repopulation."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Source
 from vlafuzz.search.nsga2 import MOST_SEVERE, Nsga2
 
-LEAVES = 0.5  # share of the population that gives way to fresh scenes when it stalls
+LEAVES = 0.5  # share of the population replaced by random scenes when it stalls
 
 
 class Nsga2D(Nsga2):
     """NSGA-II-D: Sorokin, Safin, Nejati 2024 <https://doi.org/10.1007/s10664-024-10599-9>.
 
-    Every scene, failing or not, is ranked by the distance from the failures found before, beside progress and
-    severity: an archive of failures repels the population. Once a whole generation reaches no new cell, the
-    worse half of the population gives way to fresh scenes.
+    Every scene, failing or not, is ranked by progress, severity and its distance from known failures: an
+    archive of failures repels the population. When a whole generation reaches no new cell, random scenes
+    replace the worse half of the population.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -27,13 +27,13 @@ class Nsga2D(Nsga2):
         self._stalled = self._vacant = 0
 
     def ask(self, n: int) -> list[Proposal]:
-        """As NSGA-II does, after fresh scenes for the places that are vacant."""
+        """As NSGA-II, after random scenes for the vacant places."""
         proposals = super().ask(n)
         self._vacant = max(self._vacant - n, 0)
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Let the batch compete, and look whether anything new came of it."""
+        """Let the batch compete, and repopulate when it stalls."""
         super().tell(proposals, scores)
         reached = {score.cell for score in scores if score.failed and score.cell} - self._cells
         self._cells |= reached
@@ -42,7 +42,7 @@ class Nsga2D(Nsga2):
             self._repopulate()
 
     def _repopulate(self) -> None:
-        """Keep the better half."""
+        """Keep the better half of the population."""
         stay = max(round((1 - LEAVES) * self._size), 1)
         algorithm, rng = self._algorithm, np.random.default_rng([self._seed, self._asked, 3])
         algorithm.pop = algorithm.survival.do(
@@ -55,5 +55,5 @@ class Nsga2D(Nsga2):
 
     @staticmethod
     def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
-        """To be made small. What was not judged is behind everything else by its constraint."""
+        """To be minimized. Invalid scenes rank behind all others by their constraint."""
         return (score.ease, score.severity, -novelty) if score.rolled_out else (0.0, MOST_SEVERE, 0.0)

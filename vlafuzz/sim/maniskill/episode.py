@@ -59,8 +59,8 @@ class Episode:
 
     @property
     def instruction(self) -> str:
-        """What is to be done now, see ``Scene.said``."""
-        return self._scene.said(len(self.env.monitor.reached))
+        """What is to be done now, see ``Scene.instruction_at``."""
+        return self._scene.instruction_at(len(self.env.monitor.reached))
 
     def observe(self) -> Observation:
         """What the spec asks for, at this moment."""
