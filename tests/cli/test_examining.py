@@ -143,7 +143,7 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
     assert label in shown.err
     with Store.open(tmp_path / "a.db") as store:
         assert store.runs()[0].manifest.checkup == label
-        assert ("Its checkup", label) in view_of_store(store).facts
+        assert ("Policy checkup", label) in view_of_store(store).facts
 
 
 def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -1,4 +1,4 @@
-"""Stores with planted failures, and films that nobody had to shoot."""
+"""Stores with planted failures, and films without a simulator."""
 
 import io
 from pathlib import Path
@@ -24,7 +24,7 @@ MANIFEST = manifest(operators=operators_json(SPACE.operators))
 
 
 def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: str = "idle") -> Path:
-    """Of each planted policy so many findings, the first one of those is triaged where asked for."""
+    """``findings`` findings of each planted policy, of which the first ``triaged`` (or all) are triaged."""
     with Store.open(path, "write") as opened:
         for seed, condition in enumerate(PLANTED.values()):
             run = opened.begin(manifest(operators=MANIFEST.operators, seed=seed, policy=policy))
@@ -46,10 +46,10 @@ def view(path: Path) -> View:
 
 
 class MadeUpFilms:
-    """A grey film for everything; ``asked`` says of what. The policy passes in ``passing``."""
+    """The same grey film for every request; in the first ``passing`` ones of the policy it passes."""
 
     def __init__(self, passing: int = 0) -> None:
-        self.asked: list[tuple[Manifest, Scene, Actions | None]] = []
+        self.requests: list[tuple[Manifest, Scene, Actions | None]] = []
         self._passing = passing
         frames = np.stack([np.full((64, 64, 3), 9 * shade, np.uint8) for shade in range(15)])
         video = imageio.imwrite("<bytes>", frames, extension=".mp4", fps=15, codec="libx264")
@@ -58,6 +58,6 @@ class MadeUpFilms:
         self._video, self._still = bytes(video), still.getvalue()
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film:
-        self.asked.append((run, scene, actions))
-        policies = sum(actions is None for _, _, actions in self.asked)
+        self.requests.append((run, scene, actions))
+        policies = sum(actions is None for _, _, actions in self.requests)
         return Film(self._video, self._still, actions is None and policies > self._passing)

@@ -38,20 +38,20 @@ def browser() -> Iterator["sync.Browser"]:
 
 @pytest.fixture
 def page(browser: "sync.Browser", address: str) -> Iterator["sync.Page"]:
-    """The page, open; it must have logged nothing and asked for nothing in the end."""
+    """The open page; asserts in the end that it logged and requested nothing."""
     page = browser.new_page(viewport={"width": 1400, "height": 1000})
-    heard: list[str] = []
-    page.on("console", lambda message: heard.append(message.text))
-    page.on("pageerror", lambda error: heard.append(str(error)))
-    page.on("request", lambda request: heard.append(request.url))
+    events: list[str] = []
+    page.on("console", lambda message: events.append(message.text))
+    page.on("pageerror", lambda error: events.append(str(error)))
+    page.on("request", lambda request: events.append(request.url))
     page.goto(address)
     yield page
     page.close()
-    assert [each for each in heard if each != address and not each.startswith("data:")] == []
+    assert [event for event in events if event != address and not event.startswith("data:")] == []
 
 
 def eventually(page: "sync.Page", expression: str) -> None:
-    """Playwright's own way to wait is by eval, which the page forbids."""
+    """Playwright waits by eval, which the page forbids."""
     for _ in range(100):
         if page.evaluate(expression):
             return
@@ -71,7 +71,7 @@ def test_filters_narrow_the_gallery_together_and_reset(page: "sync.Page"):
     assert page.locator("select[name=operator] option[value=light]").inner_text() == "light (0)"
     page.locator("select[name=operator]").select_option("light")
     assert shown(page) == 0
-    assert page.get_by_text("No finding is like that").is_visible()
+    assert page.get_by_text("No finding matches").is_visible()
     page.get_by_role("button", name="Reset").click()
     eventually(page, "document.querySelector('output').value === '6 of 6 shown'")
     assert shown(page) == 6
@@ -105,7 +105,14 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(
     picture = io.BytesIO()
     imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
     rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]
-    made = Sheet("a", "a.db", "b", (), (Picture("c", picture.getvalue(), "d"),), (Table("e", rows),))
+    made = Sheet(
+        title="a",
+        source="a.db",
+        headline="b",
+        conclusions=(),
+        pictures=(Picture("c", picture.getvalue(), "d"),),
+        tables=(Table("e", rows),),
+    )
     (tmp_path / "sheet.html").write_text(render_sheet(made), encoding="utf-8")
     page = browser.new_page(viewport={"width": width, "height": 800})
     page.goto((tmp_path / "sheet.html").as_uri())

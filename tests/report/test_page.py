@@ -7,7 +7,7 @@ import pytest
 from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import UsageError
-from vlafuzz.report.exported import view_of_bundle
+from vlafuzz.report.exported import view_of_corpus
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import check_place, render, write_page
 from vlafuzz.store.store import Store
@@ -44,27 +44,27 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Page:
     return page_of(store(tmp_path_factory.mktemp("store") / "a.db"), films=True)
 
 
-def test_nothing_on_the_page_is_elsewhere(page: Page):
+def test_the_page_refers_to_nothing_outside(page: Page):
     for name in ("src", "href", "poster"):
-        found = [attributes[name] for _, attributes in page.tags if name in attributes]
-        assert all(value.startswith("data:") for value in found)
+        values = [attributes[name] for _, attributes in page.tags if name in attributes]
+        assert all(value.startswith("data:") for value in values)
     assert not re.search(r"url\(|@import|https?://", page.text)
-    assert {"default-src 'none'" in (each.get("content") or "") for each in page.all("meta")} == {True, False}
+    assert {"default-src 'none'" in (meta.get("content") or "") for meta in page.all("meta")} == {True, False}
 
 
 def test_each_failure_has_a_card_with_two_films_that_say_what_they_are(page: Page):
     assert len(page.all("article")) == 6
     assert len(page.all("video")) == 12
-    assert all(each.keys() >= {"muted", "loop", "playsinline", "poster"} for each in page.all("video"))
-    films = [each for each in page.all("button") if each.get("class") == "film"]
-    assert sum("idle fails" in (each["aria-label"] or "") for each in films) == 6
+    assert all(video.keys() >= {"muted", "loop", "playsinline", "poster"} for video in page.all("video"))
+    films = [button for button in page.all("button") if button.get("class") == "film"]
+    assert sum("idle fails" in (button["aria-label"] or "") for button in films) == 6
     assert "the witness solves it" in page.text
     assert "fails from yaw 2.6° on" in page.text
 
 
 def test_filters_offer_what_the_cards_have(page: Page):
-    assert [each["name"] for each in page.all("select")] == ["task", "stage", "operator", "evidence"]
-    offered = {each["value"] for each in page.all("option")}
+    assert [select["name"] for select in page.all("select")] == ["task", "stage", "operator", "evidence"]
+    offered = {option["value"] for option in page.all("option")}
     assert offered == {"", "pick-up", "grasp", "camera-orientation", "light", "minimal"}
 
 
@@ -78,14 +78,14 @@ def test_foreign_text_stays_text(tmp_path: Path):
 def test_every_picture_has_a_description():
     made = make_corpus()
     made.runs[0] = MANIFEST
-    (picture,) = Page(render(view_of_bundle(Path("dark"), made))).all("img")
+    (picture,) = Page(render(view_of_corpus(Path("dark"), made))).all("img")
     assert picture["alt"] == "The scene before anything moves: pick up green cube"
 
 
 def test_an_empty_store_gives_a_page_that_says_so(tmp_path: Path):
     Store.open(tmp_path / "a.db", "write").close()
     made = page_of(tmp_path / "a.db")
-    assert "there is no failure to show" in made.text
+    assert "there are no failures to show" in made.text
     assert made.all("select") == []
 
 
@@ -105,9 +105,9 @@ def test_a_page_replaces_the_one_before_and_leaves_nothing_beside_it(tmp_path: P
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    for place, said in (
+    for place, reason in (
         (tmp_path, "is a folder"),
         (tmp_path / "file" / "page.html", "cannot be written: "),
     ):
-        with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {said}"):
+        with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {reason}"):
             check_place(place)

@@ -13,7 +13,7 @@ def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> P
         title=title,
         source="a.db",
         headline="All of it.",
-        said=("mine finds more",),
+        conclusions=("mine finds more",),
         pictures=(Picture("Curves", b"\x89PNG", "Two curves."),),
         tables=(Table("Found", rows, "medians"),),
         todo=(("Next:", "vlafuzz report a.db"),),

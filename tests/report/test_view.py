@@ -6,9 +6,9 @@ from tests.regression.corpora import case, make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.triage.planted import SPACE
 from vlafuzz.evidence import Causes, Threshold
-from vlafuzz.report.exported import view_of_bundle
+from vlafuzz.report.deviations import deviations
+from vlafuzz.report.exported import view_of_corpus
 from vlafuzz.report.films import filmed
-from vlafuzz.report.scenes import deviations
 from vlafuzz.report.view import Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.store.store import Store
@@ -20,7 +20,7 @@ def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
 
 
 def counts(chart: Chart) -> dict[str, tuple[int, int]]:
-    return {each.name: (each.share.count, each.share.of) for each in chart.measures}
+    return {measure.name: (measure.share.count, measure.share.of) for measure in chart.measures}
 
 
 def test_it_begins_with_the_result_in_a_sentence(triaged: View):
@@ -28,7 +28,7 @@ def test_it_begins_with_the_result_in_a_sentence(triaged: View):
     assert triaged.headline.startswith(
         "6 of 8 judged scenes failed (75\u00a0%, 95\u00a0% interval 40.9–92.9\u00a0%)."
     )
-    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct bugs.")
+    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct signatures.")
     assert triaged.todo == ()
 
 
@@ -61,8 +61,8 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     made = view(store(tmp_path / "a b.db", triaged=0))
     assert {card.bucket for card in made.cards} == {"observed"}
     assert {card.lost_stage for card in made.cards} == {"grasp"}
-    ((said, command),) = made.todo
-    assert said.startswith("6 findings are not triaged yet")
+    ((sentence, command),) = made.todo
+    assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
     assert (made.operators, made.signatures) == ((), ())
 
@@ -74,8 +74,7 @@ def test_those_with_the_most_evidence_come_first(tmp_path: Path):
 
 def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
     assert (
-        view(store(tmp_path / "a.db", findings=0)).headline
-        == "No scene failed: all 2 that were judged passed."
+        view(store(tmp_path / "a.db", findings=0)).headline == "No scene failed: all 2 judged scenes passed."
     )
     Store.open(tmp_path / "b.db", "write").close()
     empty = view(tmp_path / "b.db")
@@ -87,18 +86,20 @@ def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     made = make_corpus(*cases)
     for run in range(len(made.runs)):
         made.runs[run] = MANIFEST
-    shown = view_of_bundle(Path("dark"), made)
+    shown = view_of_corpus(Path("dark"), made)
     evidence, lost = shown.charts
     assert counts(evidence) == {"confirmed": (8, 9)}
     assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
-    assert shown.headline == "2 minimal failing scenes, 1 bug, each solved by the expert; of 9 findings."
+    assert (
+        shown.headline == "2 minimal failing scenes, 1 signature, all solved by the expert; from 9 findings."
+    )
     assert [card.replay for card in shown.cards] == [
-        f"vlafuzz replay dark/scenes.jsonl {each.scene.digest[:12]} --policy idle" for each in cases
+        f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
     ]
     assert shown.cards[0].picture == b"png"
 
 
-def test_all_that_is_not_nominal_is_said_in_words():
+def test_every_deviation_is_described_in_words():
     nominal = SPACE.nominal()
     other = Placement("apple", "upright", 0.1, -0.2)
     turned = Placement(nominal.targets[0].object, nominal.targets[0].rest, 0.02, 0.0, 45.0)
@@ -111,11 +112,10 @@ def test_all_that_is_not_nominal_is_said_in_words():
         camera=Camera(0.028, 30.0, 10.0, pitch=-3.0),
     )
     causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
-    said = {
-        each.operator: (each.value, each.nominal, each.fails_from)
-        for each in deviations(SPACE, scene, causes)
+    described = {
+        row.operator: (row.value, row.nominal, row.fails_from) for row in deviations(SPACE, scene, causes)
     }
-    assert said == {
+    assert described == {
         "confounders": ("apple at x 0.1 m, y -0.2 m", "none", ""),
         "light": ("× 6.5", "× 1", "fails from intensity × 6.25 on"),
         "camera-position": ("0.028 m off, azimuth 30°, elevation 10°", "0 m off", ""),
@@ -127,7 +127,7 @@ def test_all_that_is_not_nominal_is_said_in_words():
 
 def test_scenes_from_elsewhere_are_shown_as_well():
     scene = Scene("pick-up", (Placement("teapot", "upright", 0.0, 0.0),), "pick up teapot", light=Light(3.0))
-    assert "light" in {each.operator for each in deviations(SPACE, scene, Causes())}
+    assert "light" in {row.operator for row in deviations(SPACE, scene, Causes())}
 
 
 def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: View):
@@ -136,13 +136,13 @@ def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: 
     assert [card.failure is not None for card in made.cards] == [True] * 5 + [False] * (len(made.cards) - 5)
     assert made.filmed
     assert made.notes == ()
-    assert [actions is None for _, _, actions in films.asked] == [True, False] * 5
-    seeds = [run.seed for run, _, _ in films.asked]
+    assert [actions is None for _, _, actions in films.requests] == [True, False] * 5
+    seeds = [run.seed for run, _, _ in films.requests]
     assert seeds == sorted(seeds)
     assert seen[-1] == (5, 5)
 
 
-def test_films_in_which_the_policy_passes_are_owned_up_to(triaged: View):
+def test_films_in_which_the_policy_passes_are_noted(triaged: View):
     made = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
     (note,) = made.notes
     assert note.startswith("In 2 of 6 films the policy passes:")

@@ -38,7 +38,7 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
         title=f"{compared.policy} on {compared.task}: strategies compared",
         source=compared.store,
         headline=f"{', '.join(names)}: {runs}, with the same seeds.",
-        said=tuple(sentences(compared)),
+        conclusions=tuple(sentences(compared)),
         pictures=tuple(Picture(_TITLES[name], png, _described(name, names)) for name, png in plots.items()),
         tables=(*_tables(compared), *_tests(compared)),
         todo=(

@@ -49,13 +49,13 @@ def command(
 
 def _view(source: Path) -> View:
     from vlafuzz.regression.folder import locate, read_corpus
-    from vlafuzz.report.exported import view_of_bundle
+    from vlafuzz.report.exported import view_of_corpus
     from vlafuzz.report.store import view_of_store
     from vlafuzz.store.store import Store
 
     source = locate(source)
     if source.is_dir():
-        return view_of_bundle(source, read_corpus(source))
+        return view_of_corpus(source, read_corpus(source))
     if not source.is_file():
         raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
     with Store.open(source) as store:

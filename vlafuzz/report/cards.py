@@ -1,4 +1,4 @@
-"""Cards: what there is to show of a finding, or of a case of an exported corpus."""
+"""Cards of the gallery, from a finding or from a case of an exported corpus."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.regression.corpus import Case, Corpus
 from vlafuzz.regression.folder import SCENES
-from vlafuzz.report.scenes import deviations
+from vlafuzz.report.deviations import deviations
 from vlafuzz.report.view import Card
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
@@ -26,24 +26,24 @@ class Spaces:
 
     def __init__(self, source: Path) -> None:
         self._source = source
-        self._made: dict[tuple[str, ...], SearchSpace] = {}
+        self._spaces: dict[tuple[str, ...], SearchSpace] = {}
 
     def of(self, run: Manifest) -> SearchSpace:
-        """In which the run's scenes are.
+        """The space that contains the scenes of a run.
 
         Raises:
-            StoreError: another version wrote it, whose operators are others.
-            UsageError: a pack of its objects is gone.
+            StoreError: another version wrote it, with other operators.
+            UsageError: an object pack is missing.
         """
         key = (run.task, run.robot, run.operators, run.packs)
-        if key not in self._made:
+        if key not in self._spaces:
             operators = stored_operators(self._source, run)
-            self._made[key] = SearchSpace(operators, stored_catalogue(run), run.task, run.robot)
-        return self._made[key]
+            self._spaces[key] = SearchSpace(operators, stored_catalogue(run), run.task, run.robot)
+        return self._spaces[key]
 
 
 def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchSpace) -> Card:
-    """A finding that was not triaged."""
+    """The card of a finding that was not triaged."""
     scene = finding.scene
     return Card(
         scene=scene,
@@ -64,10 +64,10 @@ def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchS
 def card_of_triaged(
     store: Path, triaged: Triaged, finding: Finding, run: Manifest, space: SearchSpace
 ) -> Card:
-    """What triage made of a finding. What is left of one is shown where it is minimal, with its witness."""
-    left = triaged.shrunk if triaged.bucket == "minimal" else None
-    scene = left or triaged.scene
-    causes = triaged.causes if left else Causes()
+    """The card of a triaged finding: its minimal scene with the witness if there is one."""
+    minimal = triaged.shrunk if triaged.bucket == "minimal" else None
+    scene = minimal or triaged.scene
+    causes = triaged.causes if minimal else Causes()
     return Card(
         scene=scene,
         found=(triaged.scene.digest,),
@@ -75,7 +75,7 @@ def card_of_triaged(
         bucket=triaged.bucket,
         lost_stage=triaged.lost_stage or finding.cell.partition("|")[0],
         signature=triaged.signature or "",
-        operators=triaged.operators if left else triaged.deviating,
+        operators=triaged.operators if minimal else triaged.deviating,
         deviations=deviations(space, scene, causes),
         causes=causes,
         witness=triaged.witness.actions if triaged.witness else None,
@@ -85,7 +85,7 @@ def card_of_triaged(
 
 
 def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -> Card:
-    """A case; it is minimal."""
+    """The card of a case, which is minimal."""
     run = corpus.runs[case.run]
     return Card(
         scene=case.scene,
@@ -107,7 +107,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
 def _deviating(space: SearchSpace, scene: Scene) -> tuple[str, ...]:
     try:
         return tuple(deviating(space, scene))
-    except SceneError:  # from elsewhere
+    except SceneError:  # an imported scene
         return ()
 
 
@@ -116,5 +116,5 @@ def _repeats(failures: int, repeats: int) -> str:
 
 
 def _replay(source: Path, scene: Scene, policy: str | None = None) -> str:
-    named = ["--policy", policy] if policy else []
-    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], *named])
+    options = ["--policy", policy] if policy else []
+    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], *options])

@@ -1,4 +1,4 @@
-"""Counts: what came of a store's rollouts, in one pass over its trials."""
+"""Counts over the trials of a store, in one pass."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import task
 
 _VERDICTS = {
-    Verdict.FAILED: "of the scenes that were judged",
-    Verdict.PASSED: "of the scenes that were judged",
-    Verdict.INVALID: "not a fair scene; of all that were proposed",
-    Verdict.ERROR: "policy or simulator broke; of all that were proposed",
+    Verdict.FAILED: "of the judged scenes",
+    Verdict.PASSED: "of the judged scenes",
+    Verdict.INVALID: "not fair; of all proposed scenes",
+    Verdict.ERROR: "policy or simulator broke; of all proposed scenes",
 }
 
 
 @dataclass
 class Counts:
-    """Of a store.
+    """Rollouts and verdicts of a store.
 
     Attributes:
-        rollouts: of policies, in runs.
-        last: each scene's verdict under each policy key, the last one.
-        begun: rollouts by task and policy; ``reached`` those that reached a stage.
+        rollouts: of policies, during search.
+        last: the last verdict of every scene under every policy key.
+        begun: rollouts by task and policy; ``reached``: those that reached a stage.
     """
 
     rollouts: int = 0
@@ -42,12 +42,12 @@ class Counts:
 
     @property
     def failed(self) -> Share:
-        """Of the scenes that were judged."""
+        """Failed scenes, of those that were judged."""
         counted = self.verdicts
         return Share.of_counts(counted[Verdict.FAILED], counted[Verdict.FAILED] + counted[Verdict.PASSED])
 
     def add(self, run: Run, trial: Trial) -> None:
-        """One more trial."""
+        """Count a trial."""
         manifest, outcome = run.manifest, trial.outcome
         key = (manifest.key(), trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
@@ -61,7 +61,7 @@ class Counts:
 
 
 def count(store: Store) -> Counts:
-    """All trials of a store."""
+    """Count all trials of a store."""
     counts = Counts()
     for run in store.runs():
         for trial in store.trials(run.id):
@@ -80,32 +80,24 @@ def verdict_chart(counts: Counts) -> Chart:
         )
         for verdict, says in _VERDICTS.items()
     )
-    return Chart("Verdicts", "Distinct scenes, each by its last verdict.", tuple(measures))
+    return Chart("Verdicts", "Distinct scenes by their last verdict.", tuple(measures))
 
 
 def funnels(counts: Counts) -> tuple[Chart, ...]:
-    """How many rollouts reached each stage: one a task and policy."""
+    """How many rollouts reached each stage: one chart per task and policy."""
     charts = []
     for (name, policy), begun in counts.begun.items():
         stages = task(name).stage_names
         measures = [
             Measure(stage, Share.of_counts(counts.reached[name, policy, stage], begun)) for stage in stages
         ]
-        several = f", {name}, {policy}" if len(counts.begun) > 1 else ""
-        charts.append(Chart(f"Stages reached{several}", f"Of {begun} rollouts.", tuple(measures)))
+        which = f", {name}, {policy}" if len(counts.begun) > 1 else ""
+        charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", tuple(measures)))
     return tuple(charts)
 
 
 def run_row(store: Store, run: Run) -> RunRow:
-    """A run, with its share of failures."""
+    """A run, with its failure rate."""
     manifest, (failed, judged) = run.manifest, store.judged([run.id])
-    return RunRow(
-        run.id,
-        manifest.task,
-        manifest.policy,
-        manifest.strategy,
-        manifest.seed,
-        manifest.budget,
-        run.status,
-        Share.of_counts(failed, judged) if judged else None,
-    )
+    share = Share.of_counts(failed, judged) if judged else None
+    return RunRow(id=run.id, manifest=manifest, status=run.status, failed=share)

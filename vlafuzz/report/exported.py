@@ -12,8 +12,8 @@ from vlafuzz.report.words import duration, named, plural
 from vlafuzz.tasks.tabletop import task
 
 
-def view_of_bundle(folder: Path, corpus: Corpus) -> View:
-    """Its cases, and what triage of the stores that they are from came to."""
+def view_of_corpus(folder: Path, corpus: Corpus) -> View:
+    """The cases, and the evidence from triage."""
     spaces = Spaces(folder)
     cases, runs = corpus.cases, tuple(corpus.runs)
     return View(
@@ -23,10 +23,7 @@ def view_of_bundle(folder: Path, corpus: Corpus) -> View:
         facts=_facts(corpus),
         todo=(),
         runs=runs,
-        run_rows=tuple(
-            RunRow(number, run.task, run.policy, run.strategy, run.seed, run.budget, "", None)
-            for number, run in enumerate(runs, start=1)
-        ),
+        run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(runs, start=1)),
         charts=(_evidence(corpus.evidence), _lost(corpus)),
         operators=operator_rows((case.operators, case.causes) for case in cases),
         cards=in_order(
@@ -36,9 +33,10 @@ def view_of_bundle(folder: Path, corpus: Corpus) -> View:
 
 
 def _headline(corpus: Corpus) -> str:
-    bugs = plural(len({case.signature for case in corpus.cases}), "bug")
+    signatures = plural(len({case.signature for case in corpus.cases}), "signature")
     cases = plural(len(corpus.cases), "minimal failing scene")
-    return f"{cases}, {bugs}, each solved by the expert; of {plural(corpus.evidence.findings, 'finding')}."
+    findings = plural(corpus.evidence.findings, "finding")
+    return f"{cases}, {signatures}, all solved by the expert; from {findings}."
 
 
 def _facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
@@ -65,7 +63,7 @@ def _facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
 
 def _evidence(evidence: Evidence) -> Chart:
     measures = (Measure(name, share, SHARES.get(name, "")) for name, share in evidence.shares.items())
-    return Chart("Evidence", "Of the findings of the stores that were triaged.", tuple(measures))
+    return Chart("Evidence", "Of the triaged findings of the store.", tuple(measures))
 
 
 def _lost(corpus: Corpus) -> Chart:
@@ -74,4 +72,4 @@ def _lost(corpus: Corpus) -> Chart:
         Measure(stage, Share.of_counts(lost[stage], len(corpus.cases)))
         for stage in task(corpus.task).stage_names
     )
-    return Chart("Lost stage", "The stage that the policy does not reach, of all cases.", tuple(measures))
+    return Chart("Lost stage", "The stage that the policy does not reach; of all cases.", tuple(measures))

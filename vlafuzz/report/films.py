@@ -1,4 +1,4 @@
-"""Films: what happens in a scene, to look at."""
+"""Films of the failures and their witnesses."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from vlafuzz.store.records import Manifest
 
 
 class Films(Protocol):
-    """Makes films."""
+    """Makes the film of a scene."""
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        """What the run's policy does in a scene, or what given actions do; None where that broke."""
+        """The run's policy in a scene, or the given actions; None if that raised an error."""
 
 
 def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], None]) -> View:
-    """The view with films of its first ``limit`` cards; run by run, as what makes them changes with it.
+    """The view with films of its first ``limit`` cards, made run by run: each run needs its own simulator.
 
     Args:
-        watch: hears how many of how many cards are done.
+        watch: called with the number of cards done, and of all.
     """
     chosen = view.cards[:limit]
     order = sorted(range(len(chosen)), key=lambda index: view.runs.index(chosen[index].run))
-    made: dict[int, Card] = {}
+    with_films: dict[int, Card] = {}
     for index in order:
-        watch(len(made), len(chosen))
-        made[index] = _filmed(chosen[index], films)
+        watch(len(with_films), len(chosen))
+        with_films[index] = _filmed(chosen[index], films)
     watch(len(chosen), len(chosen))
-    cards = tuple(made.get(index, card) for index, card in enumerate(view.cards))
+    cards = tuple(with_films.get(index, card) for index, card in enumerate(view.cards))
     return replace(view, cards=cards, notes=(*view.notes, *_notes(cards)))
 
 
 def _notes(cards: Sequence[Card]) -> Iterator[str]:
-    """What is not as it was when the failures were found."""
+    """Notes on differences from the run that found the failures."""
     shown = [card.failure for card in cards if card.failure is not None]
     passed = sum(not film.failed for film in shown)
     if passed:
         films = plural(len(shown), "film")
-        told = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
-        yield f"In {passed} of {films} the policy passes: {told}."
+        reason = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
+        yield f"In {passed} of {films} the policy passes: {reason}."
 
 
 def _filmed(card: Card, films: Films) -> Card:

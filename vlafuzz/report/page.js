@@ -3,7 +3,7 @@ const all = (selector, of = document) => [...of.querySelectorAll(selector)];
 const cards = all(".card");
 const form = document.querySelector(".filters");
 
-// Filters: a card is shown when it fits every choice; each choice says how many it would leave.
+// Filters: a card is shown when it fits every choice; every choice shows the number of cards that it would leave.
 const values = (card, key) => card.dataset[key].split(" ");
 const fits = (card, chosen) =>
   Object.entries(chosen).every(([key, value]) => !value || values(card, key).includes(value));
@@ -31,11 +31,11 @@ if (form) {
   form.addEventListener("change", narrow);
   form.addEventListener("reset", () => setTimeout(narrow)); // after the browser has reset them
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.reset(); // a browser that comes back keeps choices
+  form.reset(); // browsers keep the choices when one navigates back
   narrow();
 }
 
-// Videos play while they are in sight, unless somebody paused them or wants no motion.
+// Videos play while they are in sight, unless they are paused or the user prefers reduced motion.
 const motion = document.querySelector(".motion");
 const inSight = new Set();
 let still = matchMedia("(prefers-reduced-motion: reduce)").matches;

@@ -1,4 +1,4 @@
-"""Pages: a view, or a sheet, as HTML that needs nothing else."""
+"""Views and sheets as self-contained HTML pages."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from vlafuzz.sim.base import FILM_SPEED
 
 
 def render(view: View) -> str:
-    """One HTML page, with all that it shows inside of it."""
+    """A view as one HTML page without external resources."""
     return _template("page.html.j2").render(view=view, buckets=BUCKETS, speed=FILM_SPEED, version=__version__)
 
 
 def render_sheet(sheet: Sheet) -> str:
-    """The same of a sheet."""
+    """A sheet as one HTML page without external resources."""
     return _template("sheet.html.j2").render(sheet=sheet, version=__version__)
 
 
 def _template(name: str) -> Template:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,  # names and instructions are foreign text
+        autoescape=True,  # names and instructions are untrusted text
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

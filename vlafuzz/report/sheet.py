@@ -1,4 +1,4 @@
-"""Sheet: pictures, tables and sentences on one page. Nothing here knows HTML, or what they are of."""
+"""A sheet: plots, tables and sentences on one page, as values without HTML."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG; ``says`` tells what is in it to those who do not see it."""
+    """A PNG; ``says`` is the alternative text."""
 
     title: str
     png: bytes
@@ -17,7 +17,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows that have the same keys, which are the heads of the columns; the first column names the row."""
+    """Rows with the same keys, which are the column heads; the first column names the row."""
 
     title: str
     rows: Sequence[Mapping[str, object]]
@@ -25,7 +25,7 @@ class Table:
 
     @property
     def columns(self) -> Mapping[str, bool]:
-        """Heads of the columns, and whether there are numbers below."""
+        """Column heads, and whether the column holds numbers."""
         return {head: all(_is_number(row[head]) for row in self.rows) for head in self.rows[0]}
 
 
@@ -33,21 +33,21 @@ def _is_number(value: object) -> bool:
     return str(value).startswith(tuple("–0123456789"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Sheet:
     """The page.
 
     Attributes:
-        source: where it is from.
-        headline: what it is about, in a sentence.
-        said: what comes of it, in sentences.
-        todo: what can be done next, each a sentence and the command.
+        source: the store or folder.
+        headline: the subject, in a sentence.
+        conclusions: in sentences.
+        todo: next steps, each a sentence and the command.
     """
 
     title: str
     source: str
     headline: str
-    said: tuple[str, ...]
+    conclusions: tuple[str, ...]
     pictures: tuple[Picture, ...]
     tables: tuple[Table, ...]
     todo: tuple[tuple[str, str], ...] = ()

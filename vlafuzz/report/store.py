@@ -28,19 +28,19 @@ from vlafuzz.triage.summary import TriageSummary, summarise
 
 
 def view_of_store(store: Store) -> View:
-    """Its runs, and its findings with what triage made of them."""
-    runs, counts, finding = store.runs(), count(store), summarise(store)
+    """The runs, and the findings with the results of triage."""
+    runs, counts, summary = store.runs(), count(store), summarise(store)
     manifests = tuple(run.manifest for run in runs)
     triaged = store.triaged()
     return View(
         title=title_of(manifests),
         source=str(store.path),
-        headline=_headline(counts, finding),
-        facts=_facts(runs, counts, finding),
-        todo=_todo(store.path, finding),
+        headline=_headline(counts, summary),
+        facts=_facts(runs, counts, summary),
+        todo=_todo(store.path, summary),
         runs=manifests,
         run_rows=tuple(run_row(store, run) for run in runs),
-        charts=_charts(counts, finding),
+        charts=_charts(counts, summary),
         operators=_operators(triaged),
         cards=in_order(_merged(_cards(store, runs, triaged))),
     )
@@ -51,14 +51,14 @@ def _headline(counts: Counts, summary: TriageSummary) -> str:
     if not failed.of:
         return "No scene was judged."
     if not summary.findings:
-        return f"No scene failed: all {failed.of} that were judged passed."
+        return f"No scene failed: all {failed.of} judged scenes passed."
     scenes = f"{failed.count} of {failed.of} judged scenes failed"
-    sure = f"95\N{NO-BREAK SPACE}% interval {interval(failed.low, failed.high)}"
-    share = f"{scenes} ({percent(failed.count / failed.of)}, {sure})"
+    bounds = f"95\N{NO-BREAK SPACE}% interval {interval(failed.low, failed.high)}"
+    share = f"{scenes} ({percent(failed.count / failed.of)}, {bounds})"
     if not summary.triaged:
         return f"{share}. None of the findings was triaged."
-    bugs = plural(summary.distinct_signatures, "distinct bug")
-    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {bugs}."
+    signatures = plural(summary.distinct_signatures, "distinct signature")
+    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {signatures}."
 
 
 def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
@@ -66,7 +66,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     searched = sum(run.seconds or 0.0 for run in runs)
     facts = [
         ("Policy", named(run.policy for run in manifests)),
-        ("Its checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
+        ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
         ("Task", named(run.task for run in manifests)),
         ("Strategy", named(run.strategy for run in manifests)),
         ("Budget", f"{sum(run.budget for run in manifests)} rollouts in {plural(len(runs), 'run')}"),
@@ -84,8 +84,8 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     if any(run.simulator for run in manifests):
         facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
     if summary.deviating_before is not None:
-        said = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
-        facts.append(("Operators not nominal, median", said))
+        medians = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
+        facts.append(("Operators not nominal, median", medians))
     return tuple((name, value) for name, value in facts if value)
 
 
@@ -94,47 +94,47 @@ def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
     if not left:
         return ()
     command = shlex.join(["vlafuzz", "triage", str(store)])
-    told = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
-    return ((f"{told}. This says which can be trusted and what they are due to:", command),)
+    untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
+    return ((f"{untriaged}. Triage confirms findings and names their causes:", command),)
 
 
 def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
     charts = [verdict_chart(counts), *funnels(counts)]
     if summary.triaged:
-        came = summary.buckets | {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
+        numbers = summary.buckets | {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
         measures = [
-            Measure(name, Share.of_counts(came[name], summary.triaged), explained)
-            for name, explained in SHARES.items()
+            Measure(name, Share.of_counts(numbers[name], summary.triaged), meaning)
+            for name, meaning in SHARES.items()
         ]
-        says = f"Of the {summary.triaged} findings that were triaged."
+        says = f"Of the {summary.triaged} triaged findings."
         charts.append(Chart("Evidence", says, tuple(measures)))
     return tuple(charts)
 
 
 def _operators(triaged: Iterable[Triaged]) -> tuple[OperatorRow, ...]:
-    """Of what was shrunk, without those that fail at nominal."""
-    shrunk = [each for each in triaged if each.shrunk is not None and each.bucket != "base"]
-    return operator_rows((each.operators, each.causes) for each in shrunk)
+    """Over the shrunk findings, without those that fail at nominal."""
+    shrunk = [row for row in triaged if row.shrunk is not None and row.bucket != "base"]
+    return operator_rows((row.operators, row.causes) for row in shrunk)
 
 
 def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
     manifests = {run.id: run.manifest for run in runs}
     spaces = Spaces(store.path)
-    known = {(each.scene.digest, each.policy_key): each for each in triaged}
+    rows = {(row.scene.digest, row.policy_key): row for row in triaged}
     for finding in store.findings():
         run = manifests[finding.run]
-        made = known.get((finding.scene.digest, finding.policy_key))
-        if made is None:
+        row = rows.get((finding.scene.digest, finding.policy_key))
+        if row is None:
             yield card_of_finding(store.path, finding, run, spaces.of(run))
         else:
-            yield card_of_triaged(store.path, made, finding, run, spaces.of(run))
+            yield card_of_triaged(store.path, row, finding, run, spaces.of(run))
 
 
 def _merged(cards: Iterable[Card]) -> Iterable[Card]:
-    """Findings of which the same scene is left, as one."""
-    found: dict[tuple[str, str, str], Card] = {}
+    """One card for all findings with the same minimal scene."""
+    merged: dict[tuple[str, str, str], Card] = {}
     for card in cards:
         key = (card.scene.digest, card.run.key(), card.bucket)
-        first = found.get(key)
-        found[key] = replace(first, found=first.found + card.found) if first else card
-    return found.values()
+        first = merged.get(key)
+        merged[key] = replace(first, found=first.found + card.found) if first else card
+    return merged.values()

@@ -1,4 +1,4 @@
-"""View: what the page shows, as values. Nothing here knows HTML."""
+"""The content of the report page as values, without HTML."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest
 
-# How far the evidence for a finding goes, the most first, and what that means.
+# Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {
-    "minimal": "fails again, the expert solves it, and every operator left in it matters",
+    "minimal": "fails again, the expert solves it, and every remaining operator matters",
     "witnessed": "fails again, the expert solves it; not shown to be minimal",
-    "base": "fails even where all operators are nominal",
+    "base": "fails even with all operators nominal",
     "unproven": "fails again, but the expert fails, too",
-    "flaky": "does not mostly fail again",
+    "flaky": "fails in less than most repeats",
     "observed": "failed once; not triaged",
 }
 
 
-# What triage came to, as shares of the findings that were triaged.
+# Results of triage with their meaning, as shares of the triaged findings.
 SHARES: Mapping[str, str] = {
     "confirmed": "failed again, in a fresh environment",
     "witnessed": "the expert solves it",
-    "minimal": "of these, every operator left in it matters",
-    "base": "fails even where all operators are nominal",
+    "minimal": "of these, every remaining operator matters",
+    "base": "fails even with all operators nominal",
     "unproven": "the expert fails, too",
-    "flaky": "does not mostly fail again",
+    "flaky": "fails in less than most repeats",
 }
 
 
@@ -46,7 +46,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Chart:
-    """Some measures under one title, ``says`` in a sentence of what they are shares."""
+    """Measures under a title; ``says`` is a sentence on what they are shares of."""
 
     title: str
     says: str
@@ -55,7 +55,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class OperatorRow:
-    """How often an operator is left in shrunk scenes, is necessary there, and suffices alone."""
+    """How often an operator remains in shrunk scenes, is necessary there, and suffices alone."""
 
     name: str
     left: Share
@@ -65,21 +65,17 @@ class OperatorRow:
 
 @dataclass(frozen=True)
 class RunRow:
-    """One run; ``failed`` of the scenes that it judged."""
+    """A run; ``failed``: of the scenes that it judged."""
 
     id: int
-    task: str
-    policy: str
-    strategy: str
-    seed: int
-    budget: int
-    status: str
-    failed: Share | None
+    manifest: Manifest
+    status: str = ""
+    failed: Share | None = None
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """What an operator does to a scene, beside its nominal value, and from where on the policy fails."""
+    """An operator's value in a scene, its nominal value, and the threshold from which the policy fails."""
 
     operator: str
     value: str
@@ -87,20 +83,20 @@ class Deviation:
     fails_from: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Card:
     """A failure in the gallery.
 
     Attributes:
-        scene: what is left of the finding where that is minimal, else the finding itself.
-        found: digests of the findings of which it is left.
-        run: that found the first of them.
+        scene: the minimal scene of the finding if there is one, else the finding itself.
+        found: digests of the findings with this scene.
+        run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
-        operators: not nominal in the scene, the confounders' as one.
-        witness: the actions that solve the scene, if it has a witness.
-        detail: more on its evidence, in a sentence.
-        replay: the command that shows it again.
-        picture: PNG; where there are films they show more.
+        operators: those that are not nominal in the scene; the confounder operators count as one.
+        witness: the actions that solve the scene, if there is a witness.
+        detail: the evidence, in a sentence.
+        replay: the command that replays the scene.
+        picture: PNG, shown if there are no films.
     """
 
     scene: Scene
@@ -121,7 +117,7 @@ class Card:
 
     @property
     def title(self) -> str:
-        """What it takes, in a few words."""
+        """The operators, in a few words."""
         if self.bucket == "base":
             return "fails at nominal"
         if len(self.operators) > 3:
@@ -129,7 +125,7 @@ class Card:
         return " + ".join(self.operators) or "all operators nominal"
 
     def role(self, operator: str) -> str:
-        """What is known of an operator's part in the failure."""
+        """Whether an operator is necessary or sufficient for the failure, in words."""
         causes = self.causes
         roles = {"necessary": causes.necessary, "sufficient alone": causes.sufficient}
         return ", ".join(role for role, operators in roles.items() if operator in operators)
@@ -137,24 +133,24 @@ class Card:
 
 @dataclass(frozen=True)
 class Filter:
-    """Something to narrow the gallery by; one of ``choices`` at a time."""
+    """A filter of the gallery, by one of ``choices`` at a time."""
 
     key: str
     name: str
     choices: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class View:
     """The page.
 
     Attributes:
         headline: the result in a sentence.
         facts: names and values.
-        todo: what is to be done next, each a sentence and the command.
-        runs: manifests of all of them.
-        cards: those with the most evidence first, those of one signature together.
-        notes: what the reader should know of the page, in sentences.
+        todo: next steps, each a sentence and the command.
+        runs: manifests of all runs.
+        cards: ordered by evidence, most first, then by signature.
+        notes: caveats, in sentences.
     """
 
     title: str
@@ -171,7 +167,7 @@ class View:
 
     @property
     def signatures(self) -> tuple[tuple[str, int], ...]:
-        """Findings by bug, the most frequent first."""
+        """Number of findings by signature, the most frequent first."""
         counted: Counter[str] = Counter()
         for card in self.cards:
             if card.signature and card.bucket != "base":
@@ -180,12 +176,12 @@ class View:
 
     @property
     def filmed(self) -> bool:
-        """Whether there is any film."""
+        """Whether there are films."""
         return any(card.failure or card.solution for card in self.cards)
 
     @property
     def filters(self) -> tuple[Filter, ...]:
-        """Those by which the gallery can be narrowed."""
+        """The filters of the gallery."""
         cards = self.cards
         return (
             _filter("task", "Task", ((card.scene.task,) for card in cards)),
@@ -196,31 +192,33 @@ class View:
 
 
 def title_of(runs: Sequence[Manifest]) -> str:
-    """Which policies in which tasks."""
+    """Policies and tasks of the runs."""
     if not runs:
         return "no run yet"
     return f"{named(run.policy for run in runs)} on {named(run.task for run in runs)}"
 
 
 def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:
-    """Those with the most evidence first, then those of the most frequent signature."""
+    """Ordered by evidence, the most first, then by the frequency of the signature."""
     cards = list(cards)
-    often = Counter(card.signature for card in cards)
+    counts = Counter(card.signature for card in cards)
     ranks = {name: rank for rank, name in enumerate(BUCKETS)}
-    return tuple(sorted(cards, key=lambda card: (ranks[card.bucket], -often[card.signature], card.signature)))
+    return tuple(
+        sorted(cards, key=lambda card: (ranks[card.bucket], -counts[card.signature], card.signature))
+    )
 
 
 def _filter(key: str, name: str, values: Iterable[tuple[str, ...]]) -> Filter:
-    return Filter(key, name, tuple(sorted({value for each in values for value in each})))
+    return Filter(key, name, tuple(sorted({value for choices in values for value in choices})))
 
 
 def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[OperatorRow, ...]:
-    """From the operators that are left in scenes and their causes, the operator most often left first."""
-    parts = list(shrunk)
-    left = Counter(name for operators, _ in parts for name in operators)
-    necessary = Counter(name for _, causes in parts for name in causes.necessary)
-    sufficient = Counter(name for _, causes in parts for name in causes.sufficient)
+    """From the operators that remain in scenes, and the causes; the most frequent operator first."""
+    scenes = list(shrunk)
+    left = Counter(name for operators, _ in scenes for name in operators)
+    necessary = Counter(name for _, causes in scenes for name in causes.necessary)
+    sufficient = Counter(name for _, causes in scenes for name in causes.sufficient)
     return tuple(
-        OperatorRow(name, Share.of_counts(count, len(parts)), necessary[name], sufficient[name])
+        OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
         for name, count in left.most_common()
     )

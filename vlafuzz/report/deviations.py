@@ -1,4 +1,4 @@
-"""What is not nominal in a scene, in words."""
+"""The operators that are not nominal in a scene, described in words."""
 
 from __future__ import annotations
 
@@ -22,32 +22,35 @@ from vlafuzz.triage.path import CONFOUNDERS, GROUPS
 
 
 def deviations(space: SearchSpace, scene: Scene, causes: Causes) -> tuple[Deviation, ...]:
-    """One an operator that is not nominal in a scene, the confounders' as one."""
+    """One for every operator that is not nominal in a scene; the confounder operators count as one."""
     nominal = _nominal(space, scene)
-    thresholds = {each.operator: str(each).removeprefix(f"{each.operator}: ") for each in causes.thresholds}
-    said = ((name, _said(name, scene, nominal), _said(name, nominal, scene)) for name in GROUPS)
+    thresholds = {
+        threshold.operator: str(threshold).removeprefix(f"{threshold.operator}: ")
+        for threshold in causes.thresholds
+    }
+    values = ((name, _value(name, scene, nominal), _value(name, nominal, scene)) for name in GROUPS)
     return tuple(
-        Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in said if value
+        Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in values if value
     )
 
 
 def _nominal(space: SearchSpace, scene: Scene) -> Scene:
     try:
         return space.nominal(like=scene)
-    except SceneError:  # from elsewhere: its targets need not be those of any operator
+    except SceneError:  # an imported scene may have targets that no operator produces
         return space.nominal()
 
 
-def _said(operator: str, scene: Scene, other: Scene) -> str:
-    """What an operator's values are in a scene, as far as they differ from those in the other; or nothing."""
+def _value(operator: str, scene: Scene, other: Scene) -> str:
+    """An operator's values in a scene where they differ from the other scene; empty if none does."""
     if operator == CONFOUNDERS:
         same = scene.confounders == other.confounders
-        return "" if same else "; ".join(map(_placed, scene.confounders)) or "none"
+        return "" if same else "; ".join(map(_described, scene.confounders)) or "none"
     if operator == Light.name:
         return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
     if operator == CameraPosition.name:
         same = scene.camera.offset == other.camera.offset
-        return "" if same else _where(scene.camera)
+        return "" if same else _offset(scene.camera)
     if operator == CameraOrientation.name:
         return _angles(scene.camera, other.camera)
     if operator == Wording.name:
@@ -77,7 +80,7 @@ def _words(operator: str, target: Placement, other: Placement) -> Iterable[str]:
             yield "turned freely" if target.quaternion else f"rests {target.rest}"
 
 
-def _placed(placement: Placement) -> str:
+def _described(placement: Placement) -> str:
     return f"{_name(placement)} at x {placement.x:g} m, y {placement.y:g} m"
 
 
@@ -85,7 +88,7 @@ def _name(placement: Placement) -> str:
     return placement.object.replace("_", " ")
 
 
-def _where(camera: Camera) -> str:
+def _offset(camera: Camera) -> str:
     if math.isclose(camera.distance, 0):
         return "0 m off"
     return f"{camera.distance:g} m off, azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°"
