@@ -28,7 +28,7 @@ import numpy as np
 
 from vlafuzz.campaign import config, fuzz, launch
 from vlafuzz.campaign.tally import Tally
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.objects import load_catalogue
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.sim.make import make_evaluator

@@ -39,8 +39,8 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.execute.base import Executor
+from vlafuzz.execute.processes import single_threaded
 from vlafuzz.execute.registry import Place, executor_at, policy_at
-from vlafuzz.execute.threads import single_threaded
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
@@ -66,7 +66,7 @@ class Shared(Mini):
 def observation(episode: str, step: int) -> Observation:
     rng = np.random.default_rng(step)
     picture = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), np.uint8)
-    return Observation(episode, step, WORDS, {CAMERA.name: picture}, rng.random(7, np.float32))
+    return Observation(episode, step, WORDS, images={CAMERA.name: picture}, state=rng.random(7, np.float32))
 
 
 def begin(policy: Policy, episode: str) -> None:

@@ -1,7 +1,7 @@
-"""Every error that vlafuzz raises on purpose: one clear sentence with the value, and a hint.
+"""All errors that vlafuzz raises on purpose: one clear sentence with the value, and a hint.
 
 VlafuzzError
-├── UsageError           a flag, name or file that the user gave is wrong        (exit code 2)
+├── UsageError           a flag, name or file from the user is wrong             (exit code 2)
 │   ├── CatalogueError   a YAML catalogue of operators or objects
 │   ├── SceneError       a scene or a file of scenes
 │   ├── StoreError       a store: the file with runs, trials and findings
@@ -10,7 +10,7 @@ VlafuzzError
 ├── PolicyError          the policy under test broke: an ERROR outcome, never a failed scene
 └── SimulatorError       the simulator broke: an ERROR outcome, never a failed scene
 
-What a scene does is never an exception: it is an outcome.
+The result of a scene is an outcome, never an exception.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Cause = Literal["connect", "timeout", "protocol", "remote", "bad_action"]
 
 
 class VlafuzzError(Exception):
-    """Base of all. ``hint`` says what to do about it."""
+    """Base class. ``hint`` tells the user what to do."""
 
     exit_code = 2
 
@@ -32,7 +32,7 @@ class VlafuzzError(Exception):
         self.message = message
         self.hint = hint
 
-    def __reduce__(self) -> tuple[object, ...]:  # Exception's own forgets the hint when it is pickled
+    def __reduce__(self) -> tuple[object, ...]:  # Exception's own loses the hint in pickling
         return (type(self), (self.message, self.hint))
 
     def __str__(self) -> str:
@@ -40,11 +40,11 @@ class VlafuzzError(Exception):
 
 
 class UsageError(VlafuzzError):
-    """Something that the user gave is wrong: a flag, a name, a file."""
+    """A flag, name or file from the user is wrong."""
 
 
 class CatalogueError(UsageError):
-    """A catalogue of operators or objects is wrong; the message names file and key."""
+    """A catalogue of operators or objects is invalid; the message names file and key."""
 
 
 class SceneError(UsageError):
@@ -52,7 +52,7 @@ class SceneError(UsageError):
 
 
 class StoreError(UsageError):
-    """A store cannot be opened, read or written, or lacks what is asked of it."""
+    """A store cannot be opened, read or written, or lacks the requested runs or scenes."""
 
 
 class CorpusError(UsageError):
@@ -60,13 +60,13 @@ class CorpusError(UsageError):
 
 
 class PrerequisiteError(VlafuzzError):
-    """Something has to be installed or started first; the hint says the command."""
+    """Something must be installed or started first; the hint names the command."""
 
     exit_code = 3
 
 
 class PolicyError(VlafuzzError):
-    """The policy under test broke, by ``cause``: this says nothing about the scene."""
+    """The policy under test broke; this is no evidence about the scene. ``cause``: the kind of fault."""
 
     def __init__(self, message: str, hint: str | None = None, cause: Cause = "remote") -> None:
         super().__init__(message, hint)
@@ -77,14 +77,14 @@ class PolicyError(VlafuzzError):
 
 
 class SimulatorError(VlafuzzError):
-    """The simulator broke: this says nothing about the policy."""
+    """The simulator broke; this is no evidence about the policy."""
 
 
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
-    """Fail for what is too small or too large.
+    """Validate the value of a flag; None passes.
 
     Raises:
-        UsageError: it is.
+        UsageError: it is below ``least`` or above ``most``.
     """
     if value is not None and value < least:
         raise UsageError(
@@ -95,7 +95,7 @@ def check_number(flag: str, value: int | None, least: int, most: int | None = No
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """A hint for an unknown name: the nearest known one, or all of them."""
+    """A hint for an unknown name: the most similar known one, or all of them."""
     known = sorted(known)
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     if near:

@@ -1,4 +1,4 @@
-"""``python:pkg.mod:factory``: a user's own policy or strategy, wherever a name is expected."""
+"""``python:pkg.mod:factory``: the user's own policy or strategy, wherever a name is expected."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _FORM = "expected python:package.module:factory"
 
 
 def is_reference(name: str) -> bool:
-    """Whether a name is such a reference."""
+    """Whether a name refers to the user's own code."""
     return name.startswith(PREFIX)
 
 
 def load_factory(reference: str) -> Callable[..., Any]:
-    """The callable that a reference names. Modules of the current folder are found too.
+    """The callable that a reference names. Modules in the current folder can be named, too.
 
     Raises:
-        UsageError: not of that form, no such module, or no such callable in it.
-        PrerequisiteError: the module is there, and importing it raises.
+        UsageError: the reference is malformed, or the module or the callable does not exist.
+        PrerequisiteError: importing the module raises.
     """
     module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
     if not module_name or not attribute:
@@ -42,7 +42,7 @@ def load_factory(reference: str) -> Callable[..., Any]:
             module = importlib.import_module(module_name)
         except ModuleNotFoundError as error:
             if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-                raise  # the module is there, and something that it imports is not
+                raise  # the module exists, but something that it imports does not
             raise UsageError(f"{reference!r}: no module {error.name!r}", hint=_FORM) from None
     factory = getattr(module, attribute, None)
     if not callable(factory):
@@ -52,7 +52,7 @@ def load_factory(reference: str) -> Callable[..., Any]:
 
 
 def make_of(reference: str) -> Any:
-    """What the factory that a reference names makes.
+    """Call the factory that a reference names.
 
     Raises:
         UsageError: see ``load_factory``.
@@ -64,9 +64,9 @@ def make_of(reference: str) -> Any:
 
 
 def source_digest(name: str) -> str:
-    """Of the file that holds the factory of a reference; empty for what comes along, or has no file.
+    """Digest of the source file of a reference's factory; empty for built-in names and without a file.
 
-    It tells one version of the user's code from another, as far as that file shows it.
+    It distinguishes versions of the user's code, as far as that one file differs.
     """
     if not is_reference(name):
         return ""
@@ -77,10 +77,10 @@ def source_digest(name: str) -> str:
 
 @contextmanager
 def users_code(reference: str) -> Iterator[None]:
-    """What the user's own code raises, in a sentence that says where.
+    """Report exceptions of the user's own code in one sentence, with the file and line.
 
     Raises:
-        PrerequisiteError: it raised.
+        PrerequisiteError: the code in the block raised.
     """
     try:
         yield

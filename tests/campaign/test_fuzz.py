@@ -23,7 +23,7 @@ from tests.doubles import (
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.random import Random

@@ -25,7 +25,7 @@ from tests.doubles import (
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import StoreError
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
@@ -274,7 +274,7 @@ RUN = """
 import sys, time
 from pathlib import Path
 from tests.campaign.test_resume import Moody, play
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 
 class Slow(Moody):
     def evaluate(self, scenes):

@@ -62,7 +62,9 @@ class Served(PredictModelServer):
     def _observation(self, told: dict[str, Any], ctx: Any) -> Observation:
         names = [camera.name for camera in self.policy.spec.cameras]
         images = dict(zip(names, told["images"].values(), strict=True))
-        return Observation(ctx.session_id, ctx.step, told["task_description"], images, told.get("state"))
+        return Observation(
+            ctx.session_id, ctx.step, told["task_description"], images=images, state=told.get("state")
+        )
 
     def get_action_spec(self) -> dict[str, DimSpec]:
         action = self.policy.spec.action

@@ -133,7 +133,7 @@ class TestConversation:
         with served([parts(np.repeat(STILL[None], 8, axis=1)), {}], told=config(keys)) as (name, asked):
             policy = make_policy(f"{name}?profile=bridge")
             policy.reset([start("one")])
-            policy.act([Observation("one", 0, "up", black(policy.spec), down)])
+            policy.act([Observation("one", 0, "up", images=black(policy.spec), state=down)])
             policy.close()
         told = asked[0]["data"]["observation"]["state"]
         state = [float(unpack(msgpack.packb(part))[0, 0, 0]) for part in told.values()]

@@ -153,7 +153,7 @@ images = {name: rng.integers(0, 256, (SIDE, SIDE, 3), dtype=np.uint8) for name i
 state = np.array([0.1, -0.2, 0.3, 3.0, 0.5, 0.0, 0.5], dtype=np.float32)
 
 def seen(episode, step, words="pick up apple", pictures=images):
-    return Observation(episode, step, words, pictures, state + np.float32(step / 10))
+    return Observation(episode, step, words, images=pictures, state=state + np.float32(step / 10))
 
 def ours(episode, seed, *steps, **more):
     policy.reset([EpisodeStart(episode, "pick up apple", "pick-up", seed)])

@@ -53,7 +53,9 @@ class TestKnown:
 
     def test_libero_behind_openpi(self):
         spec = Model("it", openpi("profile=libero")).spec
-        assert spec.action == ActionSpec("axis_angle", "current", 0.05, 0.5, gripper="close_positive", hz=20)
+        assert spec.action == ActionSpec(
+            relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
+        )
         assert [camera.role for camera in spec.cameras] == ["third_person", "wrist"]
         assert (spec.state, spec.execute) == (True, 5)
 
@@ -65,13 +67,15 @@ class TestKnown:
         asked = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
         declared = {"action_spec": {"rotation": {"format": "euler_xyz"}}, "protocol_version": 1}
         spec = spec_of("it", Hello.model_validate(declared), asked)
-        assert spec.action == ActionSpec("axis_angle", "current", 0.05, 0.5, gripper="close_positive", hz=20)
+        assert spec.action == ActionSpec(
+            relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
+        )
         assert [camera.width for camera in spec.cameras] == [256, 256]
         assert (spec.state, spec.execute, spec.provenance["profile"]) == (True, 5, "libero")
 
     def test_bridge(self):
         options = act("profile=bridge")
-        assert Model("it", options).spec.action == ActionSpec("rpy", gripper="open_01")
+        assert Model("it", options).spec.action == ActionSpec(rotation="rpy", gripper="open_01")
         assert options.unnorm_key == "bridge_orig"
 
     def test_maniskills_controller_turns_the_wrong_way(self):

@@ -77,7 +77,15 @@ class TestRollouts:
         self.same_as_in_process(lambda: Attentive(action=spoken))
 
     def test_conventions_that_options_say(self):
-        spoken = ActionSpec("euler_xyz", "current", 0.5, 2.0, "open_01", sticky=2, hz=10)
+        spoken = ActionSpec(
+            rotation="euler_xyz",
+            relative_to="current",
+            position_scale=0.5,
+            rotation_scale=2.0,
+            gripper="open_01",
+            sticky=2,
+            hz=10,
+        )
         query = "?rotation=euler_xyz&relative_to=current&position_scale=0.5&rotation_scale=2&gripper=open_01"
         self.same_as_in_process(lambda: Attentive(action=spoken), f"{query}&sticky=2&hz=10")
 

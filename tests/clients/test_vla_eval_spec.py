@@ -56,7 +56,7 @@ class TestSpec:
         action = spec(hello(action=declared)).action
         assert (action.rotation, action.gripper) == (rotation, gripper)
         assert spec(hello(action=declared), gripper="close_01", rotation="euler_xyz").action == ActionSpec(
-            "euler_xyz", gripper="close_01"
+            rotation="euler_xyz", gripper="close_01"
         )
 
     @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from tests.doubles import ClosedForm, manifest
 from vlafuzz.compare.runs import Job, jobs, stored, todo, work_through
 from vlafuzz.errors import UsageError
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.store.records import Run
 
 STORE = Path("a.db")

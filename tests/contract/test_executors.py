@@ -7,8 +7,7 @@ import pytest
 
 from tests.doubles import Always, ClosedForm, Raising, passed, scene
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import Executor, LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene

@@ -76,10 +76,12 @@ def observe(env):
             episode,
             0,
             scene.instruction,
-            {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras},
-            STATE if spec.state else None,
-            outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
-            Privileged(scene, env.models, state) if spec.privileged else None,
+            images={
+                camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras
+            },
+            state=STATE if spec.state else None,
+            outlines=outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
+            privileged=Privileged(scene, env.models, state) if spec.privileged else None,
         )
 
     return observation

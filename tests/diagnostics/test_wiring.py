@@ -118,7 +118,7 @@ def test_a_correction_changes_what_it_says_and_nothing_else(fault: str, first: l
         picture[place] = 255
     policy = Corrected(Ahead())
     policy.correction = next(each for each in corrections(spec, 2) if each.fault == fault)
-    (chunk,) = policy.act([Observation("a", 0, "pick up apple", {"front": picture})])
+    (chunk,) = policy.act([Observation("a", 0, "pick up apple", images={"front": picture})])
     assert chunk.actions[0] == pytest.approx(first)
 
 

@@ -9,8 +9,7 @@ import pytest
 from tests.doubles import STAGES, ClosedForm, TinySpace, manifest
 from tests.execute.test_processes import TROUBLES, Treacherous, same
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import Executor, LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene

@@ -13,7 +13,7 @@ from tests.execute.models import Counter, Sleeper, deadly, refused, unmade
 from tests.execute.test_in_simulator import trials
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.execute.policy_process import PolicyProcess
-from vlafuzz.execute.shared import Shared, share
+from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness
@@ -23,13 +23,13 @@ MODELS = "python:tests.execute.models"
 
 
 @pytest.fixture
-def hosted() -> Iterator[Callable[..., Callable[[], Shared]]]:
+def hosted() -> Iterator[Callable[..., Callable[[], SharedPolicy]]]:
     """``hosted(make)()``: somebody who shares what that makes."""
     hosts: list[PolicyProcess] = []
 
-    def host(make: Callable[[], Counter], **options: float) -> Callable[[], Shared]:
+    def host(make: Callable[[], Counter], **options: float) -> Callable[[], SharedPolicy]:
         hosts.append(PolicyProcess("counter", make, **options))  # type: ignore[arg-type]
-        return partial(Shared, "counter", hosts[-1].address, hosts[-1].key, hosts[-1].spec)
+        return partial(SharedPolicy, "counter", hosts[-1].address, hosts[-1].key, hosts[-1].spec)
 
     yield host
     for each in hosts:
@@ -44,7 +44,7 @@ def seen(name: str = "scene", instruction: str = "move") -> Observation:
     return Observation(name, 0, instruction)
 
 
-def ask(policy: Shared, name: str = "scene", instruction: str = "move") -> float:
+def ask(policy: SharedPolicy, name: str = "scene", instruction: str = "move") -> float:
     return float(policy.act([seen(name, instruction)])[0].actions[0, 0])
 
 
@@ -94,7 +94,7 @@ def test_an_error_is_the_same_as_without_a_host_and_the_rollout_goes_on(hosted):
     assert ask(policy) == 1
 
 
-def ask_and_die(policy: Shared) -> None:
+def ask_and_die(policy: SharedPolicy) -> None:
     policy.reset([start("gone")])
     policy._ask = lambda asked: (policy._pipe.send(asked), os.kill(os.getpid(), signal.SIGKILL))
     policy.act([seen("gone")])

@@ -3,19 +3,19 @@
 from tests.execute.models import Counter
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.policies.batching import Answer, Asked, BatchingPolicy
+from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
 
 ONE = EpisodeStart("1/scene", "move", "pick-up", 0)
 
 
 def begun(policy: Counter, *callers: int) -> BatchingPolicy:
     batching = BatchingPolicy(policy)
-    assert batching.answer([(caller, Asked(begin=[ONE])) for caller in callers]) == [[] for _ in callers]
+    assert batching.answer([(caller, Request(begin=[ONE])) for caller in callers]) == [[] for _ in callers]
     return batching
 
 
-def act(instruction: str = "move") -> Asked:
-    return Asked(act=[Observation(ONE.episode, 0, instruction)])
+def act(instruction: str = "move") -> Request:
+    return Request(act=[Observation(ONE.episode, 0, instruction)])
 
 
 def told(answers: list[Answer]) -> list[object]:
@@ -52,14 +52,14 @@ def test_an_error_reaches_who_asked_and_nobody_else():
 
 def test_a_rollout_that_cannot_begin_is_an_error_of_who_began_it():
     sit = EpisodeStart("1/scene", "sit", "pick-up", 0)
-    answers = BatchingPolicy(Counter()).answer([(1, Asked(begin=[sit])), (2, Asked(begin=[ONE]))])
+    answers = BatchingPolicy(Counter()).answer([(1, Request(begin=[sit])), (2, Request(begin=[ONE]))])
     assert told(answers) == [("counter raised ValueError: cannot sit", "remote"), []]
 
 
 def test_a_rollout_is_finished_when_it_is_over_or_its_caller_gone():
     policy = Counter()
     batching = begun(policy, 1, 2, 12)
-    batching.answer([(2, Asked(over=[ONE.episode]))])
+    batching.answer([(2, Request(over=[ONE.episode]))])
     assert policy.finished == ["2/1/scene"]
     batching.leave(1)
     assert policy.finished == ["2/1/scene", "1/1/scene"]

@@ -91,7 +91,7 @@ def test_an_observation_without_a_picture_is_refused():
     mini = Mini()
     mini.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
     with pytest.raises(PolicyError, match="needs a picture"):
-        mini.act([Observation("one", 0, "pick up apple", {}, STATE)])
+        mini.act([Observation("one", 0, "pick up apple", state=STATE)])
 
 
 def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):

@@ -12,7 +12,7 @@ from tests.search import climb
 from tests.search.worlds import space, toy
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.search.base import Proposal, about
 from vlafuzz.search.own import Own
 from vlafuzz.search.registry import strategy_factory

@@ -13,9 +13,9 @@ from tests.clients.served import Attentive, seen, start
 from tests.execute.models import Counter
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.batching import Asked
+from vlafuzz.policies.batching import Request
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.serving.gather import Gathered
+from vlafuzz.serving.gather import RequestGatherer
 from vlafuzz.serving.serve import PROTOCOLS, serving
 
 CLIENTS, STEPS = 8, 4
@@ -43,15 +43,15 @@ class Slow(Attentive):
         return super().act(observations)
 
 
-def act(instruction: str = "move") -> Asked:
-    return Asked(act=[Observation("one", 0, instruction)])
+def act(instruction: str = "move") -> Request:
+    return Request(act=[Observation("one", 0, instruction)])
 
 
-def rolling(policy: Counter, callers: int, wait: float = LONG) -> Gathered:
+def rolling(policy: Counter, callers: int, wait: float = LONG) -> RequestGatherer:
     """So many rollouts that have begun."""
-    gathered = Gathered(policy, wait)
+    gathered = RequestGatherer(policy, wait)
     for caller in range(callers):
-        gathered.ask(caller, Asked(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
+        gathered.ask(caller, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
     return gathered
 
 
@@ -88,7 +88,7 @@ def test_no_more_than_the_policy_takes_is_waited_for():
 
 def test_rollouts_that_are_over_are_not_waited_for():
     gathered = rolling(policy := Counter(), 2)
-    gathered.ask(1, Asked(over=["one"]))
+    gathered.ask(1, Request(over=["one"]))
     gathered.ask(0, act())
     assert (policy.batches, policy.finished) == ([1], ["1/one"])
 
@@ -116,8 +116,8 @@ def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():
         def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
             raise SystemExit
 
-    gathered = Gathered(Gone())
-    gathered.ask(0, Asked(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
+    gathered = RequestGatherer(Gone())
+    gathered.ask(0, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
     with pytest.raises(SystemExit):
         gathered.ask(0, act())
-    assert np.array_equal(gathered.ask(0, Asked(over=["one"])), [])
+    assert np.array_equal(gathered.ask(0, Request(over=["one"])), [])

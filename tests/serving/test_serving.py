@@ -71,7 +71,15 @@ class TestRollouts:
         self.same_as_in_process(lambda: Attentive(execute=2), protocol)
 
     def test_conventions(self, protocol):
-        spoken = ActionSpec("euler_xyz", "current", 0.5, 2.0, "open_01", sticky=2, hz=10)
+        spoken = ActionSpec(
+            rotation="euler_xyz",
+            relative_to="current",
+            position_scale=0.5,
+            rotation_scale=2.0,
+            gripper="open_01",
+            sticky=2,
+            hz=10,
+        )
         self.same_as_in_process(lambda: Attentive(action=spoken), protocol)
 
     @pytest.mark.render

@@ -19,7 +19,7 @@ from vlafuzz.diagnostics.probes import moved, sights, told
 from vlafuzz.diagnostics.recorder import Break, Recorder
 from vlafuzz.diagnostics.wiring import check_wiring
 from vlafuzz.errors import PolicyError, SimulatorError
-from vlafuzz.execute.local import evaluate_safely
+from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene

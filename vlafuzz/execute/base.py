@@ -1,23 +1,62 @@
-"""Executor: where scenes are evaluated, in this process or in others."""
+"""Executors evaluate scenes: the protocol, and the one that works in this process."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol
 
+from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Evaluator
 
 
 class Executor(Protocol):
     """Evaluates batches of scenes."""
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        """One list of outcomes a batch, named by its tag, in the order in which they are done.
+        """Yield the outcomes of each batch, identified by its tag, in the order of completion.
 
-        Batches are pulled when there is room for them. Whatever breaks while a scene is evaluated becomes an
-        ERROR outcome; only what the user has to install or start first, and Ctrl-C, is raised.
+        Batches are pulled when there is room for them. An exception during the evaluation of a scene becomes
+        an ERROR outcome; only KeyboardInterrupt, and what the user must install or start first, is raised.
         """
 
     def close(self) -> None:
-        """No more batches: let go of simulators and policies."""
+        """Release simulators and policies; no more batches follow."""
+
+
+class LocalExecutor:
+    """Evaluates one batch after the other in this process, each pulled when the previous one is consumed."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+
+    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
+        """See ``Executor``."""
+        for tag, scenes in batches:
+            yield tag, evaluate_safely(self._evaluator, scenes)
+
+    def close(self) -> None:
+        """See ``Executor``."""
+        self._evaluator.close()
+
+
+def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outcome]:
+    """One outcome per scene, even from an evaluator that breaks its contract."""
+    try:
+        outcomes = evaluator.evaluate(scenes)
+    except PrerequisiteError:
+        raise
+    except Exception as error:  # a bug in the evaluator must not end a run of hours
+        return [Outcome.error(f"{type(error).__name__}: {error}")] * len(scenes)
+    if len(outcomes) != len(scenes):
+        message = f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes"
+        return [Outcome.error(message)] * len(scenes)
+    return [_checked(outcome) for outcome in outcomes]
+
+
+def _checked(outcome: Outcome) -> Outcome:
+    if math.isfinite(outcome.progress):
+        return outcome
+    return Outcome.error(f"the evaluator reported a progress of {outcome.progress}")

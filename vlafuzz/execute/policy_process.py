@@ -1,4 +1,4 @@
-"""Host: the process in which a policy lives that all workers share."""
+"""Policy process: runs a policy that all workers share, and batches their requests."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from typing import Any
 from vlafuzz.errors import PolicyError, UsageError, VlafuzzError
 from vlafuzz.execute.processes import cause_of_death
 from vlafuzz.policies.base import Policy, PolicySpec
-from vlafuzz.policies.batching import Asked, BatchingPolicy
+from vlafuzz.policies.batching import BatchingPolicy, Request
 
-Address = str | tuple[str, int]  # a path, or host and port
-LONGEST = 240.0  # seconds for an answer: less than a worker waits for a scene, so that the host is to blame
-CLOSING = 5.0  # seconds for the policy to let go of what it holds
+Address = str | tuple[str, int]  # path of a socket, or host and port
+LONGEST = 240.0  # seconds for an answer: less than the timeout of a scene, so that this process is blamed
+CLOSING = 5.0  # seconds for the policy to release its resources
 
 
 class PolicyProcess:
-    """Runs the process, and starts another one when it dies.
+    """Starts the process, and starts another one when it dies.
 
     Args:
         name: of the policy, for messages.
-        make: makes it, in the process; picklable.
-        everywhere: whether workers of other machines are to reach it.
-        longest: seconds for an answer before the process counts as hung, and ends.
+        make: creates the policy in the process; picklable.
+        everywhere: whether workers on other machines must reach it.
+        longest: seconds for an answer before the process counts as hung and ends.
     """
 
     def __init__(
         self, name: str, make: Callable[[], Policy], *, everywhere: bool = False, longest: float = LONGEST
     ) -> None:
         self.name, self._make, self._longest = name, make, longest
-        self.key = os.urandom(32)  # who does not know it is not listened to
+        self.key = os.urandom(32)  # only clients with this key are accepted
         self._folder = TemporaryDirectory(prefix="vlafuzz-")
         self.address: Address = (_own_address(), 0) if everywhere else f"{self._folder.name}/policy"
         self._lock, self._closed = Lock(), False
@@ -51,7 +51,7 @@ class PolicyProcess:
         Thread(target=self._watch, daemon=True).start()
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         with self._lock:
             self._closed = True
             if self._ready:
@@ -65,26 +65,26 @@ class PolicyProcess:
 
     def _spawn(self) -> None:
         context, self._ready = get_context("spawn"), False
-        self._pipe, theirs = context.Pipe()
-        given = (self._make, self.address, self.key, theirs, self._longest)
-        self._process = context.Process(target=_live, args=given, daemon=True)
+        self._pipe, child_end = context.Pipe()
+        arguments = (self._make, self.address, self.key, child_end, self._longest)
+        self._process = context.Process(target=_main, args=arguments, daemon=True)
         self._process.start()
-        theirs.close()
+        child_end.close()
 
     def _greeting(self) -> tuple[Address, PolicySpec]:
-        """Where it listens and what it is, once it is made."""
+        """Wait until the policy is created; the address of the process and the policy's spec."""
         try:
-            told = self._pipe.recv()
+            message = self._pipe.recv()
         except (EOFError, OSError):
-            died = cause_of_death(self._process)
-            raise PolicyError(f"{self.name}: the process that was to make it {died}") from None
-        if isinstance(told, VlafuzzError):
-            raise told
+            cause = cause_of_death(self._process)
+            raise PolicyError(f"{self.name}: the process that was to make it {cause}") from None
+        if isinstance(message, VlafuzzError):
+            raise message
         self._ready = True
-        return told  # type: ignore[no-any-return]
+        return message  # type: ignore[no-any-return]
 
     def _watch(self) -> None:
-        """Start it again whenever it dies, unless it dies before it is ready."""
+        """Restart the process whenever it dies, unless it dies before it is ready."""
         while True:
             connection.wait([self._process.sentinel])
             with self._lock:
@@ -97,12 +97,12 @@ class PolicyProcess:
                 return
 
 
-def _live(make: Callable[[], Policy], address: Address, key: bytes, parent: Any, longest: float) -> None:
-    """The process's life, until the parent says so or is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, who ends this process
+def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any, longest: float) -> None:
+    """The process, which runs until the parent ends it or is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
     if isinstance(address, str):
         with suppress(FileNotFoundError):
-            os.unlink(address)  # of the process before, which was killed
+            os.unlink(address)  # left over from a process that was killed
     with connection.Listener(address, backlog=128, authkey=key) as listener:
         try:
             policy = make()
@@ -120,11 +120,11 @@ def _live(make: Callable[[], Policy], address: Address, key: bytes, parent: Any,
         policy.close()
 
 
-_Letter = tuple[int, Any, Asked | None]  # who, the connection to answer on, what; None: gone
+_Letter = tuple[int, Any, Request | None]  # caller, its connection, and the request; None: the caller is gone
 
 
 def _work(policy: Policy, inbox: SimpleQueue[_Letter | None], longest: float) -> None:
-    """Answer what has arrived, all of it at once; what comes meanwhile is for the next time."""
+    """Answer all requests that have arrived together; those that arrive meanwhile are next."""
     batching = BatchingPolicy(policy)
     while True:
         letters = [inbox.get()]
@@ -132,16 +132,16 @@ def _work(policy: Policy, inbox: SimpleQueue[_Letter | None], longest: float) ->
             letters.append(inbox.get())
         if None in letters:
             return
-        asked = [(who, pipe, what) for who, pipe, what in filter(None, letters) if what]
+        pending = [(caller, pipe, request) for caller, pipe, request in filter(None, letters) if request]
         faulthandler.dump_traceback_later(longest, exit=True)
-        answers = batching.answer([(who, what) for who, _, what in asked])
+        answers = batching.answer([(caller, request) for caller, _, request in pending])
         faulthandler.cancel_dump_traceback_later()
-        for (_, pipe, _), answer in zip(asked, answers, strict=True):
-            with suppress(OSError):  # it is gone meanwhile
+        for (_, pipe, _), answer in zip(pending, answers, strict=True):
+            with suppress(OSError):  # the caller may be gone by now
                 pipe.send(answer)
-        for who, _, what in filter(None, letters):
-            if what is None:
-                batching.leave(who)
+        for caller, _, request in filter(None, letters):
+            if request is None:
+                batching.leave(caller)
 
 
 def _accept(listener: connection.Listener, inbox: SimpleQueue[_Letter | None]) -> None:
@@ -149,7 +149,7 @@ def _accept(listener: connection.Listener, inbox: SimpleQueue[_Letter | None]) -
     while True:
         try:
             pipe = listener.accept()
-        except (OSError, EOFError, AuthenticationError):  # its side broke, or it is no worker
+        except (OSError, EOFError, AuthenticationError):  # the connection broke, or is not a worker's
             continue
         number += 1
         Thread(target=_read, args=(number, pipe, inbox), daemon=True).start()
@@ -169,10 +169,10 @@ def _end_with(parent: Any, inbox: SimpleQueue[_Letter | None]) -> None:
 
 
 def _own_address() -> str:
-    """This machine's, as others see it."""
+    """This machine's address, as other machines see it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("10.255.255.255", 1))  # sends nothing; the system chooses the way
+            probe.connect(("10.255.255.255", 1))  # sends nothing; the system chooses the route
         except OSError:
             return "127.0.0.1"
         return str(probe.getsockname()[0])

@@ -1,4 +1,4 @@
-"""ProcessExecutor: scenes are evaluated in several processes of this machine, each with its own simulator."""
+"""Process executor: evaluates scenes in several processes of this machine, each with its own simulator."""
 
 from __future__ import annotations
 
@@ -6,33 +6,34 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import connection, get_context
 from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import VlafuzzError
-from vlafuzz.execute.local import evaluate_safely
-from vlafuzz.execute.threads import single_threaded
+from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.execute.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
 
+_SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
+
 
 class ProcessExecutor:
     """Workers that are spawned once, with one thread each, and replaced when they die.
 
-    A batch whose worker dies, hangs or eats the memory is tried once more in another one, then its scenes are
-    ERROR. A worker that never gets ready counts as one that died.
+    When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that,
+    the scenes are ERROR. A worker that never becomes ready counts as dead.
 
     Args:
-        make: makes a worker's evaluator, in the worker; picklable.
+        make: creates a worker's evaluator, in the worker; picklable.
         workers: number of processes.
-        timeout: seconds that a scene may take before its worker is killed; the first one of a worker with the
-            start of its simulator.
-        memory: bytes that a worker may hold; None for its share.
-        after: what is to be done at the end, when the workers are gone.
+        timeout: seconds per scene before its worker is killed; a worker's first scene includes the start of
+            the simulator.
+        memory: bytes that a worker may use; None for an equal share.
+        after: called at the end, when the workers are gone.
     """
 
     def __init__(
@@ -44,35 +45,53 @@ class ProcessExecutor:
         memory: int | None = None,
         after: Callable[[], None] = lambda: None,
     ) -> None:
-        most = memory or share(workers)
-        self._crew = WorkerPool(lambda: _Process(make, timeout, most), _wait, workers)
+        limit = memory or share(workers)
+        self._pool = WorkerPool(lambda: _Process(make, timeout, limit), _wait, workers)
         self._after = after
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
         """See ``Executor``."""
-        return self._crew.run(batches)
+        return self._pool.run(batches)
 
     def close(self) -> None:
         """End all workers."""
-        self._crew.kill()
+        self._pool.kill()
         self._after()
 
 
 def share(workers: int) -> int:
-    """Bytes of memory for each of these workers: they share four fifths of the machine's."""
+    """Bytes of memory per worker: together they may use four fifths of the machine's."""
     return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
 
 
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Processes started in the block use one thread: there are many, and threads would change last bits.
+
+    It sets environment variables, since numerical libraries read them on import, before any of our code.
+    """
+    before = {name: os.environ.get(name) for name in _SINGLE}
+    os.environ.update(_SINGLE)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
 class _Process:
-    """A worker, and the pipe to it."""
+    """A worker in a process, with the pipe to it."""
 
     def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
         context = get_context("spawn")
-        self.pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(make, theirs), daemon=True)
+        self.pipe, child_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(make, child_end), daemon=True)
         with single_threaded():
             self._process.start()
-        theirs.close()
+        child_end.close()
         self._timeout, self._memory = timeout, memory
         self._up, self._began, self._scenes = False, 0.0, 0
 
@@ -81,7 +100,7 @@ class _Process:
         return True
 
     def begin(self, scenes: Sequence[Scene]) -> None:
-        """See ``Worker``. When nobody is there to read, ``recv`` will tell."""
+        """See ``Worker``. When the process is gone, ``answer`` reports it."""
         self._began, self._scenes = time.monotonic(), len(scenes)
         with suppress(OSError):
             self.pipe.send(list(scenes))
@@ -92,14 +111,14 @@ class _Process:
             if not self.pipe.poll():
                 self._check()
                 return None
-            told = self.pipe.recv()
+            message = self.pipe.recv()
         except (EOFError, OSError):
             raise Lost(cause_of_death(self._process)) from None
-        if told is None:  # it has started: from now on, time counts
+        if message is None:  # the process has started: the timeout of the scenes begins
             self._up, self._began = True, time.monotonic()
-        if isinstance(told, BaseException):
-            raise told
-        return told  # type: ignore[no-any-return]
+        if isinstance(message, BaseException):
+            raise message
+        return message  # type: ignore[no-any-return]
 
     def kill(self) -> None:
         """See ``Worker``."""
@@ -108,7 +127,7 @@ class _Process:
         self.pipe.close()
 
     def _check(self) -> None:
-        """Whether it may go on."""
+        """Raise Lost when the worker exceeds its time or memory."""
         allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             raise Lost(f"no answer within {allowed:.0f} s")
@@ -121,8 +140,8 @@ def _wait(workers: Sequence[Any]) -> None:
 
 
 def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
-    """A worker's life: scenes in, outcomes out, until the pipe is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, who ends the workers
+    """A worker's main loop: scenes in, outcomes out, until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the workers
     evaluator: Evaluator | None = None
     pipe.send(None)
     while True:
@@ -133,12 +152,12 @@ def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
         try:
             evaluator = evaluator or make()
             pipe.send(evaluate_safely(evaluator, scenes))
-        except (VlafuzzError, KeyboardInterrupt, Lost) as error:  # nothing that this worker can help
+        except (VlafuzzError, KeyboardInterrupt, Lost) as error:  # for the parent to raise
             pipe.send(error)
 
 
 def cause_of_death(process: Any) -> str:
-    """Of a process that has closed its pipe, in words."""
+    """How a process that has closed its pipe ended, as a predicate for messages."""
     process.join(5.0)
     code = process.exitcode
     if code is not None and code < 0:
@@ -147,7 +166,7 @@ def cause_of_death(process: Any) -> str:
 
 
 def _resident(pid: int | None) -> int:
-    """Bytes in memory; 0 where the system does not tell."""
+    """Resident memory in bytes; 0 where the system does not report it."""
     try:
         pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
     except (OSError, IndexError, ValueError):

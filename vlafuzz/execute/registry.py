@@ -1,4 +1,4 @@
-"""Executors by name: where a run's scenes are evaluated."""
+"""Executors by name."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from functools import partial
 from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.local import LocalExecutor
+from vlafuzz.execute.base import Executor, LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
-from vlafuzz.execute.shared import Shared, share
+from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import is_shared, make_policy
@@ -27,9 +26,9 @@ class Place:
     """Where scenes are evaluated.
 
     Attributes:
-        workers: processes, or actors of ray.
-        executor: of ``EXECUTORS``; None for local with one worker, else processes.
-        address: of a ray cluster; None for one that is started here.
+        workers: number of processes or ray actors.
+        executor: one of ``EXECUTORS``; None for local with one worker, else processes.
+        address: of a ray cluster; None to start one here.
     """
 
     workers: int = 1
@@ -38,11 +37,11 @@ class Place:
 
     @property
     def kind(self) -> str:
-        """Which executor it is."""
+        """The name of the executor."""
         return self.executor or ("local" if self.workers == 1 else "processes")
 
     def check(self) -> None:
-        """Fail early for what cannot be made.
+        """Fail early when there can be no such executor.
 
         Raises:
             UsageError: a flag is wrong.
@@ -71,18 +70,18 @@ class Place:
 
 
 def policy_at(place: Place, name: str) -> Policy:
-    """The policy of that name, or what stands for it where workers share it."""
+    """The policy of that name, or its stand-in when workers share it."""
     if place.kind != "local" and is_shared(name):
         return share(name, everywhere=place.kind == "ray")
     return make_policy(name)
 
 
 def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) -> Executor:
-    """What evaluates scenes there.
+    """The executor at that place.
 
     Args:
-        make: makes an evaluator, of a policy or of one that it makes itself; picklable for workers.
-        policy: of ``policy_at``; closed with the executor at the latest.
+        make: creates an evaluator from a policy, or without one from a policy of its own; picklable.
+        policy: from ``policy_at``; closed with the executor at the latest.
 
     Raises:
         PrerequisiteError: no ray cluster answers.
@@ -90,12 +89,12 @@ def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) ->
     if place.kind == "local":
         return LocalExecutor(make(policy))
     options: dict[str, Any] = {}
-    if isinstance(policy, Shared):
+    if isinstance(policy, SharedPolicy):
         make = partial(make, policy)
-        # They may wait for each other at every step.
+        # Workers may wait for each other at every step.
         options = {"timeout": TIMEOUT * place.workers, "after": policy.close}
     else:
-        policy.close()  # each worker makes its own
+        policy.close()  # each worker creates its own
     if place.kind == "processes":
         return ProcessExecutor(make, place.workers, **options)
     from vlafuzz.execute.ray import RayExecutor  # loads ray

@@ -1,4 +1,4 @@
-"""Crew: workers that evaluate batches side by side, and are replaced when they are lost."""
+"""Worker pool: workers that evaluate batches in parallel, and are replaced when they are lost."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 
-TRIES = 2  # of a batch, by different workers, before it is an ERROR
-TIMEOUT = 300.0  # seconds that a scene may take
-LOOK = 0.5  # seconds between two looks at workers that say nothing
+TRIES = 2  # attempts at a batch, by different workers, before its scenes are ERROR
+TIMEOUT = 300.0  # seconds per scene
+LOOK = 0.5  # seconds between two checks of silent workers
 
 
 class Lost(BaseException):
-    """A worker, or what it cannot do without, is gone; the message says how.
+    """A worker, or a process that it depends on, is gone; the message says how.
 
-    No ``Exception``: those are taken for an outcome of the scene, and this is none.
+    It is no ``Exception``, since evaluators turn those into outcomes of the scene.
     """
 
 
 class Worker(Protocol):
-    """Somebody who evaluates one batch at a time, elsewhere."""
+    """Evaluates one batch at a time, in another process."""
 
     def ready(self) -> bool:
-        """Whether it can be given one. A process can at once; an actor has to find room in its cluster."""
+        """Whether it accepts a batch: a process does at once, an actor when its cluster has room."""
 
     def begin(self, scenes: Sequence[Scene]) -> None:
-        """Start on a batch. Raises nothing: ``answer`` will tell."""
+        """Start on a batch. Raises nothing: ``answer`` reports errors."""
 
     def answer(self) -> list[Outcome] | None:
-        """What came of it; None while it is at it.
+        """The outcomes of the batch; None while it is in progress.
 
         Raises:
-            Lost: it is of no use any more.
-            VlafuzzError: the user has to mend or start something first.
+            Lost: the worker is gone, or must be replaced.
+            VlafuzzError: the user must correct or start something first.
         """
 
     def kill(self) -> None:
-        """At once."""
+        """End it at once."""
 
 
 @dataclass(eq=False)
@@ -53,87 +53,87 @@ class _Batch:
 
 
 @dataclass(eq=False)
-class _Post:
+class _Slot:
     worker: Worker
     batch: _Batch | None = None
 
 
 class WorkerPool:
-    """What all executors with workers have in common.
+    """The part that all executors with workers share.
 
-    A batch whose worker is lost is tried once more by another one, then its scenes are ERROR.
+    The batch of a lost worker is tried once more by another one; after that, its scenes are ERROR.
 
     Args:
-        hire: starts a worker.
-        wait: waits for a short time until one of those that are busy may have an answer.
-        count: number of workers; they start when there is something to do.
+        start: starts a worker.
+        wait: blocks for a short time, or until one of the given workers may have an answer.
+        count: number of workers; they start with the first batch.
     """
 
-    def __init__(self, hire: Callable[[], Worker], wait: Callable[[Sequence[Worker]], None], count: int):
-        self._hire, self._wait, self._count = hire, wait, count
-        self._posts: list[_Post] = []
-        self._again: deque[_Batch] = deque()
+    def __init__(self, start: Callable[[], Worker], wait: Callable[[Sequence[Worker]], None], count: int):
+        self._start, self._wait, self._count = start, wait, count
+        self._slots: list[_Slot] = []
+        self._retries: deque[_Batch] = deque()
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
         """See ``Executor``."""
-        todo, worked = iter(batches), time.monotonic()
-        self._again.clear()
+        todo, last_busy = iter(batches), time.monotonic()
+        self._retries.clear()
         try:
-            while len(self._posts) < self._count:
-                self._posts.append(_Post(self._hire()))
+            while len(self._slots) < self._count:
+                self._slots.append(_Slot(self._start()))
             while True:
-                over = self._hand_out(todo)
-                busy = [post for post in self._posts if post.batch]
+                exhausted = self._hand_out(todo)
+                busy = [slot for slot in self._slots if slot.batch]
                 if busy:
-                    worked = time.monotonic()
-                elif over:
+                    last_busy = time.monotonic()
+                elif exhausted:
                     return
-                elif time.monotonic() - worked > TIMEOUT:
+                elif time.monotonic() - last_busy > TIMEOUT:
                     raise PrerequisiteError(f"no worker is ready within {TIMEOUT:.0f} s", hint="`ray status`")
-                self._wait([post.worker for post in busy or self._posts])
-                for post in busy:
-                    yield from self._look_at(post)
+                self._wait([slot.worker for slot in busy or self._slots])
+                for slot in busy:
+                    yield from self._collect(slot)
         except BaseException:
-            self.kill()  # what the workers are still at belongs to nobody
+            self.kill()  # nobody will collect the batches that are still in progress
             raise
 
     def kill(self) -> None:
-        """End all workers; the next run starts others."""
-        for post in self._posts:
-            post.worker.kill()
-        self._posts = []
+        """End all workers; the next run starts new ones."""
+        for slot in self._slots:
+            slot.worker.kill()
+        self._slots = []
 
     def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]]]) -> bool:
-        """Give batches to those who have none and are ready; whether there were too few."""
-        for post in self._posts:
-            if post.batch is None and post.worker.ready():
-                post.batch = self._again.popleft() if self._again else _next(todo)
-                if post.batch is None:
+        """Give batches to idle workers that are ready; whether the batches are exhausted."""
+        for slot in self._slots:
+            if slot.batch is None and slot.worker.ready():
+                slot.batch = self._retries.popleft() if self._retries else _next(todo)
+                if slot.batch is None:
                     return True
-                post.batch.tries += 1
-                post.worker.begin(post.batch.scenes)
+                slot.batch.tries += 1
+                slot.worker.begin(slot.batch.scenes)
         return False
 
-    def _look_at(self, post: _Post) -> Iterator[tuple[int, list[Outcome]]]:
-        assert post.batch is not None
+    def _collect(self, slot: _Slot) -> Iterator[tuple[int, list[Outcome]]]:
+        assert slot.batch is not None
         try:
-            outcomes = post.worker.answer()
-        except Lost as why:
-            outcomes = self._replace(post, str(why))
+            outcomes = slot.worker.answer()
+        except Lost as cause:
+            outcomes = self._replace(slot, str(cause))
         if outcomes is not None:
-            batch, post.batch = post.batch, None
+            batch, slot.batch = slot.batch, None
             yield batch.tag, outcomes
 
-    def _replace(self, post: _Post, why: str) -> list[Outcome] | None:
-        """Another worker in place of one that is lost; its batch is tried again, or given up."""
-        batch = post.batch
+    def _replace(self, slot: _Slot, cause: str) -> list[Outcome] | None:
+        """Replace a lost worker; its batch is queued again, or becomes ERROR."""
+        batch = slot.batch
         assert batch is not None
-        post.worker.kill()
-        post.worker = self._hire()
+        slot.worker.kill()
+        slot.worker = self._start()
         if batch.tries >= TRIES:
-            return [Outcome.error(f"worker: {why}, {TRIES} times")] * len(batch.scenes)
-        post.batch = None
-        self._again.append(batch)
+            return [Outcome.error(f"worker: {cause}, {TRIES} times")] * len(batch.scenes)
+        slot.batch = None
+        self._retries.append(batch)
         return None
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.errors import UsageError
-from vlafuzz.execute.threads import single_threaded
+from vlafuzz.execute.processes import single_threaded
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus

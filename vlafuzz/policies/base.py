@@ -1,9 +1,9 @@
-"""Policy: the policy under test, what it asks for and what it gets. The harness drives its rollouts."""
+"""The policy under test as a protocol: what it asks for, what it observes and what it answers."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,7 +17,7 @@ from vlafuzz.tasks.state import State
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """A picture that the policy wants with every observation. ``width`` and ``height`` in pixels."""
+    """An image that the policy needs in every observation. ``width`` and ``height`` in pixels."""
 
     name: str
     width: int
@@ -25,21 +25,21 @@ class CameraRequest:
     role: Literal["third_person", "wrist"] = "third_person"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ActionSpec:
-    """What the numbers of an action mean. The default is the robot's own metric controller.
+    """What the seven numbers of an action mean. The defaults are those of our metric controller.
 
-    Seven numbers: translation (``position_scale`` metres a unit, along the robot's base axes), rotation
-        (``rotation_scale``
-    radians a unit, about these axes), gripper. ``relative_to``: a delta counts from the last target or
-    from where the hand is.
+    Translation along and rotation about the axes of the robot's base, then the gripper.
 
     Attributes:
-        rotation: a rotation vector; or angles about x, y, z: ``euler_xyz`` about the axes that turn along, as
-            ManiSkill means it, ``rpy`` about the fixed ones, as most data sets do.
-        gripper: ``open_positive`` and ``close_positive``: in [-1, 1], cut at 0; ``open_01`` and
-            ``close_01``: in [0, 1], cut at 0.5.
-        sticky: control steps for which a change of the gripper's command is kept.
+        rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles as in ManiSkill;
+            ``rpy``, extrinsic (fixed-axis) x-y-z angles as in most data sets.
+        relative_to: whether a delta is added to the last target or to the hand's current pose.
+        position_scale: metres per unit.
+        rotation_scale: radians per unit.
+        gripper: ``open_positive`` and ``close_positive`` are in [-1, 1] with the threshold at 0, ``open_01``
+            and ``close_01`` in [0, 1] with the threshold at 0.5.
+        sticky: control steps for which a changed gripper command is held.
         hz: control rate; a divisor of 100.
     """
 
@@ -57,18 +57,18 @@ class PolicySpec:
     """What the policy is and what it asks for.
 
     Attributes:
-        cameras: pictures to render.
-        silhouettes: wants outlines of what the third-person camera sees (physics only, no renderer).
-        state: wants proprioception: ``(7,)`` TCP position in metres, its rotation vector in radians,
-            opening, 1 for wide open.
-        privileged: wants the simulator's state and the scene itself: for experts, never for a policy under
-            test.
-        execute: actions of a chunk to execute before asking again; None for all of them.
-        deterministic: same observations and seed, same actions.
-        max_batch: most observations in one call of ``act``.
+        cameras: images to render.
+        silhouettes: outlines of what the third-person camera sees; they need physics only, no renderer.
+        state: proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
+            gripper's opening, 1 for fully open.
+        privileged: the simulator's state and the scene itself: for experts, never for a policy under test.
+        execute: actions of a chunk to execute before the next call; None for all of them.
+        deterministic: the same observations and seed always give the same actions.
+        max_batch: the largest number of observations in one call of ``act``.
     """
 
     name: str
+    _: KW_ONLY
     version: str = "1"
     action: ActionSpec = ActionSpec()
     cameras: tuple[CameraRequest, ...] = ()
@@ -83,7 +83,7 @@ class PolicySpec:
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """A rollout is about to begin. ``episode`` names it in all later observations, ``robot`` the rig."""
+    """The start of a rollout. ``episode`` identifies it in all its observations; ``robot`` names the rig."""
 
     episode: str
     instruction: str
@@ -94,12 +94,12 @@ class EpisodeStart:
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """One outlined thing in the third-person picture, of unknown name.
+    """One outlined object in the third-person view, of unknown name.
 
     Attributes:
         pixels: ``(k, 2)`` visible pixels as (u, v) in [0, 1].
-        colour: ``(3,)`` as it appears, after light and saturation, in [0, 1].
-        whole: share of its outline that is visible and inside the picture, in [0, 1].
+        colour: ``(3,)`` apparent colour, after light and saturation, in [0, 1].
+        whole: fraction of the outline that is visible and inside the image, in [0, 1].
     """
 
     pixels: NDArray[np.float64]
@@ -112,8 +112,8 @@ class Outlines:
     """What the third-person camera sees, reduced to outlines.
 
     Attributes:
-        things: every object of which something is visible, in no telling order.
-        hand: ``(2,)`` where the tool centre point appears, as (u, v) in [0, 1]; None when out of view.
+        things: every object that is at least partly visible, in an order that carries no information.
+        hand: ``(2,)`` the tool centre point as (u, v) in [0, 1]; None when out of view.
         table: ``(3,)`` apparent colour of the table.
     """
 
@@ -124,7 +124,7 @@ class Outlines:
 
 @dataclass(frozen=True, eq=False)
 class Privileged:
-    """What only an expert may know. ``done``: success holds at this moment."""
+    """Ground truth, for experts only. ``done``: the success condition holds in this step."""
 
     scene: Scene
     models: tuple[ObjectModel, ...]
@@ -134,7 +134,7 @@ class Privileged:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the policy gets at a control step; what its spec does not ask for is empty.
+    """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
     ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``.
     """
@@ -142,6 +142,7 @@ class Observation:
     episode: str
     step: int
     instruction: str
+    _: KW_ONLY
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     state: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
@@ -150,7 +151,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class ActionChunk:
-    """``actions``: float ``(steps, 7)`` in the units of the spec."""
+    """``actions``: float ``(steps, 7)`` in the units of the policy's ``ActionSpec``."""
 
     actions: NDArray[np.float64]
 
@@ -158,39 +159,38 @@ class ActionChunk:
 class Policy(Protocol):
     """The policy under test.
 
-    Every worker has one of its own, unless what makes it (the class, or the factory that its name names) says
-    ``shared = True``: then there is one for all of them, in a process of its own, which is asked for whatever
-    they want at the same time in one call. That is for a model that fills a device; a small one on a CPU is
-    faster in the workers. `vlafuzz serve` asks in one call, too, for what several connections want at the
-    same time. A policy that is shared or served and whose ``act`` raises has gone on with none of the
-    observations: they may be asked again, one by one.
+    Every worker creates its own policy, unless the class or factory sets ``shared = True``. Then all workers
+    share one policy in a separate process, which batches their simultaneous requests into one call of
+    ``act``. Share a model that fills a device; a small model on a CPU is faster inside the workers.
+    `vlafuzz serve` batches the requests of several connections in the same way. When ``act`` of a shared or
+    served policy raises, it must not have advanced any rollout: the observations may be retried one by one.
     """
 
     @property
     def spec(self) -> PolicySpec:
-        """What it is and what it asks for."""
+        """What the policy is and what it asks for."""
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin."""
+        """Begin these rollouts."""
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        """One chunk an observation, in the same order; any subset of the live episodes."""
+        """One chunk per observation, in the same order; the observations are of any live rollouts."""
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Release everything; no more rollouts follow."""
 
 
 @runtime_checkable
 class Knowing(Protocol):
-    """A policy that knows the objects that there are: their shapes, colours and names."""
+    """A policy that knows the shapes, colours and names of the objects in the catalogue."""
 
     def know(self, catalogue: Catalogue) -> None:
-        """These are the objects of all scenes from now on."""
+        """Use this catalogue for all scenes from now on."""
 
 
 @runtime_checkable
 class Finishing(Protocol):
-    """A policy that has to know when a rollout is over: it holds something for each."""
+    """A policy that keeps resources per rollout and must be told when a rollout ends."""
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts, which ``reset`` began, are over, whatever came of them. Raises nothing."""
+        """End these rollouts, which ``reset`` began, whatever their outcome. Raises nothing."""

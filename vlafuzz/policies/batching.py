@@ -1,4 +1,4 @@
-"""Service: one policy for many callers. What they ask for at the same time, it is asked together."""
+"""Batching policy: one policy for many callers, whose simultaneous requests it answers in one call."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vlafuzz.policies.harness import blamed_on, check_chunks
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """What a worker's policy is asked for, and which of its rollouts are over.
+class Request:
+    """A caller's request: rollouts to begin, observations to act on, and rollouts that are over.
 
-    Episodes have names that the caller gives once only.
+    A caller never uses the name of an episode twice.
     """
 
     begin: Sequence[EpisodeStart] = ()
@@ -23,41 +23,41 @@ class Asked:
     over: Sequence[str] = ()
 
 
-Answer = list[ActionChunk] | PolicyError  # chunks for all of ``act``
+Answer = list[ActionChunk] | PolicyError  # one chunk per observation of ``Request.act``
 
 
 class BatchingPolicy:
-    """Answers callers, each known by a number, as the policy alone would have answered each of them."""
+    """Gives every caller, identified by a number, the answers that the policy would give to it alone."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy, self._name = policy, policy.spec.name
         self._live: dict[str, EpisodeStart] = {}
 
-    def answer(self, asked: Sequence[tuple[int, Asked]]) -> list[Answer]:
-        """One answer each, in order. All observations go to the policy together, ``max_batch`` at most."""
-        begun = [self._begin(caller, each) for caller, each in asked]
-        seen = [
+    def answer(self, requests: Sequence[tuple[int, Request]]) -> list[Answer]:
+        """One answer per request, in order. Observations go to the policy in batches of ``max_batch``."""
+        errors = [self._begin(caller, request) for caller, request in requests]
+        observations = [
             replace(observation, episode=_own(caller, observation.episode))
-            for (caller, each), error in zip(asked, begun, strict=True)
-            for observation in ([] if error else each.act)
+            for (caller, request), error in zip(requests, errors, strict=True)
+            for observation in ([] if error else request.act)
         ]
-        most = max(self._policy.spec.max_batch, 1)
-        groups = [seen[first : first + most] for first in range(0, len(seen), most)]
-        found = iter([chunk for group in groups for chunk in self._act(group)])
+        size = max(self._policy.spec.max_batch, 1)
+        batches = [observations[first : first + size] for first in range(0, len(observations), size)]
+        chunks = iter([chunk for batch in batches for chunk in self._act(batch)])
         return [
-            error or _together(list(islice(found, len(each.act))))
-            for (_, each), error in zip(asked, begun, strict=True)
+            error or _joined(list(islice(chunks, len(request.act))))
+            for (_, request), error in zip(requests, errors, strict=True)
         ]
 
     def leave(self, caller: int) -> None:
-        """A caller is gone, and its rollouts with it."""
+        """End all rollouts of a caller that is gone."""
         self._finish([name for name in self._live if name.startswith(_own(caller, ""))])
 
-    def _begin(self, caller: int, asked: Asked) -> PolicyError | None:
-        self._finish([_own(caller, name) for name in asked.over])
-        if not asked.begin:
+    def _begin(self, caller: int, request: Request) -> PolicyError | None:
+        self._finish([_own(caller, name) for name in request.over])
+        if not request.begin:
             return None
-        starts = [replace(start, episode=_own(caller, start.episode)) for start in asked.begin]
+        starts = [replace(start, episode=_own(caller, start.episode)) for start in request.begin]
         try:
             with blamed_on(self._name):
                 self._policy.reset(starts)
@@ -66,14 +66,15 @@ class BatchingPolicy:
         self._live |= {start.episode: start for start in starts}
         return None
 
-    def _act(self, seen: Sequence[Observation]) -> Sequence[ActionChunk | PolicyError]:
+    def _act(self, batch: Sequence[Observation]) -> Sequence[ActionChunk | PolicyError]:
         try:
             with blamed_on(self._name):
-                chunks = check_chunks(self._policy.act(seen), len(seen), self._name)
+                chunks = check_chunks(self._policy.act(batch), len(batch), self._name)
         except PolicyError as error:
-            if len(seen) == 1:
+            if len(batch) == 1:
                 return [_plain(error)]
-            return [chunk for each in seen for chunk in self._act([each])]  # it is not to cost the others
+            # One observation's error must not cost the others their answers.
+            return [chunk for observation in batch for chunk in self._act([observation])]
         return [ActionChunk(chunk) for chunk in chunks]
 
     def _finish(self, names: Sequence[str]) -> None:
@@ -83,16 +84,16 @@ class BatchingPolicy:
 
 
 def _own(caller: int, episode: str) -> str:
-    """An episode's name among those of all callers."""
+    """The name of a caller's episode that is unique among all callers."""
     return f"{caller}/{episode}"
 
 
-def _together(chunks: Sequence[ActionChunk | PolicyError]) -> Answer:
+def _joined(chunks: Sequence[ActionChunk | PolicyError]) -> Answer:
     """The chunks, or the first error among them."""
-    errors = [each for each in chunks if isinstance(each, PolicyError)]
-    return errors[0] if errors else [each for each in chunks if not isinstance(each, PolicyError)]
+    errors = [chunk for chunk in chunks if isinstance(chunk, PolicyError)]
+    return errors[0] if errors else [chunk for chunk in chunks if not isinstance(chunk, PolicyError)]
 
 
 def _plain(error: PolicyError) -> PolicyError:
-    """Without its history and without a class of the policy's own: it has to go through a pipe."""
+    """The error without its traceback and without the policy's own class: it must go through a pipe."""
     return PolicyError(error.message, error.hint, error.cause)

@@ -1,4 +1,4 @@
-"""Controls: policies whose result is known beforehand. A measurement that they do not fit is wrong."""
+"""Control policies, whose results are known in advance: a measurement that contradicts them is wrong."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 
 
 class Frozen:
-    """Never moves: it must solve nothing."""
+    """Never moves, so it must solve no scene."""
 
     def __init__(self) -> None:
         self.spec = PolicySpec("frozen")
@@ -28,7 +28,7 @@ class Frozen:
 
 
 class Random:
-    """Moves at random, up to 5 cm and 0.2 rad a step; a rollout depends on its seed alone."""
+    """Moves at random, up to 5 cm and 0.2 rad per step and axis; rollouts depend on their seeds alone."""
 
     def __init__(self) -> None:
         self.spec = PolicySpec("random")
@@ -40,11 +40,11 @@ class Random:
             self._rngs[episode.episode] = np.random.default_rng(episode.seed)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One random action each."""
+        """One random action per observation."""
         return [ActionChunk(self._draw(self._rngs[observation.episode])) for observation in observations]
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Forget all rollouts."""
         self._rngs.clear()
 
     def _draw(self, rng: np.random.Generator) -> NDArray[np.float64]:

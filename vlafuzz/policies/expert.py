@@ -1,4 +1,4 @@
-"""The expert: a scripted controller that knows the simulator's state. It shows that a scene can be solved."""
+"""The expert: a scripted controller on the simulator's state, which shows that a scene can be solved."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ATTEMPTS = GRASPS * len(LEANS)
 
 
 class Expert:
-    """Plans its grasp from geometry and pose, checks it, tries again; keeps clear of everything else.
+    """A scripted controller that reads the simulator's state: it plans grasps, avoids obstacles and retries.
 
     Args:
-        fluent: as ``Hands``: for demonstrations.
+        fluent: see ``PickPlaceController``; for demonstrations.
 
     Attributes:
-        attempt: how rollouts begin: the first ``GRASPS`` are the best grasps from straight above, then the
-            same with the hand leaning one way and the other.
+        attempt: index of the first grasp of a rollout: the ``GRASPS`` best grasps from straight above, then
+            the same grasps with the hand leaning one way, then the other way.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:
@@ -34,17 +34,17 @@ class Expert:
         self._tasks: dict[str, str] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin."""
+        """Begin these rollouts."""
         for episode in episodes:
             self._controller[episode.episode] = None
             self._tasks[episode.episode] = episode.task
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One action each."""
+        """One action per observation."""
         return [self._act(observation) for observation in observations]
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Forget all rollouts."""
         self._controller.clear()
 
     def _act(self, observation: Observation) -> ActionChunk:

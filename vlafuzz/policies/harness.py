@@ -1,4 +1,4 @@
-"""Between policy and robot: a queue of actions, their units, a sticky gripper, and the guards."""
+"""The harness between policy and robot: action queue, unit conversion, sticky gripper, checks of answers."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
 
 Array = NDArray[np.float64]
-AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # SciPy's: capital letters turn along
+AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations
 
 
 class Harness:
-    """One rollout of a policy: asks it when its last chunk is used up, and hands out metric actions.
+    """One rollout of a policy: calls it when the last chunk is used up, and returns metric actions.
 
-    ``finish()`` ends it; it also ends when nobody holds this object any more.
+    ``finish()`` ends the rollout; so does the garbage collection of this object.
     """
 
     def __init__(self, policy: Policy, start: EpisodeStart) -> None:
@@ -33,12 +33,12 @@ class Harness:
         self.finish = weakref.finalize(self, _finish, policy, start)
 
     def action(self, observe: Callable[[], Observation]) -> Array:
-        """The next action: ``(7,)`` metres, radians, gripper of -1 or 1.
+        """The next action: ``(7,)`` metres, radians, and -1 or 1 for the gripper.
 
-        ``observe`` is called only when the policy is asked.
+        ``observe`` is called only when a new chunk is needed.
 
         Raises:
-            PolicyError: the policy's answer is not a chunk of finite actions.
+            PolicyError: the policy raised, or its answer is not a chunk of finite actions.
         """
         if not self._queue:
             observation = observe()
@@ -64,7 +64,7 @@ def _finish(policy: Policy, start: EpisodeStart) -> None:
 
 @contextmanager
 def blamed_on(name: str) -> Iterator[None]:
-    """Whatever a policy's own code raises is the policy's error, with its cause."""
+    """Convert every exception in the block to a PolicyError of the policy of this name."""
     try:
         yield
     except PolicyError:
@@ -74,14 +74,14 @@ def blamed_on(name: str) -> Iterator[None]:
 
 
 class Gripper:
-    """Turns a policy's gripper number into open (1) or closed (-1); keeps a change for ``sticky`` steps."""
+    """Thresholds a policy's gripper value to open (1) or closed (-1); holds a change for ``sticky`` steps."""
 
     def __init__(self, spec: ActionSpec) -> None:
         self._convention, self._sticky = spec.gripper, spec.sticky
         self._now, self._kept = 1.0, 0
 
     def command(self, value: float) -> float:
-        """The command for one control step."""
+        """The command in this control step."""
         threshold = 0.5 if self._convention.endswith("01") else 0.0
         wanted = 1.0 if (value > threshold) == self._convention.startswith("open") else -1.0
         if self._kept > 0:
@@ -95,7 +95,7 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> lis
     """The actions of each chunk, ``(steps, 7)``.
 
     Raises:
-        PolicyError: wrong number of chunks, wrong shape, or not finite.
+        PolicyError: wrong number of chunks, wrong shape, or values that are not finite.
     """
     if len(chunks) != expected:
         raise PolicyError(

@@ -1,4 +1,4 @@
-"""Eyes: a calibrated camera's view of outlines, turned into where an object stands and how it lies."""
+"""Outline localizer: estimates an object's pose from outlines in the view of a calibrated camera."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from vlafuzz.policies.planning import Thing
 from vlafuzz.rigs.camera import CameraPose
 
 Array = NDArray[np.float64]
-NOISE = 3 / 255  # a colour nearer to the table's than this, in every channel, is not seen against it
-VISIBLE = 0.6  # share of an outline below which the object is lost
-SIZE_WEIGHT = 0.25  # of a size wrong by a factor of e, against a colour wrong by 1 in one channel
+NOISE = 3 / 255  # a colour this close to the table's in every channel cannot be told from it
+VISIBLE = 0.6  # an object of whose outline less is visible is not recognized
+SIZE_WEIGHT = 0.25  # of an error in size by a factor of e, relative to an error of 1 in one colour channel
 YAWS = np.radians(np.arange(0, 180, 15))
 
 
 class OutlineLocalizer:
-    """Looks through the camera where it *should* be: if it is moved, everything appears shifted."""
+    """Assumes the camera at its nominal pose: when it is displaced, everything appears shifted."""
 
     def __init__(self, nominal: CameraPose) -> None:
         self._view = nominal
 
     def find(self, model: ObjectModel, outlines: Outlines) -> Thing | None:
-        """The thing that is most like an object, where it seems to be; None when nothing is seen."""
-        seen = [thing for thing in outlines.things if self._sees(thing, outlines.table)]
-        if not seen:
+        """The object at its apparent pose, matched to the most similar outline; None when none is visible."""
+        visible = [thing for thing in outlines.things if self._sees(thing, outlines.table)]
+        if not visible:
             return None
-        guesses = [(thing, *self._pose(model, thing.pixels)) for thing in seen]
+        guesses = [(thing, *self._pose(model, thing.pixels)) for thing in visible]
         _, placed, _ = min(guesses, key=lambda guess: self._unlikeness(model, guess[0], guess[2]))
         return placed
 
     def hand(self, outlines: Outlines, height: float) -> Array | None:
-        """``(2,)`` where the hand seems to be, at its known height, metres; None when out of view."""
+        """``(2,)`` apparent position of the hand, metres, at its known height; None when out of view."""
         if outlines.hand is None:
             return None
         return self._view.back_project(outlines.hand[None], height)[0, :2]
@@ -49,11 +49,10 @@ class OutlineLocalizer:
         return colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
 
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
-        """Where the object is if these are its pixels, and how large they are against what they should be.
+        """The object's pose if these are its pixels, and the ratio of their extent to the expected one.
 
-        Rest pose and yaw are those whose outline has the most similar spread; the place is where the
-        middle of the pixels
-        meets the plane at half the object's height.
+        Rest pose and yaw are those whose outline has the most similar covariance; the position is where the
+        ray through the mean pixel meets the plane at half the object's height.
         """
         seen = _spread(pixels)
         best, best_error, best_ratio = None, np.inf, 1.0
@@ -70,7 +69,7 @@ class OutlineLocalizer:
         return self._centred(best, pixels), best_ratio
 
     def _centred(self, thing: Thing, pixels: Array) -> Thing:
-        """Moved so that the middle of its outline is the middle of the pixels."""
+        """The object moved so that the mean of its outline coincides with the mean of the pixels."""
         height = float(thing.position[2])
         middles = np.stack([pixels.mean(axis=0), self._interior(thing).mean(axis=0)])
         seen, expected = self._view.back_project(middles, height)
@@ -78,7 +77,7 @@ class OutlineLocalizer:
         return Thing(thing.model, thing.position + shift, thing.rotation)
 
     def _interior(self, thing: Thing) -> Array:
-        """``(k, 2)`` points that fill the outline evenly."""
+        """``(k, 2)`` points that evenly fill the outline."""
         uv, _ = self._view.project(thing.corners)
         return _fill(_hull(uv))
 
@@ -105,7 +104,7 @@ _GRID = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
 
 
 def _fill(hull: Array) -> Array:
-    """Points of a regular grid over the bounding box that lie inside a convex polygon."""
+    """The points of a regular grid over the bounding box of a convex polygon that lie inside it."""
     low, high = hull.min(axis=0), hull.max(axis=0)
     points = low + _GRID * (high - low)
     edges = np.roll(hull, -1, axis=0) - hull

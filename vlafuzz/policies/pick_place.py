@@ -1,4 +1,4 @@
-"""Hands: take an object that is believed to be somewhere, bring it where the task says, check, try again."""
+"""Pick-and-place controller: grasp an object at its believed pose, move it to the goal, check, retry."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from vlafuzz.rigs.rig import Rig
 
 Array = NDArray[np.float64]
 OPEN, CLOSE = 1.0, -1.0
-HOVER = 0.06  # metres above the grasp, fingertips over the object's top at least
-LEVEL = 0.004  # metres off in x and y at which the hand goes down
-ALIGNED = 0.06  # radians
-PATIENCE = 4  # control steps to close, or to stay without getting nearer
-GENTLE = 0.012  # metres a step for the last stretch down and the first one up
-FINGERTIP = 0.012  # metres below the TCP
+HOVER = 0.06  # metres above the grasp, and at least with the fingertips above the object's top
+LEVEL = 0.004  # metres of horizontal error below which the hand descends
+ALIGNED = 0.06  # radians of yaw error below which the hand descends
+PATIENCE = 4  # control steps to close, or to wait without progress
+GENTLE = 0.012  # metres per step at the end of lowering and at the start of retreating
+FINGERTIP = 0.012  # metres from the TCP down to the fingertips
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class Belief:
     """Where things are, as far as the policy knows.
 
     Attributes:
-        a: what to take.
-        b: where it goes; None for pick-up.
-        others: to keep away from.
+        a: the object to take.
+        b: its destination; None for pick-up.
+        others: obstacles.
         tcp: ``(3,)`` metres; ``tcp_rotation``: ``(3, 3)``.
         held: something is between the fingers.
-        done: the task looks done; stay.
+        done: the task looks solved, so that no retry is needed.
     """
 
     a: Thing
@@ -47,12 +47,12 @@ class Belief:
 
 
 class PickPlaceController:
-    """One episode of grasping and placing. Actions are metric and count from where the hand is now.
+    """Grasps and places in one rollout. Actions are metric, relative to the hand's current pose.
 
     Args:
-        fluent: wait for nothing, and go down the more the better the hand is in place: what to do then hardly
-            depends on what was done before, and who only sees the present can learn it.
-        attempt: the grasp to begin with, from the best one on.
+        fluent: never wait, and descend while still aligning: actions then hardly depend on the past, so that
+            a memoryless policy can learn them.
+        attempt: rank of the first grasp to try, 0 for the best.
         lean: see ``Steering``.
     """
 
@@ -70,7 +70,7 @@ class PickPlaceController:
         self._last_tcp: Array = np.full(3, np.inf)
 
     def act(self, belief: Belief) -> Array:
-        """``(7,)`` the next action."""
+        """The next action, ``(7,)``."""
         action = self._phase(belief)
         self._last_tcp = belief.tcp
         return action
@@ -78,7 +78,7 @@ class PickPlaceController:
     # phases, in their order
 
     def _approach(self, belief: Belief) -> Array:
-        if self._fluent and belief.held:  # somebody else took it
+        if self._fluent and belief.held:  # another controller grasped it
             self._take(belief)
             return self._lift(belief)
         reach = self._choose(belief)
@@ -116,7 +116,7 @@ class PickPlaceController:
     def _lift(self, belief: Belief) -> Array:
         if not belief.held:
             return self._retry(belief)
-        if self._goal is None and belief.b:  # it was told only now where it goes
+        if self._goal is None and belief.b:  # the destination has only now become known
             self._aim(belief)
         if self._goal is None:
             up = np.array([*self._taken_at[:2], self._taken_at[2] + 0.12])
@@ -195,22 +195,23 @@ class PickPlaceController:
         moved = math.dist(belief.a.position, self._planned_for) > 0.004
         if self._plan is None or moved:
             around = belief.others + ((belief.b,) if belief.b else ())
-            found = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
-            if self._plan is not None and found:  # it moved a little: keep to the same kind of grasp
+            grasps = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
+            if self._plan is not None and grasps:  # it moved a little: keep to the same kind of grasp
                 yaw = self._plan.yaw
-                found.sort(
+                grasps.sort(
                     key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost
                 )
-                self._plan = found[0]
+                self._plan = grasps[0]
             else:
-                self._plan = found[self.attempt % len(found)] if found else self._blind(belief)
+                self._plan = grasps[self.attempt % len(grasps)] if grasps else self._blind(belief)
             self._planned_for = belief.a.position.copy()
         return self._plan
 
     def _blind(self, belief: Belief) -> Reach:
-        """No grasp fits the way it lies: go for its middle all the same, and hope to turn it over."""
+        """A grasp of the centre when none fits the object's pose: the attempt may turn it over."""
         x, y, z = belief.a.position
-        return Reach(float(x), float(y), max(float(z), 0.015), self._hand_yaw(belief), 0.07, 9.0)
+        height, yaw = max(float(z), 0.015), self._hand_yaw(belief)
+        return Reach(x=float(x), y=float(y), z=height, yaw=yaw, width=0.07, cost=9.0)
 
     def _is_over(self, belief: Belief, over: Array, yaw: float) -> bool:
         self._waited += 1
@@ -218,13 +219,13 @@ class PickPlaceController:
         return _level(over, belief.tcp) < patient and self._turned(belief, yaw)
 
     def _in_place(self, belief: Belief, over: Array, yaw: float) -> float:
-        """How much of the way down may be gone already, in [0, 1]: none from 12 mm or 0.15 rad off on."""
+        """Share of the descent that is allowed already, in [0, 1]; 0 at errors above 12 mm or 0.15 rad."""
         aside = max(_level(over, belief.tcp) - LEVEL, 0.0) / 0.008
         turn = max(abs(yaw - self._hand_yaw(belief)) - ALIGNED, 0.0) / 0.09
         return 1.0 - min(max(aside, turn), 1.0)
 
     def _aim_again(self, belief: Belief) -> None:
-        """The place beside b that is nearest from here; others do not depend on where a is."""
+        """Update the goal of move-near, the only one that depends on where a is now."""
         if self._task == "move-near" and belief.b is not None:
             self._goal, self._b_was = self._find_place(belief, belief.b), belief.b.position[:2].copy()
 
@@ -236,7 +237,7 @@ class PickPlaceController:
         return abs(yaw - self._hand_yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE
 
     def _keep_clear(self, belief: Belief, over: Array) -> None:
-        """Raise the way to ``over`` above what lies below it, while it is far."""
+        """While ``over`` is far, raise it above the obstacles on the path."""
         if _level(over, belief.tcp) < 0.02:
             return
         around = (*belief.others, *((belief.b,) if belief.b else ()))
@@ -270,11 +271,8 @@ class PickPlaceController:
             return None
         if self._task == "move-near":
             return self._find_place(belief, belief.b)
-        return (
-            planning.goal_in(belief.a, belief.b)
-            if self._task == "put-in"
-            else planning.goal_on(belief.a, belief.b)
-        )
+        goal = planning.goal_in if self._task == "put-in" else planning.goal_on
+        return goal(belief.a, belief.b)
 
     def _target_xy(self, belief: Belief) -> Array:
         assert self._goal is not None
@@ -298,5 +296,5 @@ class PickPlaceController:
 
 
 def _level(a: Array, b: Array) -> float:
-    """Distance seen from above."""
+    """Horizontal distance."""
     return math.hypot(a[0] - b[0], a[1] - b[1])

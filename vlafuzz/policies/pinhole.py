@@ -1,4 +1,4 @@
-"""Pinhole: the expert's hands with a calibrated camera's eyes. The fast policy: it needs physics only."""
+"""Pinhole: the expert's controller behind a calibrated camera. It is fast: it needs physics, no renderer."""
 
 from __future__ import annotations
 
@@ -20,29 +20,24 @@ from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import rig
 
 Array = NDArray[np.float64]
-# Share of the offset between where the hand is and where it seems to be that is corrected. Set once, so
-# that random pick-up
-# scenes at the default ranges fail 20 to 40 % of the time.
+# Share of the offset between the hand's true and apparent position that is corrected. Set once, so that
+# random pick-up scenes at the default ranges fail 20 to 40 % of the time.
 CORRECTED = 0.62
-RAISED = 0.42  # metres; out of the camera's way to every place on the table
-GRIPPED = 0.004  # metres between closed fingers from which on something is between them
+RAISED = 0.42  # metres: a hand at this height hides no place on the table from the camera
+GRIPPED = 0.004  # metres between the fingers above which something is held
 
 
 class Pinhole:
-    """A calibrated hand-eye system: looks through a camera that it believes to be in its place, then acts.
+    """A scripted controller that sees outlines through a camera which it assumes to be at its nominal pose.
 
-    It is told no positions. From outlines it takes place, main axis and standing or lying; it knows the
-    catalogue's shapes
-    and colours, takes the thing whose colour and size are nearest to the named object's, and places it by
-    back-projection
-    through the nominal camera. It sees its own hand through the same camera and corrects a fixed share of
-    the offset.
+    It is given no positions. It knows the shapes and colours of the catalogue, picks the outline whose colour
+    and size are most like the named object's, estimates the rest pose and yaw from the outline, and locates
+    it by back-projection through the nominal camera. It sees its own hand through the same camera and
+    corrects a fixed share of the offset.
 
-    So it fails for physical reasons: a moved or turned camera shifts what it reaches for; darkness and
-        glare hide or confuse
-    colours; others occlude, look alike or stand in its way, since it avoids nothing; a wording that names
-    the objects in
-    another order makes it take the wrong one. It is deterministic.
+    So it fails for physical reasons: a displaced camera shifts what it reaches for; darkness and glare hide
+    or confuse colours; other objects occlude, look alike or stand in the way, since it avoids nothing; an
+    instruction that names the objects in another order makes it take the wrong one. It is deterministic.
     """
 
     def __init__(self) -> None:
@@ -53,32 +48,32 @@ class Pinhole:
         self._episodes: dict[str, _Episode] = {}
 
     def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``. Of objects with the same spoken name it thinks of the packs' first."""
+        """See ``Knowing``. Of objects with the same spoken name, those of packs come first."""
         first = catalogue.preferred(catalogue.names())
         names = dict.fromkeys([*first, *catalogue.names()])
         self._models = tuple(catalogue[name] for name in names)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin."""
+        """Begin these rollouts."""
         if self._models is None:
             self.know(load_catalogue())
         for start in episodes:
             self._episodes[start.episode] = _Episode(start.task, self._models or (), rig(start.robot))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One action each."""
+        """One action per observation."""
         return [
             ActionChunk(self._episodes[observation.episode].act(observation)[None])
             for observation in observations
         ]
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Forget all rollouts."""
         self._episodes.clear()
 
 
 class _Episode:
-    """One rollout: look, act, look again after a failed attempt."""
+    """One rollout: look, act, and look again after a failed attempt."""
 
     def __init__(self, task: str, models: Sequence[ObjectModel], rig: Rig) -> None:
         self._models, self._rig = models, rig
@@ -94,29 +89,29 @@ class _Episode:
         tcp = state[:3].astype(np.float64)
         if self._controller.attempt != self._attempt:
             self._attempt, self._seen = self._controller.attempt, {}
-        found = self._look(observation.instruction, outlines)
-        if not found:
+        targets = self._look(observation.instruction, outlines)
+        if not targets:
             return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
-        seen = self._localizer.hand(outlines, float(tcp[2]))
-        if seen is not None:
-            tcp[:2] += CORRECTED * (seen - tcp[:2])
-        return self._controller.act(self._belief(found, tcp, state))
+        hand = self._localizer.hand(outlines, float(tcp[2]))
+        if hand is not None:
+            tcp[:2] += CORRECTED * (hand - tcp[:2])
+        return self._controller.act(self._belief(targets, tcp, state))
 
     def _look(self, instruction: str, outlines: Outlines) -> list[Thing]:
-        """What the instruction names, as it was seen first; without what it names anew and is out of view."""
+        """The named objects where they were first seen in this attempt; those not seen yet are left out."""
         named = _named(instruction, self._models)
-        found = {
-            each.name: self._seen.get(each.name) or self._localizer.find(each, outlines) for each in named
+        things = {
+            model.name: self._seen.get(model.name) or self._localizer.find(model, outlines) for model in named
         }
-        if all(found.values()):
-            self._seen = {name: thing for name, thing in found.items() if thing}
-        return [self._seen[each.name] for each in named if each.name in self._seen]
+        if all(things.values()):
+            self._seen = {name: thing for name, thing in things.items() if thing}
+        return [self._seen[model.name] for model in named if model.name in self._seen]
 
-    def _belief(self, found: Sequence[Thing], tcp: Array, state: NDArray[np.float32]) -> Belief:
+    def _belief(self, targets: Sequence[Thing], tcp: Array, state: NDArray[np.float32]) -> Belief:
         angle = state[3:6].astype(np.float64)
         return Belief(
-            a=found[0],
-            b=found[1] if len(found) > 1 else None,
+            a=targets[0],
+            b=targets[1] if len(targets) > 1 else None,
             others=(),
             tcp=tcp,
             tcp_rotation=np.asarray(Rotation.from_rotvec(angle).as_matrix()),
@@ -126,7 +121,7 @@ class _Episode:
 
 
 def _named(instruction: str, models: Sequence[ObjectModel]) -> list[ObjectModel]:
-    """The objects that an instruction names, in its order; of two names that overlap the longer one."""
+    """The objects that an instruction names, in their order; of overlapping names, the longer one."""
     text = instruction.lower()
     places = [
         (text.find(model.spoken), -len(model.spoken), model) for model in models if model.spoken in text

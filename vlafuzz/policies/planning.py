@@ -1,4 +1,4 @@
-"""Plans on beliefs: which grasp to take, how high to travel, where to put an object down. Pure geometry."""
+"""Geometric planning: which grasp to take, how high to travel, where to put an object down."""
 
 from __future__ import annotations
 
@@ -15,20 +15,18 @@ from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand, Rig
 
 Array = NDArray[np.float64]
-UPRIGHT = np.cos(np.radians(8.0))  # a rest pose's own grasps serve up to this tilt
+UPRIGHT = np.cos(np.radians(8.0))  # the grasps of a stable pose remain valid up to this tilt
 MARGIN = 0.006  # metres around fingers and hand
-HIDING = 0.25  # metres that a goes farther so as not to stand right in front of b
-GAP = 0.03  # metres left between a and b by move-near, which needs 0.05
+HIDING = 0.25  # metres of detour accepted so as not to put a right in front of b
+GAP = 0.03  # metres between a and b after move-near, which accepts up to 0.05
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 16)
-_DIRECTIONS = np.stack(
-    [np.cos(_ANGLES), np.sin(_ANGLES)]
-)  # (2, 32); a convex outline is farthest along one of them
-TRAVEL = 0.03  # metres between fingertips or load and what they pass over
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 32) candidate separating axes
+TRAVEL = 0.03  # metres of clearance between the fingertips or load and the objects below
 
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """An object where it is believed to be: ``position`` (3,) of its origin, metres, ``rotation`` (3, 3)."""
+    """An object at its believed pose: ``position`` (3,) of its origin, metres, and ``rotation`` (3, 3)."""
 
     model: ObjectModel
     position: Array
@@ -36,7 +34,7 @@ class Thing:
 
     @cached_property
     def corners(self) -> Array:
-        """``(m, 3)`` hull vertices in the world."""
+        """``(m, 3)`` vertices of the convex hull in world coordinates."""
         return np.asarray(self.model.vertices @ self.rotation.T + self.position)
 
     @cached_property
@@ -45,9 +43,9 @@ class Thing:
         return float(self.corners[:, 2].max())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reach:
-    """Where the hand goes for a grasp: TCP, direction of the closing axis, width. Metres and radians."""
+    """A grasp: position of the TCP, direction of the closing axis, opening width. Metres and radians."""
 
     x: float
     y: float
@@ -58,8 +56,8 @@ class Reach:
 
 
 def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) -> list[Reach]:
-    """All grasps of a thing where it lies, the best first: good contact, clear of others, little turning."""
-    found = []
+    """All grasps of an object in its pose, best first: good contact, free of obstacles, little turning."""
+    grasps = []
     for yaw, width, offset, z, quality in _grasps(thing):
         if not rig.hand.takes(width, z):
             continue
@@ -68,17 +66,17 @@ def reaches(thing: Thing, others: Sequence[Thing], hand_yaw: float, rig: Rig) ->
         yaw = nearest_yaw(yaw, rig.neutral_yaw(x, y))
         turn = yaw - hand_yaw
         cost = 1.0 - quality + 2.0 * _crowding(np.array([x, y, z]), yaw, others, rig.hand) + 0.2 * abs(turn)
-        found.append(Reach(float(x), float(y), float(z), yaw, width, cost))
-    return sorted(found, key=lambda reach: reach.cost)
+        grasps.append(Reach(x=float(x), y=float(y), z=float(z), yaw=yaw, width=width, cost=cost))
+    return sorted(grasps, key=lambda reach: reach.cost)
 
 
 def nearest_yaw(yaw: float, to: float) -> float:
-    """The direction of a closing axis, up to half a turn, that is nearest to ``to``. Radians."""
+    """The direction, equal to ``yaw`` up to half turns, that is nearest to ``to``. Radians."""
     return to + (yaw - to + np.pi / 2) % np.pi - np.pi / 2
 
 
 def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
-    """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the thing's present pose."""
+    """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the object's current pose."""
     bottom = float(thing.corners[:, 2].min())
     for pose in thing.model.stable_poses:
         nominal = np.array(rotation.matrix(pose.quaternion))
@@ -99,7 +97,7 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
 
 
 def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> float:
-    """How many of the gripper's boxes another object's bounding box (in the gripper's frame) cuts into."""
+    """How many collisions there are between the gripper's boxes and other objects' bounding boxes."""
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
     frame = np.stack([across, along, [0.0, 0.0, 1.0]])
@@ -115,9 +113,9 @@ def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> fl
 
 
 def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: float) -> float:
-    """Height over all that is near the way from ``start`` to ``end``, ``(2,)`` each; metres, 0 if clear."""
-    way = start + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 0.02))[:, None] * (end - start)
-    along, highest = way @ _DIRECTIONS, 0.0
+    """Height, metres, that clears all objects near the path from ``start`` to ``end`` ``(2,)``; 0 if none."""
+    path = start + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(end - start) / 0.02))[:, None] * (end - start)
+    along, highest = path @ _DIRECTIONS, 0.0
     for other in others:
         apart = (other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - along  # (points, directions)
         if apart.max(axis=1).min() < radius:
@@ -127,12 +125,12 @@ def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: flo
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where a is put down.
+    """Where to put a down.
 
     Attributes:
-        place: ``(2,)`` of its origin, metres.
-        turn: on the way there, radians, up to half a turn.
-        floor: height of what is below, metres.
+        place: ``(2,)`` position of its origin, metres.
+        turn: rotation on the way there, radians, up to half a turn.
+        floor: height of the surface below, metres.
     """
 
     place: Array
@@ -141,14 +139,14 @@ class Goal:
 
 
 def goal_on(a: Thing, b: Thing) -> Goal:
-    """On the middle of b."""
+    """On the centre of b."""
     return Goal(b.position[:2].copy(), 0.0, b.top)
 
 
 def goal_in(a: Thing, b: Thing) -> Goal:
-    """In the middle of b, a's long side along b's."""
+    """In the centre of b, with the long sides of a and b aligned."""
     container = b.model.container
-    if container is None:  # who mixes the two up still has to put a somewhere
+    if container is None:  # a policy that takes the wrong object for b still needs a goal
         return goal_on(a, b)
     long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (
         0.0 if container.width >= container.depth else np.pi / 2
@@ -175,9 +173,9 @@ def _elongation(thing: Thing) -> float:
 def goal_near(
     a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False
 ) -> Goal:
-    """Beside b: the nearest free place whose gap to b is right, fingers not between the two.
+    """Beside b: the nearest free place with the right gap to b and without the fingers between the two.
 
-    ``in_view``: rather not between b and the camera.
+    ``in_view``: prefer places that are not between b and the camera.
     """
     angles = np.arange(0.0, 2 * np.pi, np.pi / 12)
     away = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -186,8 +184,8 @@ def goal_near(
     costs = np.linalg.norm(places - a.position[:2], axis=1) + 0.15 * np.abs(np.cos(angles - closing))
     costs += _unreachable(places, rig)
     if in_view:
-        way = np.array(rig.view.eye[:2]) - b.position[:2]
-        costs += HIDING * np.maximum(away @ (way / np.linalg.norm(way)), 0.0)
+        to_camera = np.array(rig.view.eye[:2]) - b.position[:2]
+        costs += HIDING * np.maximum(away @ (to_camera / np.linalg.norm(to_camera)), 0.0)
     for other in others:
         apart = (_clearance(outline, other) - places @ _DIRECTIONS).max(axis=1)
         costs += np.where(apart > 0.05, 0.0, 1.0 + 10 * (0.05 - apart))
@@ -195,14 +193,14 @@ def goal_near(
 
 
 def _clearance(outline: Array, other: Thing) -> Array:
-    """``(32,)`` how far an outline at (0, 0) is from a thing along each direction; the largest one counts."""
+    """``(32,)`` gap between an outline at (0, 0) and an object along each axis; the largest is the gap."""
     return np.asarray((other.corners[:, :2] @ _DIRECTIONS).min(axis=0) - (outline @ _DIRECTIONS).max(axis=0))
 
 
 def _distances(clearance: Array, centre: Array, away: Array) -> Array:
-    """``(n,)`` how far from b's centre a has to be for the right gap, along ``(n, 2)`` unit vectors."""
+    """``(n,)`` distances from b's centre that give the right gap, along unit vectors ``away`` ``(n, 2)``."""
     needed = GAP - (clearance - centre @ _DIRECTIONS)
-    growth = -away @ _DIRECTIONS  # of each clearance with the distance
+    growth = -away @ _DIRECTIONS  # of the clearance per metre of distance
     reached = np.divide(needed, growth, out=np.full_like(growth, np.inf), where=growth > 1e-9)
     return np.asarray(reached.min(axis=1))
 

@@ -1,4 +1,4 @@
-"""Policies by name."""
+"""Policies by name: built in, behind a model server, or the user's own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vlafuzz.policies.pinhole import Pinhole
 
 
 def _mini() -> Policy:
-    """A small learned policy that sees a picture, reads the instruction and acts; on a CPU."""
+    """A small learned vision-language-action model that runs on a CPU."""
     from vlafuzz.policies.mini.policy import Mini  # loads torch
 
     return Mini()
@@ -29,34 +29,34 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": Random,
     "frozen": Frozen,
 }
-# Behind a model server, by the protocol that it speaks; named as protocol:address, HTTP by the address alone.
-# Clients stand above this package and are loaded when one is named.
+# Policies behind model servers, by protocol; named protocol:address, or just by the address for HTTP.
+# The layers import clients after policies, so a client is only loaded when its protocol is named.
 SERVERS = {
     "vla-eval": "vlafuzz.clients.vla_eval:VlaEval",
     "openpi": "vlafuzz.clients.openpi:OpenPi",
     "http": "vlafuzz.clients.openvla:OpenVla",
     "groot": "vlafuzz.clients.groot:Groot",
-    "lerobot": "vlafuzz.clients.lerobot:LeRobot",  # no server, but named like one
+    "lerobot": "vlafuzz.clients.lerobot:LeRobot",  # a folder instead of a server, named in the same way
 }
 
 
 class Client(Protocol):
-    """The class of a policy behind a model server; ``form`` is how users name it."""
+    """The class of a policy behind a model server; ``form`` shows how users name it."""
 
     form: str
 
     def __call__(self, address: object) -> Policy:
-        """Connect."""
+        """Connect to the server at this address."""
 
 
 def client(protocol: str) -> Client:
-    """The class of the policies that are reached by a protocol, a key of ``SERVERS``."""
+    """The class of policies that speak a protocol, a key of ``SERVERS``."""
     module, _, name = SERVERS[protocol].partition(":")
     return cast(Client, getattr(importlib.import_module(module), name))
 
 
 def known_policies() -> dict[str, str]:
-    """What there is: name → what it is, in a sentence."""
+    """Name → description, one sentence each."""
     clients = [client(protocol) for protocol in SERVERS]
     named = POLICIES | {kind.form: kind for kind in clients}
     return {
@@ -66,7 +66,7 @@ def known_policies() -> dict[str, str]:
 
 
 def check_policy_name(name: str) -> None:
-    """Fail early for a name that ``make_policy`` would not know. Connects to no server.
+    """Fail early for a name that ``make_policy`` does not know. Connects to no server.
 
     Raises:
         UsageError: no such policy.
@@ -84,7 +84,7 @@ def check_policy_name(name: str) -> None:
 
 
 def is_shared(name: str) -> bool:
-    """Whether all workers share one policy of that name: see ``Policy``. Makes none.
+    """Whether all workers share one policy of that name (see ``Policy``); does not create it.
 
     Raises:
         UsageError: no such policy.
@@ -98,21 +98,21 @@ def make_policy(name: str) -> Policy:
     """The policy of that name.
 
     Raises:
-        UsageError: no such policy, or a factory that makes something else.
-        PrerequisiteError: no server answers, or the user's own code raises.
+        UsageError: there is no such policy, or the factory returns something else.
+        PrerequisiteError: no server answers, or the user's code raises.
     """
     check_policy_name(name)
     if kind := _server(name):
         return kind(_address(name, kind))
     if not is_reference(name):
         return POLICIES[name]()
-    made = make_of(name)
-    if not isinstance(getattr(made, "spec", None), PolicySpec):
+    policy = make_of(name)
+    if not isinstance(getattr(policy, "spec", None), PolicySpec):
         raise UsageError(
-            f"{name!r} made a {type(made).__name__}, which has no spec",
+            f"{name!r} made a {type(policy).__name__}, which has no spec",
             hint="see vlafuzz.policies.base.Policy",
         )
-    return cast(Policy, made)
+    return cast(Policy, policy)
 
 
 def _server(name: str) -> Client | None:
@@ -122,6 +122,6 @@ def _server(name: str) -> Client | None:
 
 
 def _address(name: str, kind: Client) -> object:
-    """The address in a name, checked; nothing is connected."""
+    """The address in a name, validated; connects to nothing."""
     parse: Callable[[str, Client], object] = importlib.import_module("vlafuzz.clients.remote").parse
     return parse(name, kind)

@@ -1,4 +1,4 @@
-"""An HTTP server of OpenVLA's ``POST /act``."""
+"""HTTP server for OpenVLA's ``POST /act``."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from vlafuzz.clients.openvla import ActOptions
 from vlafuzz.clients.openvla_wire import decode, encode
 from vlafuzz.clients.wire import ROLLOUT, short
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.serving.sessions import ClientSession, ServedPolicy, told_by
+from vlafuzz.serving.sessions import ClientSession, ServedPolicy, read_header
 
-MOST_ASKED = 64 << 20  # bytes of an observation
-SILENCE = 600.0  # seconds after which a client that says nothing is let go of
+MAX_BYTES = 64 << 20  # of an observation
+SILENCE = 600.0  # seconds after which a silent client is disconnected
 
 
 @contextmanager
 def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
-    """The port on which requests are answered, a thread for every connection."""
+    """Answer requests within the block, with a thread per connection; yields the port."""
     handler = type("Handler", (_Handler,), {"served": served})
     server = _Server((address, port), handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
@@ -36,11 +36,11 @@ def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False  # clients keep connections open
-    request_queue_size = 128  # with the usual 5, the sixth of many simulators that start waits for a second
+    request_queue_size = 128  # with the default of 5, the sixth simulator to start waits for a second
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """A connection, which is a rollout."""
+    """A connection, which is one rollout."""
 
     served: ServedPolicy
     protocol_version = "HTTP/1.1"
@@ -57,10 +57,10 @@ class _Handler(BaseHTTPRequestHandler):
         super().finish()
 
     def do_POST(self) -> None:  # http.server's name
-        """An observation; the reply is an action, or a list of them."""
+        """Answer an observation with an action, or with a list of actions."""
         status, value = self._answer()
         body = encode(value)
-        with suppress(OSError):  # it may be gone
+        with suppress(OSError):  # the client may be gone
             self.send_response(status)
             self.send_header("Content-Type", "application/json")
             self.send_header("Content-Length", str(len(body)))
@@ -68,38 +68,38 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nobody reads it."""
+        """Log nothing."""
 
     def _body(self) -> bytes:
         if self.path.partition("?")[0] != "/act":
             raise ValueError(f"no {self.path!r} here, only /act")
         length = int(self.headers.get("Content-Length", 0))
-        if not 0 < length <= MOST_ASKED:
+        if not 0 < length <= MAX_BYTES:
             self.close_connection = True
-            raise ValueError(f"a body of {length} bytes, expected 1 to {MOST_ASKED}")
+            raise ValueError(f"a body of {length} bytes, expected 1 to {MAX_BYTES}")
         return self.rfile.read(length)
 
     def _answer(self) -> tuple[int, object]:
-        """Status and value."""
+        """Status and value of the reply."""
         try:
             message = decode(self._body())
             if isinstance(message, dict) and "encoded" in message:
                 message = decode(message["encoded"])
             if self._session is None:
-                self._session = self.served.session(told_by(self.headers.get(ROLLOUT)))
-            actions = _asked(self.served.spec, self._session, message)
+                self._session = self.served.session(read_header(self.headers.get(ROLLOUT)))
+            actions = _act(self.served.spec, self._session, message)
         except (ValueError, TypeError) as error:
             return 400, {"error": short(error)}
-        except Exception as error:  # whatever a policy raises is told, and the server stays
+        except Exception as error:  # the client gets the policy's error, and the server keeps running
             return 500, {"error": f"{type(error).__name__}: {short(error)}"}
         return 200, actions[0] if len(actions) == 1 else list(actions)
 
 
-def _asked(spec: PolicySpec, session: ClientSession, told: Mapping[str, Any]) -> Any:
-    if not isinstance(told, dict):
-        raise ValueError(f"no observation, but {type(told).__name__}")
+def _act(spec: PolicySpec, session: ClientSession, message: Mapping[str, Any]) -> Any:
+    if not isinstance(message, dict):
+        raise ValueError(f"no observation, but {type(message).__name__}")
     keys = ActOptions()
-    told = {keys.image_key: told.get("full_image"), **told}  # as OFT's clients call it
-    named = {"third_person": keys.image_key, "wrist": keys.wrist_key}
-    pictures = [told.get(named[camera.role]) for camera in spec.cameras]
-    return session.act(told.get(keys.instruction_key), pictures, told.get(keys.state_key))
+    message = {keys.image_key: message.get("full_image"), **message}  # the key of OFT's clients
+    key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
+    pictures = [message.get(key_of[camera.role]) for camera in spec.cameras]
+    return session.act(message.get(keys.instruction_key), pictures, message.get(keys.state_key))

@@ -1,4 +1,4 @@
-"""Host: a policy that many connections ask. Each is a rollout, unless it says that another begins."""
+"""Sessions: a served policy and its connections. A connection is one rollout, unless it announces another."""
 
 from __future__ import annotations
 
@@ -10,41 +10,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
-from vlafuzz.policies.batching import Asked
-from vlafuzz.serving.gather import Gathered
+from vlafuzz.policies.batching import Request
+from vlafuzz.serving.gather import RequestGatherer
 
 
-class Told(BaseModel):
-    """What a client says about a rollout. Others than ours say nothing.
+class RolloutHeader(BaseModel):
+    """What our own clients say about a rollout; others send no such header.
 
-    ``asked``: how many observations of it were sent on earlier connections.
+    ``observations_sent``: on earlier connections.
     """
 
     model_config = ConfigDict(frozen=True)
 
     task: str = ""
     seed: int = 0
-    asked: int = 0
+    observations_sent: int = Field(default=0, alias="asked")
 
 
-def told_by(header: str | None) -> Told:
-    """What the header of a connection says.
+def read_header(header: str | None) -> RolloutHeader:
+    """The header of a connection; the defaults when there is none.
 
     Raises:
-        ValueError: it is none of ours.
+        ValueError: it is malformed.
     """
-    return Told.model_validate(json.loads(header)) if header else Told()
+    return RolloutHeader.model_validate(json.loads(header)) if header else RolloutHeader()
 
 
 class ServedPolicy:
-    """Lets connections ask a policy, several of them in one call where they ask at the same time.
+    """A policy that serves many connections, and answers simultaneous requests in one call.
 
     Raises:
-        UsageError: the policy needs what no client can send.
+        UsageError: the policy needs observations that no client can send.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -54,38 +54,38 @@ class ServedPolicy:
                 f"{policy.spec.name} cannot be served: it wants {what}",
                 hint="serve one that takes pictures, proprioception and words, such as mini",
             )
-        self.spec, self.policy = policy.spec, Gathered(policy)
+        self.spec, self.policy = policy.spec, RequestGatherer(policy)
         self._numbers = itertools.count()
 
-    def session(self, told: Told) -> ClientSession:
-        """A new connection.
+    def session(self, header: RolloutHeader) -> ClientSession:
+        """The session of a new connection.
 
         Raises:
-            ValueError: its rollout began on another one.
+            ValueError: the rollout began on another connection.
         """
-        if told.asked:
-            raise ValueError(f"{told.asked} observations of this rollout came on a connection that is gone")
-        return ClientSession(self.spec, self.policy, told, next(self._numbers))
+        if sent := header.observations_sent:
+            raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")
+        return ClientSession(self.spec, self.policy, header, next(self._numbers))
 
 
 class ClientSession:
-    """A connection, and its rollout."""
+    """A connection with its rollout."""
 
-    def __init__(self, spec: PolicySpec, policy: Gathered, told: Told, number: int) -> None:
-        self._spec, self._policy, self._told, self._number = spec, policy, told, number
+    def __init__(self, spec: PolicySpec, policy: RequestGatherer, header: RolloutHeader, number: int) -> None:
+        self._spec, self._policy, self._header, self._number = spec, policy, header, number
         self._start: EpisodeStart | None = None
         self._begun = self._step = 0
 
-    def expect(self, told: Told) -> None:
-        """Another rollout begins, with the next observation."""
+    def expect(self, header: RolloutHeader) -> None:
+        """End the rollout; the next observation begins another one."""
         self.end()
-        self._told = told
+        self._header = header
 
     def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
-        """The actions ``(steps, 7)`` that are to be executed before the next observation.
+        """The actions ``(steps, 7)`` to execute before the next observation.
 
         Raises:
-            ValueError: not what the policy's spec asks for.
+            ValueError: the observation is not what the policy's spec asks for.
         """
         spec = self._spec
         if not isinstance(instruction, str):
@@ -94,43 +94,44 @@ class ClientSession:
             wanted = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in spec.cameras)
             raise ValueError(f"{len(pictures)} pictures, expected {wanted}")
         images = {
-            camera.name: _fitting(found, camera)
-            for camera, found in zip(spec.cameras, pictures, strict=False)
+            camera.name: _fitting(picture, camera)
+            for camera, picture in zip(spec.cameras, pictures, strict=False)
         }
-        known = _proprioception(state) if spec.state else None
+        proprioception = _proprioception(state) if spec.state else None
         start = self._start or self._begin(instruction)
-        seen = Observation(start.episode, self._step, instruction, images, known)
-        (chunk,) = self._policy.ask(self._number, Asked(act=[seen]))
+        seen = Observation(start.episode, self._step, instruction, images=images, state=proprioception)
+        (chunk,) = self._policy.ask(self._number, Request(act=[seen]))
         self._step += 1
         return chunk.actions[: spec.execute]
 
     def end(self) -> None:
-        """The rollout is over, whatever came of it."""
+        """End the rollout, whatever its outcome."""
         if self._start is not None:
-            self._policy.ask(self._number, Asked(over=[self._start.episode]))
+            self._policy.ask(self._number, Request(over=[self._start.episode]))
         self._start = None
 
     def _begin(self, instruction: str) -> EpisodeStart:
-        told = self._told
-        start = EpisodeStart(f"served-{self._begun}", instruction, told.task, told.seed)
-        self._policy.ask(self._number, Asked(begin=[start]))
+        header = self._header
+        start = EpisodeStart(f"served-{self._begun}", instruction, header.task, header.seed)
+        self._policy.ask(self._number, Request(begin=[start]))
         self._start, self._step, self._begun = start, 0, self._begun + 1
         return start
 
 
-def _fitting(found: Any, camera: CameraRequest) -> NDArray[np.uint8]:
-    """A picture in the camera's size: other clients send what their own models take."""
-    if not isinstance(found, np.ndarray) or found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3:
-        told = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
-        raise ValueError(f"the picture {camera.name!r} is {told}, expected uint8 (height, width, 3)")
-    if found.shape[:2] == (camera.height, camera.width):
-        return found
-    resized = Image.fromarray(found).resize((camera.width, camera.height), Image.Resampling.BILINEAR)
+def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
+    """A picture resized to the camera's size, since other clients send what their own models take."""
+    is_array = isinstance(picture, np.ndarray)
+    if not is_array or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        kind = f"{picture.dtype} {picture.shape}" if is_array else type(picture).__name__
+        raise ValueError(f"the picture {camera.name!r} is {kind}, expected uint8 (height, width, 3)")
+    if picture.shape[:2] == (camera.height, camera.width):
+        return np.asarray(picture)
+    resized = Image.fromarray(picture).resize((camera.width, camera.height), Image.Resampling.BILINEAR)
     return np.array(resized, dtype=np.uint8)
 
 
-def _proprioception(found: object) -> NDArray[np.float32]:
-    state = np.asarray([] if found is None else found)
+def _proprioception(numbers: object) -> NDArray[np.float32]:
+    state = np.asarray([] if numbers is None else numbers)
     if state.shape != (7,) or state.dtype.kind not in "iuf":
         raise ValueError(
             f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"

@@ -1,4 +1,4 @@
-"""WebSocket servers: vla-eval's protocol and openpi's."""
+"""WebSocket servers for vla-eval's and openpi's protocols."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from vlafuzz.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.clients.vla_eval_spec import declared_actions, declared_observations
 from vlafuzz.clients.wire import ROLLOUT, array_of, short
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.serving.sessions import ClientSession, ServedPolicy, Told, told_by
+from vlafuzz.serving.sessions import ClientSession, RolloutHeader, ServedPolicy, read_header
 
-MOST_ASKED = 64 << 20  # bytes of an observation
-BROKEN = 1011  # of a WebSocket's end: internal error
+MAX_BYTES = 64 << 20  # of an observation
+INTERNAL_ERROR = 1011  # close code of WebSockets
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
 Talk = Callable[[ServedPolicy, ServerConnection], None]
@@ -34,7 +34,7 @@ Talk = Callable[[ServedPolicy, ServerConnection], None]
 
 @contextmanager
 def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iterator[int]:
-    """The port on which every connection is talked with, in a thread of its own."""
+    """Answer connections within the block, with a thread for each; yields the port."""
     live: set[ServerConnection] = set()
 
     def session(connection: ServerConnection) -> None:
@@ -50,7 +50,7 @@ def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iter
         address,
         port,
         compression=None,
-        max_size=MOST_ASKED,
+        max_size=MAX_BYTES,
         ping_interval=None,
         close_timeout=1.0,
         process_request=_health,
@@ -68,69 +68,69 @@ def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iter
 
 
 def _health(connection: ServerConnection, request: Any) -> Any:
-    """Whether it is up: vla-eval asks at /health, openpi at /healthz; /config has nothing to set."""
+    """Health checks: /health for vla-eval, /healthz for openpi; and an empty /config."""
     replies = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}
     reply = replies.get(request.path.partition("?")[0])
     return None if reply is None else connection.respond(HTTPStatus.OK, reply)
 
 
 def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
-    """Speak first; then an answer to every observation. An error is text, and the end."""
+    """Greet the client, then answer every observation. An error is sent as text and ends the connection."""
     connection.send(openpi_wire.pack({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
     session: ClientSession | None = None
     try:
-        session = served.session(
-            told_by(connection.request.headers.get(ROLLOUT) if connection.request else None)
-        )
+        header = connection.request.headers.get(ROLLOUT) if connection.request else None
+        session = served.session(read_header(header))
         for frame in connection:
             if isinstance(frame, str):
                 raise ValueError("text, expected a message in msgpack")
-            actions = _asked_by_key(served.spec, session, openpi_wire.unpack(frame))
+            actions = _act(served.spec, session, openpi_wire.unpack(frame))
             connection.send(openpi_wire.pack({"actions": actions}))
     except ConnectionClosed:
         raise
-    except Exception as error:  # whatever a policy raises is told, and the server stays
+    except Exception as error:  # the client gets the policy's error, and the server keeps running
         connection.send(f"{type(error).__name__}: {short(error)}")
-        connection.close(BROKEN)
+        connection.close(INTERNAL_ERROR)
     finally:
         if session:
             session.end()
 
 
-def _asked_by_key(spec: PolicySpec, session: ClientSession, told: Mapping[Any, Any]) -> np.ndarray[Any, Any]:
+def _act(spec: PolicySpec, session: ClientSession, message: Mapping[Any, Any]) -> np.ndarray[Any, Any]:
     keys = OpenPiOptions()
-    named = {"third_person": keys.image_key, "wrist": keys.wrist_key}
-    wanted = [named[camera.role] for camera in spec.cameras]
-    if missing := [key for key in [*wanted, keys.instruction_key] if key not in told]:
-        raise ValueError(f"no {missing[0]!r} in the observation, but {short(sorted(map(str, told)))}")
-    return session.act(told[keys.instruction_key], [told[key] for key in wanted], told.get(keys.state_key))
+    key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
+    pictures = [key_of[camera.role] for camera in spec.cameras]
+    if missing := [key for key in [*pictures, keys.instruction_key] if key not in message]:
+        raise ValueError(f"no {missing[0]!r} in the observation, but {short(sorted(map(str, message)))}")
+    state = message.get(keys.state_key)
+    return session.act(message[keys.instruction_key], [message[key] for key in pictures], state)
 
 
 def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
-    """A reply to every greeting and observation; an error is a message too, and the session goes on."""
-    session = served.session(Told())
+    """Reply to every greeting and observation. An error is sent as a message, and the session goes on."""
+    session = served.session(RolloutHeader())
     try:
         for frame in connection:
             kind, payload, number = vla_eval_wire.unpack(frame)
             try:
-                reply = _replied(served.spec, session, kind, payload)
-            except Exception as error:  # whatever a policy raises is told, and the session goes on
+                reply = _reply(served.spec, session, kind, payload)
+            except Exception as error:  # the client gets the policy's error, and the session goes on
                 reply = "error", {"error": f"{kind}_failed: {type(error).__name__}: {short(error)}"}
             if reply:
                 connection.send(vla_eval_wire.pack(*reply, number))
-    except ValueError as error:  # no message at all
-        connection.close(BROKEN, short(error)[:100])
+    except ValueError as error:  # the frame is no message
+        connection.close(INTERNAL_ERROR, short(error)[:100])
     finally:
         session.end()
 
 
-def _replied(
+def _reply(
     spec: PolicySpec, session: ClientSession, kind: str, payload: Mapping[str, Any]
 ) -> tuple[str, Mapping[str, Any]] | None:
     if kind == "hello":
         return "hello", _hello(spec)
     if kind == "episode_start":
-        session.expect(Told.model_validate(payload.get("task", {})))
+        session.expect(RolloutHeader.model_validate(payload.get("task", {})))
     elif kind == "episode_end":
         session.end()
     elif kind == "observation":
@@ -144,7 +144,7 @@ def _replied(
 
 
 def _hello(spec: PolicySpec) -> Mapping[str, Any]:
-    """What is declared."""
+    """The payload of our greeting, which declares what the policy takes and gives."""
     return {
         "harness_version": __version__,
         "protocol_version": PROTOCOL_VERSION,
@@ -160,7 +160,7 @@ def _hello(spec: PolicySpec) -> Mapping[str, Any]:
 
 
 def _decoded(picture: Any) -> Any:
-    """vla-eval's own client compresses pictures unless it is told not to."""
+    """A picture as an array: vla-eval's own client compresses pictures by default."""
     if not isinstance(picture, dict) or "__image__" not in picture:
         return picture
     if picture.get("format") == "raw":

@@ -16,7 +16,7 @@ from typing import NamedTuple, Protocol
 
 from vlafuzz.errors import SceneError, SimulatorError
 from vlafuzz.evidence import Actions, signature
-from vlafuzz.execute.threads import single_threaded
+from vlafuzz.execute.processes import single_threaded
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace

@@ -12,7 +12,7 @@ from vlafuzz.conditions.operators import stored_operators
 from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
-from vlafuzz.execute.local import evaluate_safely
+from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert

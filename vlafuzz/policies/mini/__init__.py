@@ -1,1 +1,1 @@
-"""Mini: a small vision-language-action model that comes along, in plain torch."""
+"""Mini: the built-in small vision-language-action model, in plain torch."""

@@ -1,4 +1,4 @@
-"""Actions and proprioception as the network has them: bins that are finer near zero, angles without jumps."""
+"""Actions and proprioception as the network encodes them: finer bins near zero, continuous angles."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-HORIZON = 4  # steps that are predicted
+HORIZON = 4  # predicted steps
 BINS = 61
-SPAN = 2  # bins on either side of the most likely one that count
+SPAN = 2  # bins on either side of the most likely one that enter the mean
 FARTHEST = (0.1, 0.1, 0.1, 0.6, 0.6, 0.6)  # metres and radians at the last bin
-STATE = 10  # numbers of ``proprioception``
-LONG = 10  # steps with one command of the gripper that are as good as more
+STATE = 10  # length of ``proprioception``
+LONG = 10  # steps since the last change of the gripper's command are clipped here
 
 
 def proprioception(
@@ -23,8 +23,8 @@ def proprioception(
 
     Args:
         state: ``(n, 7)``, see ``PolicySpec.state``.
-        before: ``(n,)`` the opening at the last observation.
-        since: ``(n,)`` steps since the gripper's command was last another one.
+        before: ``(n,)`` the opening at the previous observation.
+        since: ``(n,)`` steps since the gripper's command last changed.
 
     Returns:
         ``(n, STATE)``.
@@ -46,7 +46,7 @@ def proprioception(
 
 
 def to_bins(actions: Tensor) -> Tensor:
-    """``(..., 6)`` metric deltas to places among the bins, in [0, BINS - 1], not rounded."""
+    """``(..., 6)`` metric deltas to bin coordinates in [0, BINS - 1], not rounded."""
     share = actions / torch.tensor(FARTHEST, device=actions.device)
     bent = share.abs().clamp(max=1.0).sqrt() * share.sign()
     return (bent + 1) / 2 * (BINS - 1)

@@ -1,8 +1,8 @@
-"""The network: words steer a small convolutional net through FiLM, soft points say where things are.
+"""The network: a small convolutional net, conditioned on the instruction by FiLM, with soft keypoints.
 
 A miniature of RT-1 (Brohan et al. 2022, <https://arxiv.org/abs/2212.06817>: FiLM, binned actions) with the
-spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and chunks
-of actions.
+spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and with
+action chunks.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.actions import BINS, HORIZON, STATE
 
 TEXT = 128
-POINTS = 24  # soft points; the first three are trained to be on a, b and the hand
+POINTS = 24  # soft keypoints; the first three are trained to lie on a, b and the hand
 WATCHED = 3
 FEATURES = 64
-DESCRIBED = 8  # points whose features are read
+DESCRIBED = 8  # keypoints whose features are read
 HIDDEN = 512
 DROPPED = 0.1
 
 
 class Film(nn.Module):
-    """Scales and shifts channels as the words say. Begins as the identity."""
+    """Scales and shifts channels by the text vector. Initialized to the identity."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class Block(nn.Module):
 
 
 class Down(nn.Module):
-    """Half the size, other channels."""
+    """Halves the resolution and changes the number of channels."""
 
     def __init__(self, before: int, after: int, kernel: int = 3) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class Down(nn.Module):
 
 
 class Reader(nn.Module):
-    """Words to a vector: embeddings, places, one transformer layer, mean."""
+    """Words to a vector: token and position embeddings, one transformer layer, mean pooling."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class Reader(nn.Module):
 
 
 class Network(nn.Module):
-    """Picture, words and proprioception to a chunk of actions."""
+    """Image, words and proprioception to a chunk of actions."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -118,7 +118,7 @@ class Network(nn.Module):
         self.places = nn.Linear(HIDDEN, 6)
 
     def forward(self, pictures: Tensor, tokens: Tensor, state: Tensor) -> dict[str, Tensor]:
-        """What to do, and where things are.
+        """Predict actions and where the objects are.
 
         Args:
             pictures: ``(n, 3, 128, 128)`` in [0, 1].

@@ -1,4 +1,4 @@
-"""Mini as a policy: weights and card from a folder, pictures and words in, metric actions out."""
+"""Mini as a policy: weights and model card from a folder, images and words in, metric actions out."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CAMERA = CameraRequest("front", 128, 128)
 
 @dataclass
 class Memory:
-    """What is remembered of an episode: the last opening, the gripper's command, since when."""
+    """State of a rollout: the last opening, the gripper's command, and the steps since it changed."""
 
     opening: NDArray[np.float32]
     command: float = 1.0
@@ -41,10 +41,10 @@ class Memory:
 
 
 class Mini:
-    """A small learned policy that sees a picture, reads the instruction and acts. Runs on a CPU.
+    """A small learned vision-language-action model that runs on a CPU.
 
-    Trained by us in this very simulator: something to try a fuzzer on, no evidence about other models.
-    Answers are worked out one observation at a time: in a batch the last bits would depend on the company.
+    It was trained in this very simulator: something to try a fuzzer on, no evidence about other models.
+    Observations go through the network one at a time, since batching would change the last bits.
     """
 
     def __init__(self, folder: Path = SHIPPED) -> None:
@@ -62,21 +62,21 @@ class Mini:
         self._network.load_state_dict(
             {name: value.float() for name, value in load_file(folder / WEIGHTS).items()}
         )
-        torch.set_num_threads(1)  # more would change the last bits, and workers are many
+        torch.set_num_threads(1)  # more would change the last bits, and there are many workers
         self._tokens: dict[str, torch.Tensor] = {}
         self._memory: dict[str, Memory] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin."""
+        """Begin these rollouts."""
         for episode in episodes:
             self._memory.pop(episode.episode, None)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """A chunk of actions each, of which the first one is to be executed."""
+        """One chunk per observation, of which the first action is to be executed."""
         return [self._act(observation) for observation in observations]
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Forget all rollouts."""
         self._memory.clear()
 
     @torch.inference_mode()
@@ -86,12 +86,12 @@ class Mini:
         known = self._memory.setdefault(seen.episode, Memory(seen.state[6:]))
         state = proprioception(seen.state[None], known.opening, np.array([known.since]))
         picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name])).permute(2, 0, 1)
-        found = self._network(
+        output = self._network(
             picture[None].float() / 255, self._read(seen.instruction), torch.from_numpy(state)
         )
         actions = np.ones((HORIZON, 7))
-        actions[:, :6] = decode(found["moves"])[0].numpy()
-        actions[:, 6] = np.where(found["gripper"][0].numpy() > 0, 1.0, -1.0)
+        actions[:, :6] = decode(output["moves"])[0].numpy()
+        actions[:, 6] = np.where(output["gripper"][0].numpy() > 0, 1.0, -1.0)
         command = float(actions[0, 6])
         since = known.since + 1 if command == known.command else 1
         self._memory[seen.episode] = Memory(seen.state[6:], command, since)
@@ -107,7 +107,7 @@ def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
     """The model card beside the weights.
 
     Raises:
-        PrerequisiteError: there is none, or no weights.
+        PrerequisiteError: the card or the weights are missing.
     """
     for name in (CARD, WEIGHTS):
         if not (folder / name).is_file():

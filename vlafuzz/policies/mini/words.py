@@ -1,4 +1,4 @@
-"""Instructions as numbers: a closed vocabulary, and buckets for words that training has never seen."""
+"""Tokenization: a closed vocabulary, and hash buckets for words that were not seen in training."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 LENGTH = 24  # words; longer instructions are cut
-KNOWN, BUCKETS = 192, 64  # most words with a number of their own, and numbers that unknown words share
-SIZE = 1 + KNOWN + BUCKETS  # 0 is the end
+KNOWN, BUCKETS = 192, 64  # size limit of the vocabulary, and number of buckets for unknown words
+SIZE = 1 + KNOWN + BUCKETS  # 0 is padding
 _WORD = re.compile(r"[a-z0-9]+")
 
 
@@ -19,7 +19,7 @@ def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
     """All words of these texts, in alphabetical order.
 
     Raises:
-        ValueError: more words than there are numbers.
+        ValueError: there are more than ``KNOWN`` words.
     """
     words = sorted({word for text in texts for word in _WORD.findall(text.lower())})
     if len(words) > KNOWN:
@@ -28,10 +28,10 @@ def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
 
 
 def encode(text: str, words: Sequence[str]) -> NDArray[np.int64]:
-    """``(LENGTH,)`` numbers of the text's words, then zeros."""
+    """``(LENGTH,)`` token ids of the text's words, padded with zeros."""
     index = {word: number for number, word in enumerate(words, start=1)}
-    found = [index.get(word) or _bucket(word) for word in _WORD.findall(text.lower())][:LENGTH]
-    return np.array(found + [0] * (LENGTH - len(found)), dtype=np.int64)
+    ids = [index.get(word) or _bucket(word) for word in _WORD.findall(text.lower())][:LENGTH]
+    return np.array(ids + [0] * (LENGTH - len(ids)), dtype=np.int64)
 
 
 def _bucket(word: str) -> int:
