@@ -31,7 +31,7 @@ class Pinhole:
     """A scripted controller that sees outlines through a camera which it assumes to be at its nominal pose.
 
     It is given no positions. It knows the shapes and colours of the catalogue, picks the outline whose colour
-    and size are most like the named object's, estimates the rest pose and yaw from the outline, and locates
+    and size are most like the named object's, estimates the stable pose and yaw from the outline, and locates
     it by back-projection through the nominal camera. It sees its own hand through the same camera and
     corrects a fixed share of the offset.
 
