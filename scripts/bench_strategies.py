@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from strategies import replay, results, simulated, toy
 
-from vlafuzz.cli.compared import print_comparison
+from vlafuzz.cli.compare import print_comparison
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.statistics import ratio, ratio_interval
 

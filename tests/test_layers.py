@@ -15,7 +15,7 @@ import vlafuzz
 ROWS = (
     "__init__",
     "errors",
-    "shipped assets plugins renderer rotation statistics",
+    "shipped assets plugins renderer rotation statistics watch text files",
     "scene objects",
     "rigs",
     "tasks outcome",
@@ -78,6 +78,19 @@ def complaints(importer: str, tree: ast.AST) -> list[str]:
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_only_its_own_package_and_rows_above(path: Path):
     assert complaints(top(path), ast.parse(path.read_text())) == []
+
+
+def modules_imported(tree: ast.AST) -> set[str]:
+    """Names of the packages that a file imports."""
+    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {name.partition(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_only_the_command_line_knows_of_a_terminal(path: Path):
+    terminal = {"typer", "rich", "click"} & modules_imported(ast.parse(path.read_text()))
+    assert terminal == set() or top(path) in ("cli", "__main__")
 
 
 @pytest.mark.parametrize(

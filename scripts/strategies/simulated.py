@@ -17,8 +17,8 @@ from typing import Any
 from strategies.results import side_by_side
 from vlafuzz.campaign import config, launch
 from vlafuzz.campaign.resume import resume
-from vlafuzz.compare.compare import Comparison, compare
-from vlafuzz.compare.failures import Found, found
+from vlafuzz.compare.comparison import Comparison, compare_runs
+from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.plots import plot
 from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solvable
 from vlafuzz.conditions.operators import stored_operators
@@ -33,7 +33,7 @@ from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 class Ran:
     """A run, counted; of a sample of its failures, those that the expert solves."""
 
-    found: Found
+    found: CountedRun
     sampled: tuple[Sampled, ...]
     solved: dict[str, bool]
 
@@ -79,7 +79,7 @@ class Job:
                 told = f"{self.store}: has a budget of {run.manifest.budget}, not {self.budget}"
                 raise UsageError(told, hint="give another --stores")
             operators = stored_operators(self.store, run.manifest)
-            counted = found(store, run, SearchSpace(operators, load_catalogue(), self.task).embed)
+            counted = count_run(store, run, SearchSpace(operators, load_catalogue(), self.task).embed)
         sampled = sample([counted], self.witnesses)
         scenes = [each.scene for each in sampled]
         witnesses = Witnesses(self.store.with_suffix(".witnesses.jsonl"), run.manifest)
@@ -120,7 +120,7 @@ def simulate(
             name: [its for job, its in ran.items() if (job.task, job.strategy) == (task, name)]
             for name in strategies
         }
-        compared[task] = compare(
+        compared[task] = compare_runs(
             {name: [each.found for each in its] for name, its in of.items()},
             strategies[0],
             store=str(folder),

@@ -246,7 +246,7 @@ def test_the_same_command_goes_on_after_an_interruption(
         patched.setattr(Stopping, "left", 20)
         patched.setattr(launch, "make_evaluator", lambda *_: Stopping())
         compare(code=130)
-    assert "hint: the same command goes on" in capsys.readouterr().err
+    assert "hint: the same command continues" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]
     compare("--json")
     found = json.loads(capsys.readouterr().out)

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from vlafuzz import renderer
 from vlafuzz.cli import doctor
+from vlafuzz.diagnostics import machine
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
 NONE = renderer.Renderer(None, None, "Vulkan finds no device")
@@ -18,7 +19,7 @@ NONE = renderer.Renderer(None, None, "Vulkan finds no device")
 @pytest.fixture
 def healthy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
-    monkeypatch.setattr(doctor, "_import_problems", lambda names: dict.fromkeys(names))
+    monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names))
     monkeypatch.setattr(renderer, "probe", lambda: LAVAPIPE)
 
 
@@ -44,7 +45,7 @@ def test_the_table_shows_what_was_found():
 @pytest.mark.usefixtures("healthy")
 def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(
-        doctor, "_import_problems", lambda names: dict.fromkeys(names, "ImportError: no libGL")
+        machine, "_import_problems", lambda names: dict.fromkeys(names, "ImportError: no libGL")
     )
     result = run("--json")
     row = next(row for row in json.loads(result.stdout) if row["check"] == "mani_skill")
@@ -64,7 +65,7 @@ def test_no_renderer_is_a_warning_that_says_what_still_runs(monkeypatch: pytest.
 
 
 def test_imports_are_tried_one_by_one():
-    assert doctor._import_problems(["json", "unheard_of"]) == {
+    assert machine._import_problems(["json", "unheard_of"]) == {
         "json": None,
         "unheard_of": "ModuleNotFoundError: No module named 'unheard_of'",
     }
@@ -73,29 +74,29 @@ def test_imports_are_tried_one_by_one():
 def test_an_import_that_crashes_is_a_problem_and_not_a_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "crashing.py").write_text("import os\nos.abort()\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    assert doctor._import_problems(["json", "crashing"]) == {"json": None, "crashing": "the import crashed"}
+    assert machine._import_problems(["json", "crashing"]) == {"json": None, "crashing": "the import crashed"}
 
 
 def test_the_cache_need_not_exist_yet(tmp_path: Path):
-    check = doctor.check_cache(tmp_path / "not" / "yet")
+    check = machine.check_cache(tmp_path / "not" / "yet")
     assert (check.verdict, check.follows) == ("ok", "objects are built when they are first used")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_cache_that_cannot_be_written_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert doctor.check_cache(tmp_path).verdict == "refuse"
+    assert machine.check_cache(tmp_path).verdict == "refuse"
 
 
 def test_a_full_read_only_cache_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "objects" / "can-1").mkdir(parents=True)
     monkeypatch.setattr(os, "access", lambda *_: False)
-    assert doctor.check_cache(tmp_path).verdict == "warn"
+    assert machine.check_cache(tmp_path).verdict == "warn"
 
 
 def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor, "LITTLE_DISK", float("inf"))
-    assert doctor.check_disk(tmp_path).verdict == "warn"
+    monkeypatch.setattr(machine, "LITTLE_DISK", float("inf"))
+    assert machine.check_disk(tmp_path).verdict == "warn"
 
 
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():

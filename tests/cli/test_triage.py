@@ -61,7 +61,7 @@ def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Interrupted([TILTED]))
     assert main(["triage", "a.db"]) == 130
-    assert "hint: go on with `vlafuzz triage a.db`" in capsys.readouterr().err
+    assert "hint: continue with `vlafuzz triage a.db`" in capsys.readouterr().err
     with Store.open(store) as opened:
         assert len(opened.triaged()) == 1
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tests.doubles import manifest, scene
-from vlafuzz.compare.compare import spread
-from vlafuzz.compare.failures import Failure, Found, quality, union
+from vlafuzz.compare.comparison import spread
+from vlafuzz.compare.failures import CountedRun, Failure, quality, union
 from vlafuzz.compare.figures import (
     coverage_inverted_distance,
     curves,
@@ -19,9 +19,9 @@ def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Fa
     return Failure(scene(x=x), cell, 1.0, worth, spent, np.array([x, 0.0]))
 
 
-def found(*failures: Failure, **counts: int) -> Found:
+def found(*failures: Failure, **counts: int) -> CountedRun:
     run = Run(1, manifest(strategy="mine", seed=4), "finished", "", seconds=9.0, search_seconds=0.9)
-    return Found(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
+    return CountedRun(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
 
 
 def test_a_failure_in_the_nominal_scene_before_anything_was_achieved_is_worth_one():

@@ -2,10 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, manifest
-from vlafuzz.compare.runs import Job, jobs, stored, todo, work_through
+from tests.doubles import manifest
+from vlafuzz.compare.runs import Job, jobs, stored
 from vlafuzz.errors import UsageError
-from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.store.records import Run
 
 STORE = Path("a.db")
@@ -24,7 +23,6 @@ def test_what_is_over_is_kept_and_the_rest_is_to_do():
     there = [run(1, "random", 7), run(2, "nsga2", 7, "interrupted"), run(3, "feedback", 7)]
     found = stored(STORE, there, manifest(), ASKED)
     assert {job: each.id for job, each in found.items()} == {("random", 7): 1, ("nsga2", 7): 2}
-    assert todo(ASKED, found) == [("nsga2", 7), ("random", 8), ("nsga2", 8)]
 
 
 def test_of_equal_runs_the_one_that_is_over_counts():
@@ -54,15 +52,3 @@ def test_a_comparison_that_is_complete_can_be_looked_at_with_a_later_version():
     mixed = [*there[:3], run(9, *ASKED[3], commit="later")]
     with pytest.raises(UsageError, match="another version than run 0: its commit differs"):
         stored(STORE, mixed, manifest(), ASKED)
-
-
-def test_runs_of_one_seed_share_what_evaluates_their_scenes():
-    made: list[LocalExecutor] = []
-    done: list[tuple[Job, int]] = []
-
-    def executor(job: Job) -> LocalExecutor:
-        made.append(LocalExecutor(ClosedForm()))
-        return made[-1]
-
-    work_through(ASKED, lambda job: job, executor, lambda job, tools: done.append((job, made.index(tools))))
-    assert done == [(ASKED[0], 0), (ASKED[1], 0), (ASKED[2], 1), (ASKED[3], 1)]

@@ -5,16 +5,16 @@ import numpy as np
 
 from tests.doubles import manifest, scene
 from tests.triage.runners import PlantedRunner
-from vlafuzz.compare.failures import Failure, Found
+from vlafuzz.compare.failures import CountedRun, Failure
 from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
 from vlafuzz.store.records import Run
 
 SCENES = [scene(x=number / 100) for number in range(6)]
 
 
-def found(seed: int, *xs: int) -> Found:
+def found(seed: int, *xs: int) -> CountedRun:
     failures = tuple(Failure(SCENES[x], "a", 1.0, 0.5, 1, np.zeros(1)) for x in xs)
-    return Found(Run(seed, manifest(seed=seed), "finished", ""), failures=failures)
+    return CountedRun(Run(seed, manifest(seed=seed), "finished", ""), failures=failures)
 
 
 def runner(solvable: int = 3) -> PlantedRunner:

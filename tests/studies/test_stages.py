@@ -15,7 +15,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
 from vlafuzz.studies.similar import Similarity, adjusted, is_similar, similarity
 from vlafuzz.studies.stages import in_paper, standing
-from vlafuzz.studies.stages_sheet import Staged
+from vlafuzz.studies.stages_sheet import StageResult
 from vlafuzz.tasks.tabletop import TASKS
 
 CATALOGUE = load_catalogue()
@@ -55,7 +55,7 @@ def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: P
 def test_a_run_that_ended_early_is_said(tmp_path: Path, status: Status, said: bool) -> None:
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, (scene(), passed()), status=status)
-        found = Staged("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
+        found = StageResult("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
     assert ("Ended before all scenes: pick-up, idle." in found.sheet().notes) is said
 
 

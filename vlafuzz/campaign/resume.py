@@ -53,7 +53,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=path)
     planned = plan(known, stored_operators(path, run.manifest))
     check_scene_file(path, run.id, run.manifest, planned.manifest)
-    _check_version(path, run, planned.manifest)
+    check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id)
 
 
@@ -86,7 +86,7 @@ def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
     return fitting[-1]
 
 
-def _check_version(path: object, run: Run, here: Manifest) -> None:
+def check_version(path: object, run: Run, here: Manifest) -> None:
     """Check that what decides outcomes is as it was when the run began.
 
     Raises:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 import shlex
 import sys
 from dataclasses import asdict
@@ -12,17 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag
-from vlafuzz.cli.output import print_json, print_rows, stderr
-from vlafuzz.errors import UsageError
+from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.cli.comparing import Sizes
-    from vlafuzz.compare.compare import Comparison
+    from vlafuzz.compare.compare import Sizes
+    from vlafuzz.compare.comparison import Comparison
+
+_CONTINUES = "the same command continues"
 
 
 def command(
     strategies: Annotated[
-        str, typer.Option(help="What to compare, with commas; the others are set against the first.")
+        str, typer.Option(help="Strategies, separated by commas; the others are compared with the first.")
     ] = "random,nsga2,feedback",
     task: Annotated[str, typer.Option(help="What the robot is told to do.")] = "pick-up",
     policy: Annotated[
@@ -53,48 +54,50 @@ def command(
         Path | None, typer.Option(help="Folder for page, plots and tables.", show_default="runs/compare-…")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV, a row a strategy.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV, one row per strategy.")] = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print markdown.")] = False,
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
 
-    No run learns from another one's rollouts. All are kept in one store; the same command goes on where it
-    was interrupted, and with more --repeats, --strategies or --triage-sample it does what is missing.
+    No run learns from another run's rollouts. All runs are kept in one store; the same command continues
+    after an interruption, and with more --repeats, --strategies or --triage-sample it does what is missing.
     """
     from vlafuzz.campaign import config
-    from vlafuzz.cli.comparing import Sizes, compare
+    from vlafuzz.compare.compare import Sizes, compare
+    from vlafuzz.compare.page import write_folder
 
     names, sizes = _names(strategies), Sizes(solvable, triage_sample)
     _check(names, repeats, seed, sizes, sum((json, csv, markdown)))
-    name = f"compare-{config.default_store(task, policy or config.default_policy(), '', 0).stem[:-3]}"
-    where = store or Path("runs") / f"{name}.db"
-    asked = config.RunConfig(
+    policy = policy or config.default_policy()
+    default = f"compare-{config.default_store(task, policy, '', 0).stem[:-3]}"
+    store = store or Path("runs") / f"{default}.db"
+    run = config.RunConfig(
         task=task,
-        policy=policy or config.default_policy(),
+        policy=policy,
         strategy=names[0],
         budget=budget,
         seed=seed,
         operators=operators,
-        vary=tuple(each.strip() for each in vary.split(",")) if vary is not None else (),
-        store=where,
+        vary=tuple(name.strip() for name in vary.split(",")) if vary is not None else (),
+        store=store,
         workers=workers,
         executor=executor,
         address=address,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
-    folder = out or (where.with_suffix("") if where.suffix else where.with_name(f"{where.name}-compare"))
+    folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
+    with Bar() as bar:
+        try:
+            compared = compare(run, names, repeats, sizes, folder, bar)
+        except KeyboardInterrupt:
+            bar.clear()
+            bar.note(f"interrupted: all trials so far are stored in {store}\nhint: {_CONTINUES}")
+            raise typer.Exit(130) from None
     try:
-        compared = compare(asked, names, repeats, sizes, folder)
-    except KeyboardInterrupt:
-        stderr().print(
-            f"interrupted: all that is done is stored in {where}\nhint: the same command goes on",
-            soft_wrap=True,
-        )
-        raise typer.Exit(130) from None
-    try:
-        _write(compared, folder)
+        written = write_folder(compared, folder)
     except OSError as error:
-        raise UsageError(f"--out: {error}", hint="what was run is stored: the same command goes on") from None
+        raise UsageError(f"--out: {error}", hint=f"all runs are stored: {_CONTINUES}") from None
+    Bar.note(f"written to {folder}: {', '.join(written)}")
     _print(compared, json=json, csv=csv, markdown=markdown)
 
 
@@ -102,28 +105,23 @@ def _names(strategies: str) -> list[str]:
     names = [name.strip() for name in strategies.split(",") if name.strip()]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise UsageError(f"--strategies: {twice[0]!r} is there twice", hint="name each of them once")
+        raise UsageError(f"--strategies: {twice[0]!r} is there twice", hint="name every strategy once")
     if not names:
         raise UsageError(f"--strategies: expected names, got {strategies!r}", hint="random,nsga2")
     return names
 
 
 def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int) -> None:
-    """What can be known to be wrong before anything is planned."""
+    """Check the flags before anything is planned."""
     from vlafuzz.campaign import config
     from vlafuzz.search.registry import strategy_factory
 
-    for flag, value, least in (
-        ("--repeats", repeats, 1),
-        ("--solvable", sizes.tried, 0),
-        ("--triage-sample", sizes.triaged, 0),
-    ):
-        if value < least:
-            hint = f"give {flag} {least} or more"
-            raise UsageError(f"{flag}: expected at least {least}, got {value}", hint=hint)
+    check_number("--repeats", repeats, 1)
+    check_number("--solvable", sizes.tried, 0)
+    check_number("--triage-sample", sizes.triaged, 0)
     if sizes.triaged > sizes.tried:
-        told = f"--triage-sample: {sizes.triaged} of the {sizes.tried} failures of --solvable"
-        raise UsageError(told, hint=f"give --solvable {sizes.triaged} or more")
+        message = f"--triage-sample: {sizes.triaged} of the {sizes.tried} failures of --solvable"
+        raise UsageError(message, hint=f"give --solvable {sizes.triaged} or more")
     if seed + repeats - 1 > config.MOST:
         raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
     if formats > 1:
@@ -132,30 +130,24 @@ def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int
         strategy_factory(name)
 
 
-def _write(compared: Comparison, folder: Path) -> None:
-    from vlafuzz.cli import compared as shown
-    from vlafuzz.cli.compared_page import page
-    from vlafuzz.compare.plots import plot
-    from vlafuzz.report.page import write_page
-
-    told = json_format.dumps(asdict(compared), indent=2, allow_nan=False)
-    (folder / "compare.json").write_text(told + "\n", encoding="utf-8")
-    (folder / "compare.md").write_text(shown.markdown(compared), encoding="utf-8")
-    shown.write_runs(compared, folder / "runs.csv")
-    plots = plot(compared, folder)
-    write_page(folder / "compare.html", page(compared, {path.name: path.read_bytes() for path in plots}))
-    names = ["compare.html", *(path.name for path in plots), "compare.json", "compare.md", "runs.csv"]
-    stderr().print(f"written to {folder}: {', '.join(names)}", soft_wrap=True)
-
-
 def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:
-    from vlafuzz.cli import compared as shown
+    from vlafuzz.compare import tables
 
     if json:
         print_json(asdict(compared))
     elif csv:
-        print_rows(shown.csv_rows(compared), csv=True)
+        print_rows(tables.csv_rows(compared), csv=True)
     elif markdown:
-        sys.stdout.write(shown.markdown(compared))
+        sys.stdout.write(tables.markdown(compared))
     else:
-        shown.print_comparison(compared)
+        print_comparison(compared)
+
+
+def print_comparison(compared: Comparison) -> None:
+    """Print the tables of a comparison, and what its tests say."""
+    from vlafuzz.compare import tables
+
+    for title, rows in tables.tables(compared).items():
+        print_rows(rows, title=title)
+    for text in (tables.NOTE, *tables.sentences(compared)):
+        stdout().print(text, soft_wrap=True)

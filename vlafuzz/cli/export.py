@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.output import progress, stderr
+from vlafuzz.cli.output import Bar, progress, stderr
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
@@ -103,18 +103,18 @@ def _of_file(path: Path, run: int | None) -> list[Scene]:
 
 def _export(store: Path, out: Path, run: int | None) -> None:
     """The minimal failures, checked once more, with a bar."""
-    from vlafuzz.cli.triage import make_desk
     from vlafuzz.regression.export import export
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
     from vlafuzz.triage.confirm import MOST
+    from vlafuzz.triage.scene_runner import runner_of_run
 
     check_new(out)
     with Store.open(store) as opened, progress() as bar:
         task = bar.add_task("minimal findings checked", total=None)
         corpus = export(
             opened,
-            partial(make_desk, store, later=MOST),  # triage chose by the seeds before
+            partial(runner_of_run, store, later=MOST, note=Bar.note),  # triage chose by the seeds before
             name=out.name,
             run=run,
             watch=lambda done, of: bar.update(task, completed=done, total=of),

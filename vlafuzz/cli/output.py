@@ -6,15 +6,15 @@ import csv as csv_format
 import json as json_format
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from vlafuzz.errors import UsageError
-
-Row = dict[str, Any]
+from vlafuzz.text import Row
+from vlafuzz.watch import Watch
 
 
 def print_rows(rows: Sequence[Row], *, json: bool = False, csv: bool = False, title: str = "") -> None:
@@ -65,6 +65,41 @@ def progress() -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = stderr()
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+class Bar(Watch):
+    """Progress of long work on stderr: one bar at a time, and notes above it."""
+
+    def __init__(self) -> None:
+        self._bar = progress()
+        self._task: TaskID | None = None
+        self._stage: object = None
+
+    def progress(self, description: str, done: int, total: int | None) -> None:
+        """Move the bar; another total begins a new one."""
+        if self._task is None or total != self._stage:
+            self.clear()
+            self._task, self._stage = self._bar.add_task(description, total=total), total
+            self._bar.start()
+        self._bar.update(self._task, completed=done, description=description)
+
+    @staticmethod
+    def note(text: str) -> None:
+        """A line above the bar."""
+        stderr().print(text, soft_wrap=True)
+
+    def clear(self) -> None:
+        """Take the bar away."""
+        if self._task is not None:
+            self._bar.remove_task(self._task)
+            self._task = None
+        self._bar.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
 
 
 def _print_csv(rows: Sequence[Row]) -> None:

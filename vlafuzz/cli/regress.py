@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import Row, print_json, print_rows, progress, stderr, stdout
+from vlafuzz.cli.output import print_json, print_rows, progress, stderr, stdout
 from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.text import Row
 
 if TYPE_CHECKING:
     from vlafuzz.regression.corpus import Corpus, Share

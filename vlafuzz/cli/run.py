@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, RobotFlag, VaryFlag
-from vlafuzz.cli.output import print_json, stderr
+from vlafuzz.cli.output import Bar, print_json, stderr
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PolicyError, VlafuzzError
 
@@ -96,8 +96,8 @@ def command(
     from vlafuzz.campaign import config
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli import triage as triaging
-    from vlafuzz.cli.examining import looked_at
     from vlafuzz.cli.summary import print_summary
+    from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about
 
     asked = {
@@ -124,11 +124,13 @@ def command(
     }
     flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     if resume:
-        prepared = resume_run(flags)
+        plan = resume_run(flags)
     else:
-        prepared = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
-    summary = _start(looked_at(prepared, unchecked=unchecked))
-    beside, said = _beside_random(summary), about(prepared.strategy)
+        plan = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
+    with Bar() as bar:
+        plan = checked_plan(plan, unchecked=unchecked, watch=bar)
+    summary = _start(plan)
+    beside, said = _beside_random(summary), about(plan.strategy)
     if not json:
         print_summary(summary, beside, said)
     summarise = (
@@ -153,18 +155,18 @@ def _why_not(summary: Summary) -> str:
     return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
 
 
-def _start(prepared: Plan) -> Summary:
+def _start(plan: Plan) -> Summary:
     """Run it, with a bar."""
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import Watch
 
-    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(prepared.store)])
-    with Watch(prepared.manifest.budget) as watch:
+    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store)])
+    with Watch(plan.manifest.budget) as watch:
         try:
-            return start(prepared, watch)
+            return start(plan, watch)
         except KeyboardInterrupt:
             watch.stop()
-            told = f"interrupted: all trials so far are stored in {prepared.store}"
+            told = f"interrupted: all trials so far are stored in {plan.store}"
             stderr().print(f"{told}\nhint: go on with `{again}`", soft_wrap=True)
             raise typer.Exit(130) from None
         except PolicyError as error:

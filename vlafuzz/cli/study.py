@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import RobotFlag
-from vlafuzz.cli.output import print_json, print_rows, stderr, stdout
+from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.cli.studying import Wish
-    from vlafuzz.studies.sheet import Found
+    from vlafuzz.studies.sheet import StudyResult
+    from vlafuzz.studies.study import StudyRequest
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 ALPHAS = ("linear", "log")
@@ -78,9 +78,9 @@ def command(
     rq6      ten paraphrases of every instruction, beside the plain one
     prompts  both steps in one instruction; and one step at a time
 
-    The same command goes on where it ended early. Studies with the same --out share
-    what they have run. With --from, rq1 is about the random runs of stores, and about
-    those of files of scenes.
+    The same command continues after an interruption. Studies with the same --out share
+    their runs. With --from, rq1 counts the stored runs of random scenes and of files
+    of scenes.
     """  # noqa: D301 - click's mark for lines that stay as they are
     if study not in STUDIES:
         raise UsageError(f"unknown study {study!r}", hint=suggestion(study, STUDIES))
@@ -92,30 +92,30 @@ def command(
             hint="`vlafuzz study rq5 --unseen DIR`: the pack of the objects that the policies have not seen",
         )
     check_number("--scenes", scenes, 1)
-    for wanted in task or ():
-        if wanted not in TASKS:
-            raise UsageError(f"unknown task {wanted!r}", hint=suggestion(wanted, TASKS))
+    for name in task or ():
+        if name not in TASKS:
+            raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))
     if stores and study != "rq1":
         raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
-    asks = {"--task": task, "--policy": policy, "--robot": robot, "--operators": operators, "--pack": pack}
-    if stores and (given := [flag for flag, value in asks.items() if value]):
-        raise UsageError(f"{given[0]} and --from: nothing is run", hint="leave one of the two out")
+    runs = {"--task": task, "--policy": policy, "--robot": robot, "--operators": operators, "--pack": pack}
+    if stores and (flags := [flag for flag, value in runs.items() if value]):
+        raise UsageError(f"{flags[0]} and --from: nothing is run", hint="leave one of the two out")
 
     from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.cli.studying import Wish, study_of
     from vlafuzz.rigs.robots import PANDA, rig
+    from vlafuzz.studies.study import StudyRequest, study_of
 
     if stores:
         _print(study_of(stores), out, json)
         return
-    wish = Wish(
+    request = StudyRequest(
         study,
         tasks=list(dict.fromkeys(task or ())),
         policies=[*dict.fromkeys(policy or ())] or [None],
         alpha=alpha,  # type: ignore[arg-type] # one of ALPHAS
         unseen=opened(unseen),
     )
-    asked = RunConfig(
+    run = RunConfig(
         budget=scenes,
         seed=seed,
         robot=robot,
@@ -124,30 +124,30 @@ def command(
         workers=workers,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
-    _print(_found(wish, asked, out), out, json)
+    _print(_study(request, run, out), out, json)
 
 
-def _found(wish: Wish, asked: RunConfig, out: Path) -> Found:
-    from vlafuzz.cli.studying import study
+def _study(request: StudyRequest, run: RunConfig, out: Path) -> StudyResult:
+    from vlafuzz.studies.study import study
 
-    try:
-        return study(wish, asked, out)
-    except KeyboardInterrupt:
-        stderr().print(
-            "interrupted: all scenes so far are stored\nhint: the same command goes on", soft_wrap=True
-        )
-        raise typer.Exit(130) from None
+    with Bar() as bar:
+        try:
+            return study(request, run, out, bar)
+        except KeyboardInterrupt:
+            bar.clear()
+            bar.note("interrupted: all scenes so far are stored\nhint: the same command continues")
+            raise typer.Exit(130) from None
 
 
-def _print(found: Found, out: Path, json: bool) -> None:
-    from vlafuzz.cli.studying import write
+def _print(result: StudyResult, out: Path, json: bool) -> None:
+    from vlafuzz.studies.study import write
 
-    told, sheet = write(found, out)
+    document, sheet = write(result, out)
     if json:
-        print_json(told)
+        print_json(document)
         return
     for table in sheet.tables:
         print_rows(table.rows, title=table.title)
-    for said in (*sheet.notes, sheet.deviation):
-        stdout().print(said, soft_wrap=True)
-    stderr().print(f"written to {out}: {found.study}.json, {found.study}.md, {found.study}.png")
+    for text in (*sheet.notes, sheet.deviation):
+        stdout().print(text, soft_wrap=True)
+    Bar.note(f"written to {out}: {result.study}.json, {result.study}.md, {result.study}.png")

@@ -1,163 +1,131 @@
-"""compare: from the runs in a store to what a comparison says."""
+"""Compare strategies: do the runs that are missing, let the expert try a sample of failures, triage some."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
 from itertools import chain
+from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
-
-from vlafuzz.compare.evidence import Evidence
-from vlafuzz.compare.failures import Found, union
-from vlafuzz.compare.figures import Curve, Figures, curves, figures
-from vlafuzz.compare.solvable import Solvable
-from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against, each_pair
-
-SPREAD = (
-    "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
-    "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
-    "search_seconds", "search_share", "store_seconds", "store_share",
-)  # fmt: skip
-_NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
-# A run without a figure has nothing good: rollouts to a failure that did not come are more than any number.
-_WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEASURES}
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A figure over the repeats: median and the middle half; None where most runs have none.
-
-    Attributes:
-        runs: that have it.
-    """
-
-    median: float | None
-    low: float | None
-    high: float | None
-    runs: int
+from vlafuzz.campaign import config
+from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.campaign.missing_runs import WantedRun, do_missing
+from vlafuzz.compare.comparison import Comparison, compare_runs
+from vlafuzz.compare.evidence import Evidence, choose, evidence, findings
+from vlafuzz.compare.failures import CountedRun, count_run
+from vlafuzz.compare.runs import Job, jobs, stored
+from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
+from vlafuzz.files import make_folder
+from vlafuzz.store.records import Manifest
+from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import triage
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner, runner_of_run
+from vlafuzz.watch import SILENT, Watch
 
 
-@dataclass(frozen=True)
-class Standing:
-    """A strategy, over its repeats.
+class Sizes(NamedTuple):
+    """How many failures of each strategy the expert tries, and how many of these are triaged."""
 
-    Attributes:
-        figures: by the name of a figure.
-        failures: distinct failing scenes, and ``cells`` distinct cells, of all repeats together.
-        coverage: of the cells in which any run of any strategy failed, in all repeats together.
-        only: cells that no other strategy found.
-        solvable: None where nothing was sampled, ``evidence`` where nothing was triaged.
-    """
-
-    strategy: str
-    figures: Mapping[str, Spread]
-    failures: int
-    cells: int
-    coverage: float | None
-    only: int
-    solvable: Solvable | None
-    evidence: Evidence | None
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What ``vlafuzz compare`` says, the JSON of ``--json``."""
-
-    task: str
-    policy: str
-    budget: int
-    repeats: int
-    seeds: tuple[int, ...]
-    reference: str
-    union_cells: int
-    standings: tuple[Standing, ...]
-    against: tuple[Pair, ...]
-    pairs: tuple[Pair, ...]
-    curves: tuple[Curve, ...]
-    runs: tuple[Figures, ...]
-    store: str
+    tried: int
+    triaged: int
 
 
 def compare(
-    found: Mapping[str, Sequence[Found]],
-    reference: str,
-    *,
-    store: str,
-    solvable: Mapping[str, Solvable | None] | None = None,
-    evidence: Mapping[str, Evidence | None] | None = None,
+    run: RunConfig, strategies: Sequence[str], repeats: int, sizes: Sizes, folder: Path, watch: Watch = SILENT
 ) -> Comparison:
-    """All figures, curves and tests.
+    """Compare strategies at equal budget; the first is the reference.
 
     Args:
-        found: by strategy, its runs in the order of their seeds.
-        reference: the strategy that the others are set against.
-        solvable: by strategy, what came of the failures that the expert tried.
-        evidence: by strategy, what came of those that were triaged.
+        run: the same for all runs, but for strategy and seed; it names the store.
+        folder: keeps what the expert solved.
     """
-    all_runs = list(chain.from_iterable(found.values()))
-    reached = union(all_runs)
-    runs: Runs = {name: [figures(each, reached) for each in its] for name, its in found.items()}
-    manifest = all_runs[0].run.manifest
-    of = {name: {f.cell for each in its for f in each.failures} for name, its in found.items()}
-    return Comparison(
-        task=manifest.task,
-        policy=manifest.policy,
-        budget=manifest.budget,
-        repeats=len(found[reference]),
-        seeds=tuple(each.run.manifest.seed for each in found[reference]),
-        reference=reference,
-        union_cells=len(reached),
-        standings=tuple(
-            replace(
-                _standing(name, runs[name], its, of, len(reached)),
-                solvable=(solvable or {}).get(name),
-                evidence=(evidence or {}).get(name),
+    assert run.store
+    counted = _counted(run, strategies, repeats, folder, watch)
+    sampled = {name: sample(runs, sizes.tried) for name, runs in counted.items()}
+    solved = _solve(run.store, counted[strategies[0]][0].run.manifest, sampled, folder, watch)
+    return compare_runs(
+        counted,
+        strategies[0],
+        store=str(run.store),
+        solvable={name: solvable(failures, solved) for name, failures in sampled.items()},
+        evidence=_triage(run, sampled, solved, sizes.triaged, watch) if sizes.triaged else {},
+    )
+
+
+def _counted(
+    run: RunConfig, strategies: Sequence[str], repeats: int, folder: Path, watch: Watch
+) -> dict[str, list[CountedRun]]:
+    """Do the runs that are missing; all runs, by strategy."""
+    assert run.store
+    first = config.plan(run)
+    wanted = jobs(strategies, repeats, run.seed)
+    if run.store.exists():  # checked before it is opened to write, which may upgrade it
+        with Store.open(run.store) as store:
+            stored(run.store, store.runs(), first.manifest, wanted)
+    make_folder(folder)
+
+    def plan(job: Job) -> Plan:
+        planned = config.plan(replace(run, strategy=job.strategy, seed=job.seed))
+        # What is committed in the meantime does not change the code that is loaded.
+        return replace(planned, manifest=replace(planned.manifest, commit=first.manifest.commit))
+
+    with Store.open(run.store, "write") as store:
+        known = stored(run.store, store.runs(), first.manifest, wanted)
+        runs = [
+            WantedRun(
+                name=f"{job.strategy}, seed {job.seed}",
+                budget=first.manifest.budget,
+                plan=partial(plan, job),
+                stored=known.get(job),
+                group=job.seed,  # the executor does not depend on the strategy
             )
-            for name, its in found.items()
-        ),
-        against=tuple(against(runs, reference)),
-        pairs=tuple(each_pair(runs)),
-        curves=tuple(chain.from_iterable(curves(name, its, manifest.budget) for name, its in found.items())),
-        runs=tuple(chain.from_iterable(runs.values())),
-        store=store,
-    )
+            for job in wanted
+        ]
+        do_missing(store, runs, watch)
+        known = stored(run.store, store.runs(), first.manifest, wanted)
+        counted: dict[str, list[CountedRun]] = {name: [] for name in strategies}
+        for job in wanted:
+            counted[job.strategy].append(count_run(store, known[job], first.embed))
+    return counted
 
 
-def _standing(
-    name: str,
-    runs: Sequence[Figures],
-    found: Sequence[Found],
-    cells: Mapping[str, set[str]],
-    reached: int,
-) -> Standing:
-    others = set[str]().union(*(its for other, its in cells.items() if other != name))
-    return Standing(
-        strategy=name,
-        figures={each: spread([getattr(run, each) for run in runs], _WITHOUT.get(each)) for each in SPREAD},
-        failures=len({failure.scene.digest for each in found for failure in each.failures}),
-        cells=len(cells[name]),
-        coverage=len(cells[name]) / reached if reached else None,
-        only=len(cells[name] - others),
-        solvable=None,
-        evidence=None,
-    )
+def _solve(
+    store: Path, manifest: Manifest, sampled: Mapping[str, Sequence[Sampled]], folder: Path, watch: Watch
+) -> Mapping[str, bool]:
+    """Whether the expert solves the sampled failures, by digest."""
+    scenes = [failure.scene for failure in chain.from_iterable(sampled.values())]
+    witnesses = Witnesses(folder / "witnesses.jsonl", manifest)
+    if witnesses.missing(scenes):
+        with closing(SimulatorSceneRunner(store, manifest)) as runner:
+            witnesses.find(scenes, runner, partial(watch.progress, "failures tried by the expert"))
+    return witnesses.solved
 
 
-def spread(values: Sequence[float | None], without: float | None = None) -> Spread:
-    """Of what there is; a quantile that lies among runs which have none is None.
-
-    Args:
-        without: where a run without a figure ranks; None where it does not count.
-    """
-    known = [value for value in values if value is not None]
-    ranked = [value for value in (without if each is None else each for each in values) if value is not None]
-    if not ranked:
-        return Spread(None, None, None, 0)
-    low, middle, high = np.percentile(ranked, [25, 50, 75])
-    return Spread(_known(middle), _known(low), _known(high), len(known))
-
-
-def _known(quantile: float) -> float | None:
-    return float(quantile) if abs(quantile) < math.sqrt(_NEVER) else None
+def _triage(
+    run: RunConfig,
+    sampled: Mapping[str, Sequence[Sampled]],
+    solved: Mapping[str, bool],
+    size: int,
+    watch: Watch,
+) -> dict[str, Evidence | None]:
+    """Triage some of the sampled failures; the store keeps the results."""
+    assert run.store
+    with Store.open(run.store, "write") as store:
+        chosen = {name: findings(store, choose(failures, solved, size)) for name, failures in sampled.items()}
+        unjudged = triage(
+            store,
+            partial(runner_of_run, run.store, note=watch.note),
+            findings=list(dict.fromkeys(chain.from_iterable(group.values() for group in chosen.values()))),
+            workers=run.workers,
+            watch=lambda now: watch.progress("sampled failures triaged", now.done, now.findings),
+        )
+        triaged = store.triaged()
+    if unjudged:
+        watch.note(
+            f"{unjudged} of the sampled failures could not be judged: "
+            "the policy broke, or they are no longer fair"
+        )
+    return {name: evidence(group, triaged) for name, group in chosen.items()}

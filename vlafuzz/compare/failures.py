@@ -41,7 +41,7 @@ class Failure:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class CountedRun:
     """A run, counted.
 
     Attributes:
@@ -77,7 +77,7 @@ def quality(severity: float, progress: float, operators: int) -> float:
     return (max(0.0, 1.0 - severity / operators) + 1.0 - progress) / 2.0
 
 
-def found(store: Store, run: Run, embed: Embed) -> Found:
+def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
     """Count what a store has of a run.
 
     Raises:
@@ -109,7 +109,7 @@ def found(store: Store, run: Run, embed: Embed) -> Found:
             )
     _check_own(store, run, [borrowed[digest] for digest in borrowed if digest not in own])
     judged = counts[Verdict.PASSED] + counts[Verdict.FAILED]
-    return Found(
+    return CountedRun(
         run, spent, seconds, proposals, judged, counts[Verdict.INVALID], len(rejected),
         counts[Verdict.ERROR], tuple(failures.values()),
     )  # fmt: skip
@@ -123,7 +123,7 @@ def _check_own(store: Store, run: Run, borrowed: Sequence[int]) -> None:
         )
 
 
-def union(found: Sequence[Found]) -> dict[str, Failure]:
+def union(found: Sequence[CountedRun]) -> dict[str, Failure]:
     """Of every cell in which some run failed, its most central failure: the one nearest to their mean.
 
     One a cell, so that many failures that resemble each other do not count for more.

@@ -9,7 +9,7 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.compare.failures import Failure, Found
+from vlafuzz.compare.failures import CountedRun, Failure
 
 POINTS = 50  # of a curve
 
@@ -59,7 +59,7 @@ class Figures:
     store_share: float | None
 
 
-def figures(found: Found, union: Mapping[str, Failure]) -> Figures:
+def figures(found: CountedRun, union: Mapping[str, Failure]) -> Figures:
     """The figures of a run.
 
     Args:
@@ -157,7 +157,7 @@ def grid(budget: int) -> tuple[int, ...]:
     return tuple(np.unique(np.linspace(0, budget, min(budget, POINTS) + 1).round().astype(int)).tolist())
 
 
-def curves(strategy: str, runs: Sequence[Found], budget: int) -> list[Curve]:
+def curves(strategy: str, runs: Sequence[CountedRun], budget: int) -> list[Curve]:
     """Those of failures and of cells. A run that ended before its budget stays where it was."""
     at = grid(budget)
     failures = [[failure.spent for failure in each.failures] for each in runs]

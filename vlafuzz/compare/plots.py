@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.compare.compare import Comparison
+from vlafuzz.compare.comparison import Comparison
 from vlafuzz.compare.figures import Curve
 
 # Okabe, Ito 2008: told apart with any colour vision. Dashes and markers tell as much on grey paper.

@@ -1,19 +1,15 @@
-"""The runs of a comparison: which there are to be, which a store has, and how the others come about."""
+"""The runs of a comparison: which are wanted, and which of them a store has."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
-from itertools import groupby
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
+from vlafuzz.campaign.missing_runs import stored_run
 from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
-from vlafuzz.execute.base import Executor
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
-
-Planned = TypeVar("Planned")
 
 # Values that are too long for a message.
 _SAID = {
@@ -36,52 +32,23 @@ def jobs(strategies: Sequence[str], repeats: int, seed: int) -> list[Job]:
     return [Job(name, seed + number) for number in range(repeats) for name in strategies]
 
 
-def stored(path: Path, runs: Iterable[Run], wanted: Manifest, asked: Sequence[Job]) -> dict[Job, Run]:
-    """What a store has of a comparison: of each job a run that is over, else the newest that ended early.
-
-    Runs of other strategies and seeds may be there, too: they are left alone.
+def stored(path: Path, runs: Iterable[Run], here: Manifest, wanted: Sequence[Job]) -> dict[Job, Run]:
+    """The runs of a comparison that a store has, finished or not. Other strategies and seeds are ignored.
 
     Args:
-        wanted: the manifest of any of its runs, as it would be made now.
+        here: the manifest of any of its runs, as it would be made now.
 
     Raises:
-        UsageError: the store has runs of other conditions, or what is there cannot be gone on with here.
+        UsageError: the store has runs under other conditions, or runs that cannot be resumed here.
     """
-    found: dict[Job, Run] = {}
+    by_job: dict[Job, list[Run]] = {}
     for run in runs:
-        _check_alike(path, run, wanted)
-        job = Job(run.manifest.strategy, run.manifest.seed)
-        if job in asked and (job not in found or found[job].status in UNFINISHED):
-            found[job] = run
-    _check_versions(path, list(found.values()), None if not todo(asked, found) else wanted)
-    return found
-
-
-def todo(asked: Sequence[Job], found: Mapping[Job, Run]) -> list[Job]:
-    """The jobs that are to be begun, or gone on with."""
-    return [job for job in asked if job not in found or found[job].status in UNFINISHED]
-
-
-def work_through(
-    missing: Sequence[Job],
-    plan: Callable[[Job], Planned],
-    executor: Callable[[Planned], Executor],
-    fuzz: Callable[[Planned, Executor], None],
-) -> None:
-    """Do all that is missing. Runs of one seed share an executor: no strategy decides over what it does.
-
-    Args:
-        plan: makes what is needed to begin a run, or to go on with it.
-        executor: makes what evaluates its scenes.
-        fuzz: runs it.
-    """
-    for _, group in groupby(missing, key=lambda job: job.seed):
-        first, *rest = group
-        planned = plan(first)
-        with closing(executor(planned)) as tools:
-            fuzz(planned, tools)
-            for job in rest:
-                fuzz(plan(job), tools)
+        _check_alike(path, run, here)
+        by_job.setdefault(Job(run.manifest.strategy, run.manifest.seed), []).append(run)
+    known = {job: best for job in wanted if (best := stored_run(by_job.get(job, [])))}
+    complete = len(known) == len(wanted) and all(run.status not in UNFINISHED for run in known.values())
+    _check_versions(path, list(known.values()), None if complete else here)
+    return known
 
 
 def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:

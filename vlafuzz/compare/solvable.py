@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from vlafuzz.compare.failures import Found
+from vlafuzz.compare.failures import CountedRun
 from vlafuzz.conditions.conditions import Role
 from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome
@@ -49,7 +49,7 @@ class Solvable:
     high: float
 
 
-def sample(runs: Sequence[Found], size: int) -> list[Sampled]:
+def sample(runs: Sequence[CountedRun], size: int) -> list[Sampled]:
     """At most so many failing scenes of one strategy: one of every run, then the second ones, and so on."""
     dealt: dict[Scene, Sampled] = {}
     for each in zip_longest(*map(_shuffled, runs)):
@@ -58,7 +58,7 @@ def sample(runs: Sequence[Found], size: int) -> list[Sampled]:
     return list(dealt.values())[:size]
 
 
-def _shuffled(found: Found) -> list[Sampled]:
+def _shuffled(found: CountedRun) -> list[Sampled]:
     failures, seed = found.failures, found.run.manifest.seed
     order = np.random.default_rng([seed, len(failures)]).permutation(len(failures))
     return [Sampled(failures[index].scene, found.run.id) for index in order]

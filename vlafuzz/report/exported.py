@@ -8,8 +8,8 @@ from pathlib import Path
 from vlafuzz.regression.corpus import Corpus, Evidence, Share
 from vlafuzz.report.cards import Spaces, card_of_case
 from vlafuzz.report.view import SHARES, Chart, Measure, RunRow, View, in_order, operator_rows, title_of
-from vlafuzz.report.words import duration, named, plural
 from vlafuzz.tasks.tabletop import task
+from vlafuzz.text import duration, named, plural
 
 
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:

@@ -8,10 +8,10 @@ from typing import Protocol
 
 from vlafuzz.evidence import Actions
 from vlafuzz.report.view import Card, View
-from vlafuzz.report.words import plural
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest
+from vlafuzz.text import plural
 
 
 class Films(Protocol):

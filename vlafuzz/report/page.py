@@ -11,8 +11,8 @@ from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import BUCKETS, View
-from vlafuzz.report.words import interval, percent
 from vlafuzz.sim.base import FILM_SPEED
+from vlafuzz.text import interval, percent
 
 
 def render(view: View) -> str:

@@ -21,9 +21,9 @@ from vlafuzz.report.view import (
     operator_rows,
     title_of,
 )
-from vlafuzz.report.words import duration, interval, named, percent, plural
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.text import duration, interval, named, percent, plural
 from vlafuzz.triage.summary import TriageSummary, summarise
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from vlafuzz.evidence import Actions, Causes
 from vlafuzz.regression.corpus import Share
-from vlafuzz.report.words import named
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest
+from vlafuzz.text import named
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {

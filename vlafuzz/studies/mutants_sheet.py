@@ -10,7 +10,8 @@ from typing import Any
 
 from vlafuzz.studies import plots, published
 from vlafuzz.studies.mutants import CURVES, EDGES, Alpha, Kept, Point
-from vlafuzz.studies.sheet import BESIDE, Found, Row, Sheet, Table, points, share
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, points, share
+from vlafuzz.text import Row
 
 _NOTES = (
     "Def.: scenes that the policy passed. Control: the same scenes once more, unmutated, in the seed "
@@ -36,7 +37,7 @@ _ALPHA = {
 
 
 @dataclass(frozen=True)
-class Mutated(Found):
+class MutationResult(StudyResult):
     """What RQ3 or RQ4 found.
 
     Attributes:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from vlafuzz.campaign.missing_runs import stored_run
 from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
 from vlafuzz.space.operators import ConfounderCount
-from vlafuzz.store.records import UNFINISHED, Manifest, Run
+from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
 
 COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
@@ -75,5 +76,4 @@ def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run 
                 f"its {name} differs",
                 hint="runs of two versions do not compare: give another --out",
             )
-    over = [run for run in same if run.status not in UNFINISHED]
-    return (over or same)[-1] if same else None
+    return stored_run(same)

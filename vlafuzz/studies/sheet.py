@@ -6,9 +6,9 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-Row = dict[str, Any]
+from vlafuzz.text import Row, markdown_table
+
 BESIDE = (
     "The paper's figures are of other policies on other robots in another simulator: they stand "
     "beside, they do not compare."
@@ -42,7 +42,7 @@ class Sheet:
         """To paste."""
         parts = [f"# {self.title}"]
         for table in self.tables:
-            parts += [f"**{table.title}**", _markdown(table.rows)]
+            parts += [f"**{table.title}**", markdown_table(table.rows)]
         return "\n\n".join([*parts, *self.notes, self.deviation]) + "\n"
 
     @property
@@ -52,7 +52,7 @@ class Sheet:
 
 
 @dataclass(frozen=True)
-class Found:
+class StudyResult:
     """What a study found; each has more.
 
     Attributes:
@@ -94,16 +94,3 @@ def chance(p: float | None, adjusted: float | None = None) -> str:
     if p is None:
         return "–"
     return f"{p:.3g}" + ("" if adjusted is None else f" ({adjusted:.3g})")
-
-
-def _markdown(rows: Sequence[Row]) -> str:
-    cells = [
-        list(rows[0]),
-        ["---"] * len(rows[0]),
-        *([_cell(value) for value in row.values()] for row in rows),
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
-
-
-def _cell(value: Any) -> str:
-    return "–" if value is None else str(value)

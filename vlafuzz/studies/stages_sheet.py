@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import BESIDE, Found, Row, Sheet, Table, chance, share
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, chance, share
 from vlafuzz.studies.similar import Similarity
 from vlafuzz.studies.stages import Published, Standing
+from vlafuzz.text import Row
 
 _NOTE = "Shares are of the scenes that were judged, with Wilson's 95 % interval."
 _SIMILAR = "Similar: a confounder's name ends in the same word as the target's, such as can."
@@ -20,7 +21,7 @@ _DIFFERS = {
 
 
 @dataclass(frozen=True)
-class Staged(Found):
+class StageResult(StudyResult):
     """What RQ1 or RQ2 found; only RQ1 has figures of the paper beside it, only RQ2 asks what is similar."""
 
     standings: list[Standing]

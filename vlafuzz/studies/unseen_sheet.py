@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Found, Row, Sheet, Table, chance, points, share
+from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance, points, share
 from vlafuzz.studies.unseen import ENOUGH, Difference, PairedTest
+from vlafuzz.text import Row
 
 _NOTE = (
     "Success in scenes with seen and with unseen objects, of the scenes that were judged, with "
@@ -32,7 +33,7 @@ _DIFFERS = (
 
 
 @dataclass(frozen=True)
-class Unseen(Found):
+class UnseenResult(StudyResult):
     """What RQ5 found; ``packs`` are those of the unseen objects."""
 
     packs: list[str]

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Found, Row, Sheet, Table, chance, points
+from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance, points
 from vlafuzz.studies.wordings import Reworded, Together
+from vlafuzz.text import Row
 
 _NOTE = (
     "Every prompt is said in the scenes in which the plain wording was judged; shares are of the "
@@ -27,7 +28,7 @@ _DIFFERS = {
 
 
 @dataclass(frozen=True)
-class Said(Found):
+class WordingResult(StudyResult):
     """What RQ6 or the prompts found."""
 
     together: list[Together]

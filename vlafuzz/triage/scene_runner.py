@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +23,9 @@ from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, Film
 from vlafuzz.sim.make import make_evaluator
 from vlafuzz.space import SearchSpace
-from vlafuzz.store.records import Manifest
+from vlafuzz.store.records import Manifest, Run
 from vlafuzz.triage.witness import Player
+from vlafuzz.watch import Watch
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -135,3 +136,20 @@ class SimulatorSceneRunner:
             evaluator.renew()  # policy and player are closed below
         for each in (self._policies, self._experts, self._players):
             each.close()
+
+
+def runner_of_run(
+    store: Path, run: Run, *, later: int = 0, note: Callable[[str], None] = Watch.note
+) -> SimulatorSceneRunner:
+    """What the findings of a run are worked on with; notes when it differs from what found them.
+
+    Args:
+        later: seeds to skip, of a stochastic policy: triage has selected findings by their outcomes.
+    """
+    runner = SimulatorSceneRunner(store, run.manifest, later=later)
+    if runner.changed:
+        note(
+            f"note: run {run.id} was made by another version: its {', '.join(runner.changed)} differ; "
+            "what no longer fails will count as flaky"
+        )
+    return runner

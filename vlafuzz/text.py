@@ -1,9 +1,11 @@
-"""Numbers and names as people read them."""
+"""Numbers, names and tables as people read them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
+Row = dict[str, Any]
 _PERCENT = "\N{NO-BREAK SPACE}%"
 
 
@@ -32,3 +34,10 @@ def duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows with the same keys, at least one, as a table of pipes; None as a dash."""
+    lines = [list(rows[0]), ["---"] * len(rows[0])]
+    lines += [["–" if value is None else str(value) for value in row.values()] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,15 +1,14 @@
-"""How ``vlafuzz compare`` shows a comparison: tables for a terminal, markdown, CSV."""
+"""A comparison as tables: for a terminal, markdown and CSV."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from vlafuzz.cli.output import Row, print_rows, stdout
-from vlafuzz.compare.compare import SPREAD, Comparison, Spread, Standing
+from vlafuzz.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.compare.evidence import Evidence
+from vlafuzz.text import Row, markdown_table
 
 _FOUND = {
     "failures": "failures",
@@ -76,18 +75,9 @@ def sentences(compared: Comparison) -> list[str]:
     ]
 
 
-def print_comparison(compared: Comparison) -> None:
-    """To look at."""
-    for title, rows in tables(compared).items():
-        print_rows(rows, title=title)
-    stdout().print(NOTE, soft_wrap=True)
-    for sentence in sentences(compared):
-        stdout().print(sentence, soft_wrap=True)
-
-
 def markdown(compared: Comparison) -> str:
-    """To paste."""
-    parts = [f"**{title}**\n\n{_pipes(rows)}" for title, rows in tables(compared).items()]
+    """The tables and sentences as markdown."""
+    parts = [f"**{title}**\n\n{markdown_table(rows)}" for title, rows in tables(compared).items()]
     said = "\n".join(f"- {sentence}" for sentence in sentences(compared))
     return "\n\n".join([*parts, NOTE, *([said] if said else [])]) + "\n"
 
@@ -160,9 +150,3 @@ def _csv_row(each: Standing) -> Row:
     return row | {
         f"evidence_{part.name}": getattr(each.evidence, part.name, None) for part in fields(Evidence)
     }
-
-
-def _pipes(rows: Sequence[Row]) -> str:
-    head = [list(rows[0]), ["---"] * len(rows[0])]
-    lines = [*head, *([str(value) for value in row.values()] for row in rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -1,18 +1,21 @@
-"""The page of a comparison: its plots, its tables and what its tests say."""
+"""The files of a comparison: a page with plots, tables and test results; JSON, markdown and CSV."""
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
-from vlafuzz.cli.compared import NOTE, sentences, tables
-from vlafuzz.cli.output import Row
-from vlafuzz.compare.compare import Comparison
+from vlafuzz.compare.comparison import Comparison
+from vlafuzz.compare.plots import plot
+from vlafuzz.compare.tables import NOTE, markdown, sentences, tables, write_runs
 from vlafuzz.compare.verdicts import ALPHA, MEASURES, Pair
-from vlafuzz.report.page import render_sheet
+from vlafuzz.files import write_whole
+from vlafuzz.report.page import render_sheet, write_page
 from vlafuzz.report.sheet import Picture, Sheet, Table
-from vlafuzz.report.words import plural
+from vlafuzz.text import Row, plural
 
 _TITLES = {
     "curves.png": "Found over the budget",
@@ -23,6 +26,21 @@ _TESTS = (
     "has more of it than one of the other strategy; ties count half. p: Mann and Whitney, two-sided, after "
     "Holm's correction over the strategies."
 )
+
+
+def write_folder(compared: Comparison, folder: Path) -> list[str]:
+    """Write a comparison into an existing folder; the names of the files.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    document = json.dumps(asdict(compared), indent=2, allow_nan=False)
+    write_whole(folder / "compare.json", document + "\n")
+    write_whole(folder / "compare.md", markdown(compared))
+    write_runs(compared, folder / "runs.csv")
+    plots = plot(compared, folder)
+    write_page(folder / "compare.html", page(compared, {path.name: path.read_bytes() for path in plots}))
+    return ["compare.html", *(path.name for path in plots), "compare.json", "compare.md", "runs.csv"]
 
 
 def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:

@@ -1,0 +1,171 @@
+"""Comparison: the figures, curves and tests of several strategies, from their counted runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from vlafuzz.compare.evidence import Evidence
+from vlafuzz.compare.failures import CountedRun, union
+from vlafuzz.compare.figures import Curve, Figures, curves, figures
+from vlafuzz.compare.solvable import Solvable
+from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against, each_pair
+
+SPREAD = (
+    "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
+    "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
+    "search_seconds", "search_share", "store_seconds", "store_share",
+)  # fmt: skip
+_NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
+# A run without a figure has nothing good: rollouts to a failure that did not come are more than any number.
+_WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEASURES}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A figure over the repeats: median and the middle half; None where most runs have none.
+
+    Attributes:
+        runs: that have it.
+    """
+
+    median: float | None
+    low: float | None
+    high: float | None
+    runs: int
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A strategy, over its repeats.
+
+    Attributes:
+        figures: by the name of a figure.
+        failures: distinct failing scenes, and ``cells`` distinct cells, of all repeats together.
+        coverage: of the cells in which any run of any strategy failed, in all repeats together.
+        only: cells that no other strategy found.
+        solvable: None where nothing was sampled, ``evidence`` where nothing was triaged.
+    """
+
+    strategy: str
+    figures: Mapping[str, Spread]
+    failures: int
+    cells: int
+    coverage: float | None
+    only: int
+    solvable: Solvable | None
+    evidence: Evidence | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What ``vlafuzz compare`` says, the JSON of ``--json``."""
+
+    task: str
+    policy: str
+    budget: int
+    repeats: int
+    seeds: tuple[int, ...]
+    reference: str
+    union_cells: int
+    standings: tuple[Standing, ...]
+    against: tuple[Pair, ...]
+    pairs: tuple[Pair, ...]
+    curves: tuple[Curve, ...]
+    runs: tuple[Figures, ...]
+    store: str
+
+
+def compare_runs(
+    counted: Mapping[str, Sequence[CountedRun]],
+    reference: str,
+    *,
+    store: str,
+    solvable: Mapping[str, Solvable | None] | None = None,
+    evidence: Mapping[str, Evidence | None] | None = None,
+) -> Comparison:
+    """All figures, curves and tests.
+
+    Args:
+        counted: by strategy, its runs in the order of their seeds.
+        reference: the strategy that the others are set against.
+        solvable: by strategy, what came of the failures that the expert tried.
+        evidence: by strategy, what came of those that were triaged.
+    """
+    all_runs = list(chain.from_iterable(counted.values()))
+    reached = union(all_runs)
+    runs: Runs = {name: [figures(run, reached) for run in repeats] for name, repeats in counted.items()}
+    manifest = all_runs[0].run.manifest
+    cells = {
+        name: {failure.cell for run in repeats for failure in run.failures}
+        for name, repeats in counted.items()
+    }
+    return Comparison(
+        task=manifest.task,
+        policy=manifest.policy,
+        budget=manifest.budget,
+        repeats=len(counted[reference]),
+        seeds=tuple(run.run.manifest.seed for run in counted[reference]),
+        reference=reference,
+        union_cells=len(reached),
+        standings=tuple(
+            replace(
+                _standing(name, runs[name], repeats, cells, len(reached)),
+                solvable=(solvable or {}).get(name),
+                evidence=(evidence or {}).get(name),
+            )
+            for name, repeats in counted.items()
+        ),
+        against=tuple(against(runs, reference)),
+        pairs=tuple(each_pair(runs)),
+        curves=tuple(
+            chain.from_iterable(curves(name, repeats, manifest.budget) for name, repeats in counted.items())
+        ),
+        runs=tuple(chain.from_iterable(runs.values())),
+        store=store,
+    )
+
+
+def _standing(
+    name: str,
+    runs: Sequence[Figures],
+    counted: Sequence[CountedRun],
+    cells: Mapping[str, set[str]],
+    reached: int,
+) -> Standing:
+    others = set[str]().union(*(theirs for other, theirs in cells.items() if other != name))
+    return Standing(
+        strategy=name,
+        figures={
+            figure: spread([getattr(run, figure) for run in runs], _WITHOUT.get(figure)) for figure in SPREAD
+        },
+        failures=len({failure.scene.digest for run in counted for failure in run.failures}),
+        cells=len(cells[name]),
+        coverage=len(cells[name]) / reached if reached else None,
+        only=len(cells[name] - others),
+        solvable=None,
+        evidence=None,
+    )
+
+
+def spread(values: Sequence[float | None], without: float | None = None) -> Spread:
+    """Of what there is; a quantile that lies among runs which have none is None.
+
+    Args:
+        without: where a run without a figure ranks; None where it does not count.
+    """
+    known = [value for value in values if value is not None]
+    filled = (without if value is None else value for value in values)
+    ranked = [value for value in filled if value is not None]
+    if not ranked:
+        return Spread(None, None, None, 0)
+    low, middle, high = np.percentile(ranked, [25, 50, 75])
+    return Spread(_known(middle), _known(low), _known(high), len(known))
+
+
+def _known(quantile: float) -> float | None:
+    return float(quantile) if abs(quantile) < math.sqrt(_NEVER) else None

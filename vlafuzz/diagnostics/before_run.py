@@ -1,0 +1,95 @@
+"""Checks of a policy: all of them for ``vlafuzz doctor``, the quick ones before ``vlafuzz run``."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+
+from vlafuzz.campaign import config
+from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.diagnostics.check import Check
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.registry import POLICIES, make_policy
+from vlafuzz.watch import SILENT, Watch
+
+UNCHECKED = "unchecked"
+
+
+def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
+    """All checks of a policy, up to the first that is refused.
+
+    Args:
+        run: the conditions; it names the policy.
+        n: nominal rollouts.
+    """
+    assert run.policy
+    policy = _make(run.policy)
+    if isinstance(policy, Check):
+        yield policy
+        return
+    from vlafuzz.diagnostics.exam import Exam
+
+    with closing(policy):
+        manifest = config.plan(run, policy=policy).manifest
+        watch.note(
+            f"{run.policy}: a few seconds of questions, then {n} rollouts; where they fail, "
+            "some dozens more, with corrections"
+        )
+        with closing(Exam(manifest, policy)) as exam:
+            for number, check in enumerate(exam.thorough(n), start=1):
+                watch.progress(f"after {check.check}", number, None)
+                yield check
+
+
+def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Plan:
+    """The plan of a run, labelled with what seconds of checks find wrong with its policy.
+
+    Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a
+    hundred of their rollouts. A resumed run keeps its label, and is not checked if it was not before.
+
+    Raises:
+        PrerequisiteError: the policy cannot be tested.
+    """
+    manifest = plan.manifest
+    if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
+        return plan
+    label = UNCHECKED if unchecked else _label(plan, watch)
+    return plan if plan.resume is not None else replace(plan, manifest=replace(manifest, checkup=label))
+
+
+def _label(plan: Plan, watch: Watch) -> str:
+    from vlafuzz.diagnostics.exam import Exam
+
+    name = plan.manifest.policy
+    checks: list[Check] = []
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        for check in exam.quick():
+            checks.append(check)
+            watch.progress("checkup", len(checks), None)
+    doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
+    for check in checks:
+        if check.verdict == "refuse":
+            raise PrerequisiteError(
+                f"{name} is not run: {check.found}",
+                hint=f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same",
+            )
+        if check.verdict == "warn":
+            watch.note(f"note: {name}: {check.found}: {check.follows}")
+    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok"
+
+
+def _make(name: str) -> Policy | Check:
+    """The policy, or a refused check that says why it cannot be made.
+
+    Raises:
+        UsageError: no such policy.
+    """
+    try:
+        return make_policy(name)
+    except UsageError:
+        raise
+    except VlafuzzError as error:
+        return Check("connects", error.message, "refuse", error.hint or "")
