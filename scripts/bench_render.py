@@ -47,7 +47,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill import env as env_module
+from vlafuzz.sim.maniskill import cameras as camera_module
 from vlafuzz.sim.maniskill import robots, world
 from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -112,7 +112,7 @@ def _render_as_stock(pack: str) -> None:
         set_shader_pack(PREBUILT_SHADER_CONFIGS[pack])
         return PREBUILT_SHADER_CONFIGS[pack]
 
-    for module in (env_module, world):
+    for module in (camera_module, world):
         patch.object(module, "use_shaders", use_stock).start()
     patch.object(robots, "light_robot", lambda urdf: urdf).start()
 

@@ -17,7 +17,7 @@ from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.video import Recording
+from vlafuzz.sim.maniskill.recording import Recording
 
 pytestmark = pytest.mark.render
 SIZE = 160

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.outcome import Rollout
     from vlafuzz.scene import Scene
-    from vlafuzz.sim.maniskill.video import Recording
+    from vlafuzz.sim.maniskill.recording import Recording
     from vlafuzz.store.records import Manifest
     from vlafuzz.store.store import Store
 
@@ -58,7 +58,7 @@ def command(
     filmed = video is not None or picture is not None
     if filmed:
         _check_renderer()
-    from vlafuzz.sim.maniskill.video import Recording, write_picture
+    from vlafuzz.sim.maniskill.recording import Recording, write_picture
 
     recording = Recording(480 if filmed else 0)
     named = policy or wanted.conditions.policy

@@ -22,8 +22,8 @@ from vlafuzz.execute.processes import single_threaded
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus
+from vlafuzz.sim.maniskill.env import make_env
 from vlafuzz.sim.maniskill.episode import proprioception
-from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.tasks.state import State
 
 HZ = 5

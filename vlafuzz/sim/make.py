@@ -12,7 +12,7 @@ from vlafuzz.policies.registry import make_policy
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.sim.maniskill.video import Recording
+    from vlafuzz.sim.maniskill.recording import Recording
 
 
 def make_evaluator(

@@ -29,9 +29,7 @@ from vlafuzz.watch import Watch
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.sim.maniskill.film import Reel
-    from vlafuzz.sim.maniskill.stills import Stills
-    from vlafuzz.sim.maniskill.video import Recording
+    from vlafuzz.sim.maniskill.recording import Recording, Stills
 
 
 class SimulatorSceneRunner:
@@ -63,7 +61,8 @@ class SimulatorSceneRunner:
         here = provenance.here(policy or manifest.policy, spec, catalogue)
         self.changed = manifest.differences(replace(manifest, **here))
         self._stills: Stills | None = None
-        self._filmed: dict[bool, tuple[ManiSkillEvaluator, Reel]] = {}  # by whether given actions are played
+        # By whether given actions are played
+        self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
         self._policies, self._experts = self._evaluator(self._policy), self._evaluator(self._expert)
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
@@ -95,7 +94,7 @@ class SimulatorSceneRunner:
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
         if self._stills is None:
-            from vlafuzz.sim.maniskill.stills import Stills
+            from vlafuzz.sim.maniskill.recording import Stills
 
             manifest = self._manifest
             self._stills = Stills(manifest.task, self.space.catalogue, placement=manifest.placement)
@@ -110,23 +109,22 @@ class SimulatorSceneRunner:
         Raises:
             PrerequisiteError: nothing here can render.
         """
-        from vlafuzz.sim.maniskill.film import Reel, to_jpeg, to_mp4
+        from vlafuzz.sim.maniskill.recording import Recording, to_jpeg, to_mp4
 
         played = actions is not None
         of: Policy = self._player if played else self._policy
         if played not in self._filmed:
-            reel = Reel()
-            self._filmed[played] = self._evaluator(of, checked=False, recording=reel), reel
-        evaluator, reel = self._filmed[played]
+            recording = Recording(224, captions=False)
+            self._filmed[played] = self._evaluator(of, checked=False, recording=recording), recording
+        evaluator, recording = self._filmed[played]
         if actions is not None:
             self._player.actions = actions
         outcome = evaluate_safely(evaluator, [scene])[0]
-        frames = reel.cut()
         if not outcome.rollouts:
             return None
         hz = rig(scene.robot).control_hz or of.spec.action.hz
-        video = to_mp4(frames, hz * FILM_SPEED)
-        return Film(video, to_jpeg(frames[0]), outcome.verdict is Verdict.FAILED)
+        video = to_mp4(recording.frames, hz * FILM_SPEED)
+        return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
 
     def close(self) -> None:
         """Let go of simulator and policy."""

@@ -1,17 +1,16 @@
 """The ManiSkill 3 environment of all four tasks: ``VlaFuzz-PickUp-v1`` and so on in gymnasium.
 
-``reset(options={"scene": Scene})`` builds that scene and echoes in ``info["applied"]`` what the simulator
-then has.
-vlafuzz itself drives it through ``begin`` and ``advance``, the same physics without gymnasium's batched
-tensors.
+``reset(options={"scene": Scene})`` builds that scene and reports in ``info["applied"]`` what the simulator
+contains. vlafuzz itself uses ``begin`` and ``advance``: the same physics without gymnasium's batched tensors.
 """
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
+import gymnasium
 import numpy as np
 import sapien
 import torch
@@ -22,7 +21,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
-from vlafuzz.errors import SceneError, suggestion
+from vlafuzz.errors import PrerequisiteError, SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
@@ -30,12 +29,12 @@ from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
+from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
-from vlafuzz.sim.maniskill.external_robots import AGENTS, wrist_of
+from vlafuzz.sim.maniskill.external_robots import AGENTS
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
-from vlafuzz.sim.maniskill.photo import before, photo_of
-from vlafuzz.sim.maniskill.rendering import use_shaders
+from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.robots import CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
@@ -47,19 +46,17 @@ from vlafuzz.tasks.tabletop import task as task_named
 
 EPISODE_SECONDS = PANDA.seconds
 THIRD_PERSON = CameraRequest("third_person", 128, 128)
-# In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
-WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 _OPTIONS = {"scene", "reconfigure", "env_idx"}
 
 
 class TabletopEnv(BaseEnv):
-    """A robot at a table, and a scene on it.
+    """A robot at a table with one scene at a time.
 
     Args:
         task: one of the four.
         catalogue: of objects; the built-in one by default.
-        cameras: pictures that observations hold; without a renderer there are none.
-        control_hz: control steps a second, a divisor of 100; a rig with a rate of its own keeps that.
+        cameras: of the observations; without a renderer there are none.
+        control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
         robot: the name of a rig.
         placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``drop``.
     """
@@ -81,9 +78,7 @@ class TabletopEnv(BaseEnv):
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()
-        self._cameras = tuple(cameras)
-        self._asked = {camera.name: camera for camera in cameras}
-        self._photo = photo_of(self.rig, self.task.name) if cameras else None
+        self._cameras = Cameras(self.rig, cameras, task)
         self.control_hz = self.rig.control_hz or control_hz
         kwargs.setdefault("robot_uids", AGENTS[self.rig.urdf].uid)
         kwargs.setdefault("control_mode", CONTROL_MODE)
@@ -107,45 +102,43 @@ class TabletopEnv(BaseEnv):
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
-        """One control step of a metric action (see ``MetricArm``); the state after it."""
+        """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
         state = self.world.step(action, relative_to)
         self.monitor.observe(state)
         return state
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
-        """``(height, width, 3)``: what a camera sees now."""
-        component = self.scene.sensors[camera].camera._render_cameras[0]
+        """``(height, width, 3)``: what a camera shows at present."""
         self.world.scene.update_render()
-        component.take_picture()
-        colour = component.get_picture("Color")[..., :3]
-        seen = np.asarray(
-            np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8
-        )
-        asked = self._asked[camera]
-        if self._photo is not None and asked.role == "third_person":
-            who = component.get_picture("PositionSegmentation")[..., 3]
-            seen = before(self._photo, seen, who, self.world.visible)
-        size = (asked.width, asked.height)
-        if seen.shape[1::-1] != size:
-            seen = np.asarray(cv2.resize(seen, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        return seen
+        return self._cameras.picture(camera, self._render_camera(camera), self.world.visible)
 
     def applied(self) -> Applied:
-        """What the simulator has of the scene, read back from it."""
+        """What the simulator contains, read back from it."""
+        third_person = self._cameras.third_person if self.scene.can_render() else []
         return Applied(
             instruction=self._scene_shown.instruction,
             poses=tuple(self.world.pose_of(index) for index in range(len(self._models))),
             objects=tuple(model.name for model in self._models),
             light=self._lights.measure(self.world.scene) if self.scene.can_render() else self.light,
-            camera=self._camera_pose(),
+            camera=self._render_camera(third_person[0]).local_pose
+            if third_person
+            else sapien_pose(self.view),
         )
 
     @property
     def models(self) -> tuple[ObjectModel, ...]:
-        """Of the scene's objects, in its order."""
+        """The models of the scene's objects, in its order."""
         return self._models
 
-    # what ManiSkill calls
+    def _render_camera(self, name: str) -> sapien.render.RenderCameraComponent:
+        return self.scene.sensors[name].camera._render_cameras[0]
+
+    def _aim(self) -> None:
+        third_person = [self.scene.sensors[name] for name in self._cameras.third_person]
+        for camera in (*third_person, *self.scene.human_render_cameras.values()):
+            camera.camera.set_local_pose(sapien_pose(self.view))
+
+    # Called by ManiSkill
 
     @property
     def _default_sim_config(self) -> SimConfig:
@@ -157,34 +150,11 @@ class TabletopEnv(BaseEnv):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        view = camera_pose(self.rig.view)
-        pose = sapien.Pose(view.position, view.quaternion)
-        fov = np.radians(self.rig.view.fov)
-        return [
-            CameraConfig(c.name, pose, self._width(c), c.height, fov, shader_config=use_shaders())
-            if c.role == "third_person"
-            else self._wrist_camera(c)
-            for c in self._cameras
-        ]
-
-    def _width(self, request: CameraRequest) -> int:
-        """A view that is no square is seen whole, and squeezed into the shape that is asked for."""
-        view = self.rig.view
-        return request.width if view.aspect == 1 else view.width(request.height)
-
-    def _wrist_camera(self, request: CameraRequest) -> CameraConfig:
-        hand = wrist_of(self.agent)
-        pose = sapien.Pose(*WRIST_CAMERA)
-        size = (request.width, request.height)
-        return CameraConfig(request.name, pose, *size, np.pi / 2, mount=hand, shader_config=use_shaders())
+        return self._cameras.configs(self.agent)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
-        view = camera_pose(self.rig.view)
-        pose = sapien.Pose(view.position, view.quaternion)
-        return CameraConfig(
-            "render_camera", pose, 512, 512, np.radians(self.rig.view.fov), shader_config=use_shaders()
-        )
+        return self._cameras.human_config()
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))
@@ -198,14 +168,13 @@ class TabletopEnv(BaseEnv):
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
         agent = self.agent
         links = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
-        fingers = tuple(tuple(links[name] for name in finger) for finger in agent.fingers)
         robot = Robot(
-            agent.robot._objs[0],
-            tuple(agent.robot.active_joints_map),
-            agent.controller.arm,
-            links[agent.tcp_name],
-            fingers,
-            agent.tool,
+            articulation=agent.robot._objs[0],
+            joints=tuple(agent.robot.active_joints_map),
+            arm=agent.controller.arm,
+            tcp=links[agent.tcp_name],
+            fingers=tuple(tuple(links[name] for name in finger) for finger in agent.fingers),
+            tool=agent.tool,
         )
         self.world = World(self.scene.sub_scenes[0], robot, self.rig, self.control_hz)
 
@@ -225,7 +194,7 @@ class TabletopEnv(BaseEnv):
         self.begin(scene)
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Build ``options["scene"]``, or the nominal scene; ``info["applied"]`` echoes it."""
+        """Build ``options["scene"]``, or the nominal scene, and report it in ``info["applied"]``."""
         for key in set(options or {}) - _OPTIONS:
             raise SceneError(f"options: unknown key {key!r}", hint=suggestion(key, _OPTIONS))
         observation, info = super().reset(seed=seed, options=options)
@@ -242,7 +211,7 @@ class TabletopEnv(BaseEnv):
         return torch.as_tensor(metric, dtype=torch.float32)[None]
 
     def evaluate(self) -> dict[str, torch.Tensor]:
-        """Stages, progress and both ways of success, as ManiSkill's batched tensors."""
+        """Stages, progress and success by both criteria, as ManiSkill's batched tensors."""
         monitor = self.monitor
         flags = {f"reached_{stage}": stage in monitor.reached for stage in self.task.stage_names[:-1]}
         flags |= {
@@ -256,37 +225,59 @@ class TabletopEnv(BaseEnv):
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
         return {"tcp_pose": self.agent.robot.links_map[self.agent.tcp_name].pose.raw_pose}
 
-    def _aim(self) -> None:
-        pose = sapien.Pose(self.view.position, self.view.quaternion)
-        for camera in (*self._third_person, *self.scene.human_render_cameras.values()):
-            camera.camera.set_local_pose(pose)
 
-    def _camera_pose(self) -> sapien.Pose:
-        if not (self.scene.can_render() and self._third_person):
-            return sapien.Pose(self.view.position, self.view.quaternion)
-        return self._third_person[0].camera._render_cameras[0].local_pose
+def make_env(
+    task: str,
+    catalogue: Catalogue,
+    cameras: tuple[CameraRequest, ...] = (),
+    control_hz: int = 5,
+    robot: str = "panda",
+    placement: str = "resting",
+) -> TabletopEnv:
+    """A new environment; without cameras it needs no renderer.
 
-    @property
-    def _third_person(self) -> list[Any]:
-        return [self.scene.sensors[c.name] for c in self._cameras if c.role == "third_person"]
+    Raises:
+        PrerequisiteError: there are cameras and nothing here can render, or the robot's files are missing.
+    """
+    try:
+        env = gymnasium.make(
+            gym_id(task),
+            catalogue=catalogue,
+            cameras=cameras,
+            control_hz=control_hz,
+            robot=robot,
+            placement=placement,
+            obs_mode="none",
+            render_backend=render_backend() if cameras else "none",
+        )
+    except RuntimeError as error:
+        if "rendering device" not in str(error):
+            raise
+        raise PrerequisiteError(
+            f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install"
+        ) from None
+    assert isinstance(env.unwrapped, TabletopEnv)
+    gc.collect()
+    gc.freeze()  # torch and ManiSkill are never freed; scanning them costs 5 % of a rollout
+    return env.unwrapped
 
 
 def default_scene(task: str, catalogue: Catalogue) -> Scene:
-    """The task's first objects in the middle of the table, for a reset that names no scene."""
+    """The task's first objects in the middle of the table, for a reset without a scene."""
     wanted = task_named(task)
-    chosen = [catalogue[catalogue.graspable()[0]]]
+    models = [catalogue[catalogue.graspable()[0]]]
     if wanted.onto == "container":
-        chosen.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
     elif wanted.onto == "support":
-        chosen.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
     elif wanted.targets == 2:
-        chosen.append(catalogue[catalogue.graspable()[1]])
+        models.append(catalogue[catalogue.graspable()[1]])
     spots = ((-0.05, 0.0), (-0.05, 0.2))
     targets = tuple(
         Placement(model.name, model.stable_poses[0].name, x, y)
-        for model, (x, y) in zip(chosen, spots, strict=False)
+        for model, (x, y) in zip(models, spots, strict=False)
     )
-    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in chosen]))
+    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in models]))
 
 
 def gym_id(task: str) -> str:

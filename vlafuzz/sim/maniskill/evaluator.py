@@ -17,12 +17,11 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.drop import start_poses
-from vlafuzz.sim.maniskill.env import TabletopEnv
+from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
 from vlafuzz.sim.maniskill.episode import Episode
-from vlafuzz.sim.maniskill.make import make_env
 from vlafuzz.sim.maniskill.objects import models_of
+from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.sim.maniskill.settle import Settled, settle
-from vlafuzz.sim.maniskill.video import Recording
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import check_static
 from vlafuzz.validity.report import Rejection

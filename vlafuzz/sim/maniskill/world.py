@@ -1,17 +1,15 @@
-"""World: robot, table and objects in PhysX, scene after scene. Identical scenes have identical trajectories.
+"""World: robot, table and objects in PhysX, one scene after the other. Equal scenes have equal trajectories.
 
-CPU PhysX repeats itself bit by bit only in a fresh PhysX scene. Building everything anew takes 185 ms in
-ManiSkill; here robot and table move over into a new, empty PhysX scene (0.2 ms) and only the objects are
-built again. Moving the objects too, or emptying the old scene, gives other trajectories.
+CPU PhysX is bitwise repeatable only in a fresh PhysX scene. Rebuilding everything takes 185 ms in ManiSkill;
+here robot and table move into a new, empty PhysX scene (0.2 ms) and only the objects are rebuilt. Moving the
+objects too, or emptying the old scene, changes trajectories.
 """
 
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import sapien
@@ -23,24 +21,20 @@ from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Placement
-from vlafuzz.sim.maniskill.contacts import Impulses, object_contacts
+from vlafuzz.sim.maniskill.contacts import Link, Pressed, held_object, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system, use_shaders
 from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.tasks.state import ARM, HAND, TABLE, State
 
 Array = NDArray[np.float64]
-SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; 50 Hz is near a cliff for grasps
-_HAND = ("hand", "finger", "gripper")  # in the names of its links
-GRASP_FORCE = 0.5  # newtons a finger, as ManiSkill's is_grasping
-GRASP_COSINE = math.cos(math.radians(85.0))
-Link: TypeAlias = physx.PhysxArticulationLinkComponent
-Pressed = dict[Link, dict[int, Impulses]]  # by finger and object
+SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to fail
+_HAND = ("hand", "finger", "gripper")  # parts of the names of the hand's links
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Robot:
-    """The parts of the robot that the world reads and drives; see ``MetricPanda``."""
+    """The parts of a robot that the world reads and drives, see ``MetricPanda``."""
 
     articulation: physx.PhysxArticulation
     joints: tuple[str, ...]
@@ -51,7 +45,7 @@ class Robot:
 
 
 class World:
-    """One robot at one table, with the objects of one scene at a time."""
+    """A robot at a table with the objects of one scene at a time."""
 
     def __init__(self, scene: sapien.Scene, robot: Robot, rig: Rig, control_hz: int) -> None:
         self.scene = scene
@@ -71,20 +65,20 @@ class World:
         placements: Sequence[Placement],
         poses: Sequence[sapien.Pose] | None = None,
     ) -> State:
-        """Put the objects onto the table and the robot to rest; the state at the start.
+        """Place the objects and reset the robot; the state at the start.
 
         Args:
-            poses: of the objects, where they are not to be at their resting poses.
+            poses: of the objects, unless they start at their resting poses.
         """
         if not self._fresh:
             self._move_over()
         self._fresh = False
         self._bodies = []
         posed = zip(models, placements, poses or [None] * len(models), strict=True)
-        for index, (model, placement, pose) in enumerate(posed):  # one may raise
+        for index, (model, placement, pose) in enumerate(posed):  # building one may raise: keep the others
             body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
             self._bodies.append(body)
-        self._rest()
+        self._reset_robot()
         self._labels = self._label_bodies()
         self._touched = False
         self._before = None
@@ -92,7 +86,7 @@ class World:
         return self._read()
 
     def step(self, action: Array, relative_to: str = "target") -> State:
-        """One control step of a metric action (see ``MetricArm``); the state after it."""
+        """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
         self._robot.arm.command(action, relative_to)
         self._touched = self._touched or action[6] < 0
         system = self.scene.physx_system
@@ -102,7 +96,7 @@ class World:
         return self._read()
 
     def _read(self) -> State:
-        """The state now; it also enters the hash."""
+        """The present state, which is added to the hash."""
         poses = [body.entity_pose for body in self._bodies]
         places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
         velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
@@ -132,32 +126,32 @@ class World:
 
     @property
     def states_hash(self) -> str:
-        """Of all states so far, bit by bit."""
+        """Hash of all states so far, bit by bit."""
         return self._hash.hexdigest()
 
     @property
     def refused(self) -> int:
-        """Commands that were out of the robot's reach, so far in this rollout."""
+        """How many commands of this rollout were out of the robot's reach."""
         return self._robot.arm.refused
 
     @property
     def visible(self) -> list[int]:
-        """SAPIEN's numbers of robot and objects in the scene."""
+        """SAPIEN's numbers of the robot's and objects' bodies in the scene."""
         shown = [*self._robot.articulation.links, *self._bodies]
         return [body.entity.per_scene_id for body in shown]
 
     def pose_of(self, index: int) -> sapien.Pose:
-        """Of an object, as the simulator has it."""
+        """The pose of an object in the simulator."""
         return self._bodies[index].entity_pose
 
     def _move_over(self) -> None:
-        """Everything but the objects goes into a new PhysX scene, in the same order."""
+        """Move everything but the objects into a new PhysX scene, in the same order."""
         old, objects = self.scene, {body.entity for body in self._bodies}
         renderer = render_system(old)
         new = sapien.Scene([physx.PhysxCpuSystem(), *([renderer] if renderer else [])])
         new.physx_system.timestep = old.physx_system.timestep
         if renderer:
-            use_shaders()  # a camera that is added again takes those that are set at that moment
+            use_shaders()  # cameras use the shaders that are set when they are added
         stay = [entity for entity in old.entities if entity not in objects]
         for entity in old.entities:
             old.remove_entity(entity)
@@ -165,7 +159,7 @@ class World:
             new.add_entity(entity)
         self.scene = new
 
-    def _rest(self) -> None:
+    def _reset_robot(self) -> None:
         robot = self._robot.articulation
         robot.root_pose = sapien.Pose(self._rig.base)
         robot.qpos = self._start
@@ -190,26 +184,10 @@ class World:
             pairs.add((index, other))
             if body in self._pads:
                 pressed[self._pads[body]].setdefault(index, []).extend(impulses)
-        return frozenset(pairs), _held(pressed, self._hz)
+        return frozenset(pairs), held_object(pressed, self._hz)
 
 
 def substeps(rig: Rig, control_hz: int) -> tuple[int, int]:
-    """Physics steps in a control step, and in a second: as near to the rig's as whole numbers get."""
+    """Physics steps per control step and per second: the integers nearest to the rig's rate."""
     count = round(rig.physics_hz / control_hz)
     return count, count * control_hz
-
-
-def _held(pressed: Pressed, hz: int) -> int | None:
-    """The object that all fingers press on."""
-    for index in sorted(set.intersection(*map(set, pressed.values()))):
-        if all(_presses(finger, by[index], hz) for finger, by in pressed.items()):
-            return index
-    return None
-
-
-def _presses(finger: Link, impulses: Impulses, hz: int) -> bool:
-    push = [sum(axis) for axis in zip(*impulses, strict=True)]
-    size = math.hypot(*push)
-    closing = finger.entity_pose.to_transformation_matrix()[:3, 1].tolist()
-    along = sum(a * b for a, b in zip(closing, push, strict=True))
-    return size * hz >= GRASP_FORCE and abs(along) >= GRASP_COSINE * size

@@ -1,0 +1,178 @@
+"""Images of rollouts and scenes: recordings with captions or without, stills, and their encoding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import imageio.v3 as imageio
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.policies.base import CameraRequest, Observation, Outlines
+from vlafuzz.rigs.robots import rig
+from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
+
+Picture = NDArray[np.uint8]
+_CAPTION = 44  # height of the strip under a frame, pixels
+_INK = (235, 235, 235)
+_HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
+
+
+class Recording:
+    """Collects frames and observations of one rollout.
+
+    Args:
+        size: height of a frame in pixels; 0 for no frames, which needs no renderer.
+        captions: whether frames show the instruction and the progress.
+    """
+
+    def __init__(self, size: int = 480, *, captions: bool = True) -> None:
+        self.camera = CameraRequest("recording", size, size) if size else None
+        self._captions = captions
+        self.frames: list[Picture] = []
+        self.observations: list[Observation] = []
+
+    def clear(self) -> None:
+        """Start a new rollout."""
+        self.frames, self.observations = [], []
+
+    def note(self, env: TabletopEnv, instruction: str) -> None:
+        """Keep a frame of the present state."""
+        if self.camera is None:
+            return
+        frame = env.picture(self.camera.name)
+        if not self._captions:
+            self.frames.append(frame.copy())
+            return
+        monitor = env.monitor
+        stages = " > ".join(monitor.reached) or "-"
+        seconds = len(monitor.trace) / env.control_hz
+        status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
+        self.frames.append(_captioned(frame, instruction, status))
+
+    def write_video(self, path: Path, hz: int) -> None:
+        """Write an MP4 in real time.
+
+        Raises:
+            UsageError: the file cannot be written.
+        """
+        _write(path, _held(self.frames), extension=".mp4", fps=hz, codec="libx264", macro_block_size=4)
+
+    def contact_strip(self, columns: int = 4) -> Picture:
+        """``columns`` frames side by side, evenly spaced from the first to the last."""
+        chosen = np.linspace(0, len(self.frames) - 1, columns).round().astype(int)
+        return np.concatenate([self.frames[index] for index in chosen], axis=1)
+
+    def seen(self) -> Picture:
+        """The policy's first observation: its camera images, or outlines in their colours."""
+        first = self.observations[0]
+        pictures = list(first.images.values())
+        if first.outlines is not None:
+            pictures.append(draw_outlines(first.outlines))
+        if not pictures:
+            raise UsageError("this policy asks for no pictures", hint="leave --seen out")
+        height = max(picture.shape[0] for picture in pictures)
+        return np.concatenate([_padded(picture, height) for picture in pictures], axis=1)
+
+
+class Stills:
+    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
+
+    def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
+        self._task, self._catalogue, self._placement = task, catalogue, placement
+        self._camera = CameraRequest("still", size, size)
+        self._env: TabletopEnv | None = None
+
+    def png(self, scene: Scene) -> bytes:
+        """A picture of a valid scene by the third-person camera.
+
+        Raises:
+            PrerequisiteError: nothing here can render.
+        """
+        if self._env is not None and self._env.rig.robot != scene.robot:
+            self.close()
+        if self._env is None:
+            camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
+            self._env = make_env(
+                self._task, self._catalogue, (camera,), robot=scene.robot, placement=self._placement
+            )
+        self._env.begin(scene)
+        return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
+
+    def close(self) -> None:
+        """Close the simulator."""
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+def draw_outlines(outlines: Outlines, size: int = 256) -> Picture:
+    """Outlines in their apparent colours on the table's, with the hand as a cross."""
+    picture = np.full((size, size, 3), np.round(outlines.table * 255), dtype=np.uint8)
+    for thing in outlines.things:
+        u, v = np.minimum((thing.pixels * size).astype(int), size - 1).T
+        picture[v, u] = np.round(thing.colour * 255)
+    if outlines.hand is not None:
+        u, v = (outlines.hand * size).astype(int).tolist()
+        cv2.drawMarker(picture, (u, v), (255, 0, 255), cv2.MARKER_CROSS, 12, 2)
+    return picture
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a PNG.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    _write(path, picture, extension=".png")
+
+
+def to_mp4(frames: list[Picture], fps: int) -> bytes:
+    """H.264 video, small enough for dozens of them in a page."""
+    video = imageio.imwrite(
+        "<bytes>",
+        _held(frames),
+        extension=".mp4",
+        fps=fps,
+        codec="libx264",
+        quality=None,
+        macro_block_size=4,  # frames are 300 pixels wide where a robot's camera is 4:3 or 5:4
+        output_params=["-crf", "24", "-preset", "slow", "-movflags", "+faststart"],
+    )
+    return bytes(video)
+
+
+def to_jpeg(picture: Picture) -> bytes:
+    """JPEG of a few kilobytes."""
+    return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))
+
+
+def _held(frames: list[Picture]) -> Picture:
+    return np.stack(frames + [frames[-1]] * _HELD_FRAMES)
+
+
+def _write(path: Path, pixels: Picture, **options: Any) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        imageio.imwrite(path, pixels, **options)
+    except OSError as error:
+        raise UsageError(
+            f"{path}: cannot be written: {error}", hint="name a file in a folder of yours"
+        ) from None
+
+
+def _captioned(picture: Picture, *lines: str) -> Picture:
+    strip = np.zeros((_CAPTION, picture.shape[1], 3), dtype=np.uint8)
+    for row, line in enumerate(lines):
+        cv2.putText(strip, line, (6, 17 + 19 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+    return np.concatenate([picture, strip])
+
+
+def _padded(picture: Picture, height: int) -> Picture:
+    return np.pad(picture, ((0, height - picture.shape[0]), (0, 0), (0, 0)))
