@@ -192,7 +192,15 @@ def manifest(**changes: object) -> Manifest:
 def trial(proposal: int, outcome: Outcome, *, duplicate: bool = False) -> Trial:
     place = "grasp|light|x0y0" if outcome.verdict is Verdict.FAILED else None
     genome = np.array([0.1, 0.9])
-    return Trial(proposal, scene(x=proposal / 1000), outcome, 0.5, genome, place, duplicate)
+    return Trial(
+        proposal=proposal,
+        scene=scene(x=proposal / 1000),
+        outcome=outcome,
+        severity=0.5,
+        genome=genome,
+        cell=place,
+        duplicate=duplicate,
+    )
 
 
 def make_random_again(space: Source, seed: int, budget: int | None) -> Strategy:

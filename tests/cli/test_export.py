@@ -26,7 +26,16 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
-            opened.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+            opened.add(
+                run,
+                Trial(
+                    proposal=seed,
+                    scene=Planted([TILTED]).finding(seed),
+                    outcome=failed(),
+                    severity=1.0,
+                    cell=f"{seed}",
+                ),
+            )
     assert main(["triage", "a.db"]) == 0
     return tmp_path / "a.db"
 
@@ -110,7 +119,10 @@ def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_find
 def test_a_store_without_witnesses_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("pyarrow")
     with Store.open(Path("b.db"), "write") as store:
-        store.add(store.begin(manifest()), Trial(0, Planted([TILTED]).finding(0), failed(), 1.0))
+        store.add(
+            store.begin(manifest()),
+            Trial(proposal=0, scene=Planted([TILTED]).finding(0), outcome=failed(), severity=1.0),
+        )
     assert main(["export", "b.db", "--format", "lerobot", "--out", "shown"]) == 2
     assert "no failure in it has a witness" in capsys.readouterr().err
     assert not Path("shown").exists()

@@ -77,8 +77,18 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
         run = store.begin(about)
-        store.add(run, Trial(0, found, failed(), 1.0, cell="grasp|light|0,0"))
-        store.settle(Triaged(found, about.policy_key, "minimal", 1, 1, ("light",), shrunk=left))
+        store.add(run, Trial(proposal=0, scene=found, outcome=failed(), severity=1.0, cell="grasp|light|0,0"))
+        store.settle(
+            Triaged(
+                scene=found,
+                policy_key=about.key(),
+                bucket="minimal",
+                repeats=1,
+                failures=1,
+                deviating=("light",),
+                shrunk=left,
+            )
+        )
     assert main(["replay", str(tmp_path / "s.db"), left.digest, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["policy"] == "frozen"
 
@@ -98,7 +108,7 @@ def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
     store = str(tmp_path / "s.db")
     with Store.open(tmp_path / "s.db", "write") as opened:
         run = opened.begin(manifest())
-        opened.add(run, Trial(0, nominal("pick-up"), passed(), 1.0))
+        opened.add(run, Trial(proposal=0, scene=nominal("pick-up"), outcome=passed(), severity=1.0))
     assert main(["replay", store]) == 2
     assert f"give the digest of one that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
 

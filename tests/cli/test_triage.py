@@ -23,7 +23,16 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
-            opened.add(run, Trial(seed, Planted([TILTED]).finding(seed), failed(), 1.0, cell=f"{seed}"))
+            opened.add(
+                run,
+                Trial(
+                    proposal=seed,
+                    scene=Planted([TILTED]).finding(seed),
+                    outcome=failed(),
+                    severity=1.0,
+                    cell=f"{seed}",
+                ),
+            )
     return tmp_path / "a.db"
 
 
@@ -33,8 +42,8 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
     assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
-    assert {finding["bucket"] for finding in printed["crops"]} == {"minimal"}
-    assert printed["crops"][0]["causes"] == ["camera-orientation: fails from yaw 2.6° on"]
+    assert {finding["bucket"] for finding in printed["triaged_findings"]} == {"minimal"}
+    assert printed["triaged_findings"][0]["causes"] == ["camera-orientation: fails from yaw 2.6° on"]
 
 
 def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixture[str]):

@@ -19,12 +19,22 @@ def store(tmp_path: Path):
         for its in (SCENES, SCENES[:1]):
             run = opened.begin(manifest())
             for proposal, each in enumerate(its):
-                opened.add(run, Trial(proposal, each, failed(), 1.0, cell="a"))
+                opened.add(
+                    run, Trial(proposal=proposal, scene=each, outcome=failed(), severity=1.0, cell="a")
+                )
         yield opened
 
 
 def triaged(number: int, bucket: str = "minimal", signature: str | None = None) -> Triaged:
-    return Triaged(SCENES[number], manifest().key(), bucket, 1, 1, (), signature=signature)  # type: ignore[arg-type]
+    return Triaged(
+        scene=SCENES[number],
+        policy_key=manifest().key(),
+        bucket=bucket,
+        repeats=1,
+        failures=1,
+        deviating=(),
+        signature=signature,
+    )  # type: ignore[arg-type]
 
 
 def test_those_that_the_expert_solves_come_first_in_the_order_of_the_sample():

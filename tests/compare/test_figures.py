@@ -20,7 +20,14 @@ def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Fa
 
 
 def found(*failures: Failure, **counts: int) -> CountedRun:
-    run = Run(1, manifest(strategy="mine", seed=4), "finished", "", seconds=9.0, search_seconds=0.9)
+    run = Run(
+        id=1,
+        manifest=manifest(strategy="mine", seed=4),
+        status="finished",
+        started="",
+        seconds=9.0,
+        search_seconds=0.9,
+    )
     return CountedRun(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
 
 

@@ -34,7 +34,16 @@ def store(tmp_path: Path):
         for seed, condition in enumerate((DARK, TILTED)):
             run = opened.begin(manifest(seed=seed))
             for proposal, scene in enumerate(scenes([condition], 2)):
-                opened.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=str(proposal)))
+                opened.add(
+                    run,
+                    Trial(
+                        proposal=proposal,
+                        scene=scene,
+                        outcome=failed(),
+                        severity=SPACE.severity(scene),
+                        cell=str(proposal),
+                    ),
+                )
         triage(opened, lambda run: CheckingRunner([TILTED if run.manifest.seed else DARK]))
         assert [row.bucket for row in opened.triaged()] == ["minimal"] * 4
         yield opened
@@ -106,7 +115,7 @@ def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
 def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
     run = store.begin(manifest(policy="other", seed=0))
     scene = scenes([DARK], 3)[-1]
-    store.add(run, Trial(0, scene, failed(), SPACE.severity(scene), cell="c"))
+    store.add(run, Trial(proposal=0, scene=scene, outcome=failed(), severity=SPACE.severity(scene), cell="c"))
     triage(store, runner)
     with pytest.raises(UsageError, match=r"has findings of .* and task"):
         export(store, runner, name="a")

@@ -31,8 +31,17 @@ def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: 
             planted = Planted([condition])
             for number in range(findings):
                 cell = "grasp|light|x0y0"
-                opened.add(run, Trial(number, planted.finding(number), failed(), 1.0, cell=cell))
-            opened.add(run, Trial(findings, SPACE.nominal(), passed(), 0.0))
+                opened.add(
+                    run,
+                    Trial(
+                        proposal=number,
+                        scene=planted.finding(number),
+                        outcome=failed(),
+                        severity=1.0,
+                        cell=cell,
+                    ),
+                )
+            opened.add(run, Trial(proposal=findings, scene=SPACE.nominal(), outcome=passed(), severity=0.0))
             opened.finish(run, "finished", 12.0)
         if triaged != 0:
             conditions = list(PLANTED.values())

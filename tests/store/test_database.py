@@ -291,7 +291,12 @@ def set_back(path: Path, version: int, *statements: str) -> None:
     raw = sqlite3.connect(path)
     later = (f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER)
     former = (f"ALTER TABLE {table} RENAME COLUMN {new} TO {old}" for table, old, new in migrations.RENAMED)
-    for statement in (*former, *statements, *later, f"PRAGMA user_version = {version}"):
+    dropped = (
+        "ALTER TABLE finding ADD COLUMN evidence TEXT NOT NULL DEFAULT 'observed'",
+        "ALTER TABLE triage ADD COLUMN complete INTEGER NOT NULL DEFAULT 1",
+        "ALTER TABLE triage ADD COLUMN unresolved TEXT NOT NULL DEFAULT '[]'",
+    )
+    for statement in (*former, *dropped, *statements, *later, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()
     raw.close()

@@ -63,18 +63,6 @@ def test_a_finding_known_in_both_is_kept_once_for_its_policy(two: list[Path], tm
         assert len(store.findings(2)) == 2
 
 
-def test_it_is_kept_as_the_store_with_more_evidence_has_it(two: list[Path], tmp_path: Path):
-    with sqlite3.connect(two[1]) as raw:
-        raw.execute("UPDATE finding SET evidence = 'witnessed' WHERE run = 1")
-    raw.close()
-    for number, order in enumerate((two, two[::-1])):
-        merge(order, tmp_path / f"{number}.db")
-        with Store.open(tmp_path / f"{number}.db") as store:
-            evidence = {(each.policy_key[:4], each.proposal): each.evidence for each in store.findings()}
-        assert evidence["idle", 2] == evidence["idle", 3] == "witnessed"
-        assert evidence["idle", 0] == evidence["else", 0] == "observed"
-
-
 def test_a_merged_store_is_one_that_can_be_written_and_gone_on_with(two: list[Path], tmp_path: Path):
     merge(two, tmp_path / "out.db")
     with Store.open(tmp_path / "out.db", "write") as store:
@@ -94,7 +82,7 @@ def test_every_table_is_merged(tmp_path: Path):
 
 def test_an_existing_file_is_refused_and_left_alone(two: list[Path], tmp_path: Path):
     (tmp_path / "out.db").write_text("mine")
-    with pytest.raises(StoreError, match=r"out\.db: is there already"):
+    with pytest.raises(StoreError, match=r"out\.db: exists already"):
         merge(two, tmp_path / "out.db")
     assert (tmp_path / "out.db").read_text() == "mine"
 

@@ -161,9 +161,7 @@ def test_a_finding_is_kept_once_a_policy_and_listed_in_each_run_that_failed(stor
     for run in (first, second, other):
         store.add(run, trial(0, failed(), duplicate=run == second))
         store.add(run, trial(1, passed()))
-    assert [(found.run, found.proposal, found.evidence) for found in store.findings()] == [
-        (first, 0, "observed"), (other, 0, "observed"),
-    ]  # fmt: skip
+    assert [(finding.run, finding.proposal) for finding in store.findings()] == [(first, 0), (other, 0)]
     assert [found.run for found in store.findings(second)] == [first]
     assert [found.run for found in store.findings(other)] == [other]
 

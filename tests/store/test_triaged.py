@@ -31,7 +31,15 @@ MINIMAL = Triaged(
     expert_rollouts=2,
     seconds=1.5,
 )
-FLAKY = Triaged(MINIMAL.scene, KEY, "flaky", repeats=5, failures=1, deviating=("light",), detail="1 of 5")
+FLAKY = Triaged(
+    scene=MINIMAL.scene,
+    policy_key=KEY,
+    bucket="flaky",
+    repeats=5,
+    failures=1,
+    deviating=("light",),
+    detail="1 of 5",
+)
 
 
 def store(path: Path, triaged: Triaged | None = None) -> Path:
@@ -44,14 +52,14 @@ def store(path: Path, triaged: Triaged | None = None) -> Path:
     return path
 
 
-def read(path: Path) -> tuple[list[Triaged], list[str]]:
+def read(path: Path) -> list[Triaged]:
     with Store.open(path) as store:
-        return store.triaged(), [finding.evidence for finding in store.findings()]
+        return store.triaged()
 
 
 @pytest.mark.parametrize("kept", [MINIMAL, FLAKY], ids=lambda kept: kept.bucket)
 def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged):
-    (got,), _ = read(store(tmp_path / "a.db", kept))
+    (got,) = read(store(tmp_path / "a.db", kept))
     plain = [field.name for field in fields(Triaged) if field.name != "witness"]
     assert {name: getattr(got, name) for name in plain} == {name: getattr(kept, name) for name in plain}
     assert (got.witness is None) == (kept.witness is None)
@@ -60,22 +68,19 @@ def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged)
         assert (got.witness.states_hash, got.witness.attempt) == ("a" * 32, 1)
 
 
-def test_evidence_goes_up_and_down(tmp_path: Path):
+def test_triaging_a_finding_again_replaces_what_was_made_of_it(tmp_path: Path):
     path = store(tmp_path / "a.db", MINIMAL)
-    assert read(path)[1] == ["minimal", "observed"]
     with Store.open(path, "write") as opened:
         opened.settle(FLAKY)
-    triaged, evidence = read(path)
-    assert ([each.bucket for each in triaged], evidence) == (["flaky"], ["observed", "observed"])
+    assert [triaged.bucket for triaged in read(path)] == ["flaky"]
 
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_of_two_stores_that_triaged_a_finding_the_better_evidence_is_kept(tmp_path: Path, first: int):
     stores = [store(tmp_path / "a.db", MINIMAL), store(tmp_path / "b.db", FLAKY)]
     merge([stores[first], stores[1 - first]], tmp_path / "out.db")
-    (got,), evidence = read(tmp_path / "out.db")
+    (got,) = read(tmp_path / "out.db")
     assert (got.bucket, got.shrunk, got.shrink_rollouts) == ("minimal", MINIMAL.shrunk, 17)
-    assert evidence == ["minimal", "observed"]
 
 
 def test_a_bucket_that_is_none_is_refused(tmp_path: Path):

@@ -90,7 +90,7 @@ def test_a_run_has_cells_of_what_it_did_and_of_its_failures(tmp_path: Path) -> N
         run = store.begin(replace(manifest(), operators=MANIFEST.operators))
         for number, (light, outcome) in enumerate(zip(lights, outcomes, strict=True)):
             shown = replace(scene(x=0.001 * number), light=Light(light))
-            store.add(run, Trial(number, shown, outcome, 0.0))
+            store.add(run, Trial(proposal=number, scene=shown, outcome=outcome, severity=0.0))
     with Store.open(tmp_path / "a.db") as store:
         (track,) = tracks_of_store(store)
     (found,) = covered(track)

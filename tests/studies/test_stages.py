@@ -29,7 +29,7 @@ def lost_after(*reached: str) -> Outcome:
 def run_of(store: Store, *trials: tuple[Scene, Outcome], status: Status = "finished") -> None:
     run = store.begin(manifest())
     for number, (shown, outcome) in enumerate(trials):
-        store.add(run, Trial(number, shown, outcome, 0.0))
+        store.add(run, Trial(proposal=number, scene=shown, outcome=outcome, severity=0.0))
     store.finish(run, status, 1.0)
 
 

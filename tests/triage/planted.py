@@ -72,7 +72,7 @@ class Planted:
         return all(condition(scene) for condition in self.conditions)
 
     def oracle(self, scene: Scene, most: int = 200) -> BudgetedOracle:
-        return BudgetedOracle(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), most=most)
+        return BudgetedOracle(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), budget=most)
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

@@ -48,8 +48,8 @@ def test_there_is_no_threshold_beside_what_is_not_fair():
             Judged(Verdict.INVALID) if not planted.fails(each) else planted.judged(each) for each in scenes
         ]
 
-    oracle = BudgetedOracle(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), most=200)
-    shrunk = Shrunk(scene, "grasp", ("light",))
+    oracle = BudgetedOracle(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), budget=200)
+    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",))
     assert attribute(shrunk, oracle, SPACE).thresholds == ()
 
 

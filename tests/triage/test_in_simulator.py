@@ -66,7 +66,7 @@ def triaged(evaluator, conditions, seed):
     def judge(scenes):
         return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
 
-    oracle = BudgetedOracle(judge, STAGES, (found, judged), most=100)
+    oracle = BudgetedOracle(judge, STAGES, (found, judged), budget=100)
     shrunk = shrink(found, oracle, SPACE)
     causes = attribute(shrunk, oracle, SPACE)
     return set(shrunk.operators), set(causes.necessary), causes.thresholds, oracle.spent

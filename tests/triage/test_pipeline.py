@@ -34,7 +34,14 @@ def store(tmp_path: Path):
             run = opened.begin(manifest())
             for proposal, scene in enumerate(failing):
                 opened.add(
-                    run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=f"cell {proposal}")
+                    run,
+                    Trial(
+                        proposal=proposal,
+                        scene=scene,
+                        outcome=failed(),
+                        severity=SPACE.severity(scene),
+                        cell=f"cell {proposal}",
+                    ),
                 )
             return opened
 
@@ -57,24 +64,18 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     assert found.witness is not None
     assert found.policy_rollouts == found.shrink_rollouts + 1 == runner.policy_rollouts
     assert found.expert_rollouts == runner.expert_rollouts == 4
-    assert [finding.evidence for finding in opened.findings()] == ["minimal"]
     assert (runner.renewed, runner.closed) == (1, 1)
 
 
 def test_what_passes_the_second_time_is_flaky(store):
     (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: False]))
-    assert (found.bucket, found.repeats, found.failures, found.evidence) == ("flaky", 1, 0, "observed")
+    assert (found.bucket, found.repeats, found.failures) == ("flaky", 1, 0)
     assert found.detail == "0 of 1 repeats failed"
 
 
 def test_what_the_expert_does_not_solve_either_is_unproven(store):
     (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([TILTED], solvable=lambda scene: False))
-    assert (found.bucket, found.evidence, found.witness, found.expert_rollouts) == (
-        "unproven",
-        "confirmed",
-        None,
-        ATTEMPTS,
-    )
+    assert (found.bucket, found.witness, found.expert_rollouts) == ("unproven", None, ATTEMPTS)
 
 
 def test_what_fails_even_at_nominal_is_base(store):
@@ -87,15 +88,15 @@ def test_what_is_left_needs_a_witness_of_its_own(store):
     (found,) = triaged(store([scene]), PlantedRunner([TILTED], solvable=lambda shown: shown == scene))
     assert (found.bucket, found.detail) == (
         "witnessed",
-        "the expert solves the finding, but not what is left of it",
+        "the expert solves the finding, but not the shrunk scene",
     )
     assert found.witness is not None
 
 
 def test_a_bound_on_rollouts_is_kept_and_said(store):
     (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]), max_rollouts=5)
-    assert (found.bucket, found.complete, found.shrink_rollouts) == ("witnessed", False, 5)
-    assert found.detail == "the bound on rollouts cut shrinking short"
+    assert (found.bucket, found.shrink_rollouts) == ("witnessed", 5)
+    assert found.detail == "the limit on rollouts cut shrinking short"
 
 
 def test_why_what_is_left_is_not_minimal_is_said(store):
@@ -107,7 +108,7 @@ def test_why_what_is_left_is_not_minimal_is_said(store):
             return [lit if each.verdict is Verdict.PASSED and TILTED(seen) else each for each, seen in pairs]
 
     (found,) = triaged(store(scenes([TILTED, DARK], 1)), Later([TILTED, DARK]))
-    assert (found.bucket, found.unresolved) == ("witnessed", ("light",))
+    assert found.bucket == "witnessed"
     assert found.detail == "without light the scene fails at lift"
 
 
@@ -117,7 +118,7 @@ def test_a_scene_off_the_operators_is_witnessed_and_not_shrunk(store):
     runner = PlantedRunner([TILTED])
     found = triaged(store([turned]), runner)[0]
     assert (found.bucket, found.shrunk) == ("witnessed", None)
-    assert "not a value of any operator" in found.detail
+    assert "a value that no operator gives" in found.detail
 
 
 def test_a_finding_that_was_triaged_is_not_triaged_again(store):
@@ -138,7 +139,16 @@ def test_with_a_limit_every_cell_has_its_turn(tmp_path: Path):
         failing = scenes([TILTED], 5)
         for proposal, cell in enumerate("aaabc"):
             scene = failing[proposal]
-            store.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=cell))
+            store.add(
+                run,
+                Trial(
+                    proposal=proposal,
+                    scene=scene,
+                    outcome=failed(),
+                    severity=SPACE.severity(scene),
+                    cell=cell,
+                ),
+            )
         chosen = [each.scene for each in triaged(store, PlantedRunner([TILTED]), limit=4)]
     assert set(chosen) == {failing[0], failing[1], failing[3], failing[4]}
 
@@ -174,9 +184,7 @@ def test_a_stochastic_policy_is_repeated_and_shrunk_all_the_same(store):
 
 def test_the_usual_bound_is_enough_for_a_stochastic_policy(store):
     found = triaged(store(scenes([DARK], 3)), PlantedRunner([DARK], rate=0.98))
-    assert [(each.bucket, each.operators, each.complete) for each in found] == [
-        ("minimal", ("light",), True)
-    ] * 3
+    assert [(each.bucket, each.operators) for each in found] == [("minimal", ("light",))] * 3
 
 
 class Unsteady(PlantedRunner):
@@ -259,7 +267,16 @@ def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
         with Store.open(tmp_path / f"{workers}.db", "write") as store:
             run = store.begin(manifest())
             for proposal, scene in enumerate(scenes([TILTED], 4)):
-                store.add(run, Trial(proposal, scene, failed(), SPACE.severity(scene), cell=f"{proposal}"))
+                store.add(
+                    run,
+                    Trial(
+                        proposal=proposal,
+                        scene=scene,
+                        outcome=failed(),
+                        severity=SPACE.severity(scene),
+                        cell=f"{proposal}",
+                    ),
+                )
             assert triage(store, tilted, workers=workers) == 0
             made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
     assert made[0] == made[1]
@@ -268,7 +285,7 @@ def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
 
 def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
     opened = store(scenes([TILTED], 2))
-    with pytest.raises(SimulatorError, match="a worker died; what is done is stored"):
+    with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
         triage(opened, dying, workers=2)
     assert triage(opened, tilted) == 0
     assert len(opened.triaged()) == 2

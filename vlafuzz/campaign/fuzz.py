@@ -201,7 +201,15 @@ class _Campaign:
         if outcome.verdict is Verdict.FAILED:
             place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
         severity = self.space.severity(scene)
-        return Trial(proposal.id, scene, outcome, severity, proposal.genome, place, duplicate)
+        return Trial(
+            proposal=proposal.id,
+            scene=scene,
+            outcome=outcome,
+            severity=severity,
+            genome=proposal.genome,
+            cell=place,
+            duplicate=duplicate,
+        )
 
 
 def _chunks(indices: Sequence[int], size: int) -> Iterator[list[int]]:

@@ -1,4 +1,4 @@
-"""How a store's file is opened: one writer, many readers, and one sentence for whatever is wrong with it."""
+"""Opening a store's file: one writer, many readers, and one sentence for anything that is wrong with it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _EXPLAINED = {
 
 @contextmanager
 def explained(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a file into a StoreError; a mistake of ours stays what it is."""
+    """Turn SQLite's errors about a file into a StoreError; programming errors pass through."""
     try:
         yield
     except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
@@ -50,7 +50,7 @@ def _problem(path: Path, name: str) -> StoreError:
 
 
 def connect_to_write(path: Path) -> sqlite3.Connection:
-    """Open a store, or make one. The caller holds the lock."""
+    """Open a store, or create one. The caller holds the lock."""
     if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it, and fail at the first write
         raise _problem(path, "SQLITE_READONLY")
     connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
@@ -67,17 +67,17 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
 
 
 def check_is_file(path: Path) -> None:
-    """That it is no folder.
+    """Check that a path is no folder.
 
     Raises:
-        StoreError: it is.
+        StoreError: it is one.
     """
     if path.is_dir():
         raise StoreError(f"{path}: is a folder", hint="give the file of a store in it")
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Open a store that is there."""
+    """Open an existing store."""
     check_is_file(path)
     if not path.is_file():
         raise StoreError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
@@ -91,19 +91,19 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def is_outdated(connection: sqlite3.Connection) -> bool:
-    """Whether an earlier vlafuzz wrote it."""
+    """Whether an earlier version of vlafuzz wrote the store."""
     return _pragma(connection, "user_version") < len(MIGRATIONS)
 
 
 def _reader(path: Path) -> sqlite3.Connection:
     uri = f"file:{quote(str(path.absolute()))}?mode="
-    # Not "ro", where that may be: who opens it so leaves SQLite's two files beside the store.
+    # Not "ro" where that can be avoided: it would leave SQLite's two files beside the store.
     connection = sqlite3.connect(uri + "rw", uri=True, timeout=BUSY, isolation_level=None)
     try:
         connection.execute("PRAGMA query_only = ON")
         _pragma(connection, "user_version")
     except sqlite3.OperationalError:
-        # Even to read, WAL makes a file beside the store. In a read-only folder it cannot, but nobody writes.
+        # Even reading makes a WAL file beside the store, which a read-only folder does not allow.
         connection.close()
         if os.access(path.parent, os.W_OK) or path.with_name(path.name + "-wal").exists():
             raise
@@ -136,10 +136,10 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
 
 
 def _lacks_part_of_a_page(path: Path, connection: sqlite3.Connection) -> bool:
-    """SQLite notices a missing page, but takes the missing part of one for zeros."""
+    """Whether the file ends within a page; SQLite reads the missing part as zeros."""
     with suppress(FileNotFoundError):
         if path.with_name(path.name + "-wal").stat().st_size:
-            return False  # the page may well be in there
+            return False  # the rest of the page may be in there
     return path.stat().st_size % _pragma(connection, "page_size") != 0
 
 
@@ -148,7 +148,7 @@ def _pragma(connection: sqlite3.Connection, name: str) -> int:
 
 
 class WriterLock:
-    """Held by the one process that writes to a store. The kernel drops it when the process ends, however."""
+    """Held by the one process that writes to a store. The kernel releases it however that process ends."""
 
     def __init__(self, path: Path) -> None:
         check_is_file(path)
@@ -165,8 +165,8 @@ class WriterLock:
             ) from None
 
     def release(self) -> None:
-        """Somebody else may write now."""
-        # Removed before the lock goes: afterwards it may be somebody else's file.
+        """Let another process write."""
+        # Removed before the lock is released: afterwards it may be another process's file.
         self._beside.unlink(missing_ok=True)
         os.close(self._file)
 
@@ -191,7 +191,7 @@ class WriterLock:
                     os.close(file)
                     raise
                 return file
-            os.close(file)  # its last holder removed it after we had opened it
+            os.close(file)  # the last holder removed it after we had opened it
 
     def _is_current(self, file: int) -> bool:
         try:

@@ -1,4 +1,4 @@
-"""Several stores as one: all their runs and trials, and each finding once."""
+"""Merging stores: all runs and trials of several, and each finding once."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from pathlib import Path
 
 from vlafuzz.errors import StoreError
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained
-from vlafuzz.store.records import EVIDENCE, EVIDENCE_OF
 from vlafuzz.store.store import Store
 
-# Table → columns with the number of a row, and the table that it is in. Where the first is "id", it is the
-# row's own. Tables come after those that they refer to.
+# Table → columns that number a row, with the table that it is in; "id" is the row's own number. Tables come
+# after those that they refer to.
 NUMBERS: dict[str, dict[str, str]] = {
     "run": {"id": "run"},
     "scene": {},
@@ -23,23 +22,23 @@ NUMBERS: dict[str, dict[str, str]] = {
     "finding": {"run": "run", "trial": "trial"},
     "triage": {},
 }
-_RANK = "CASE {}.evidence " + " ".join(f"WHEN '{name}' THEN {n}" for n, name in enumerate(EVIDENCE)) + " END"
-_RANKS = " ".join(f"WHEN '{bucket}' THEN {EVIDENCE.index(name)}" for bucket, name in EVIDENCE_OF.items())
-_BUCKET_RANK = f"CASE {{}}.bucket {_RANKS} END"
+# How far the evidence in each bucket goes.
+_RANK = (
+    "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'base' THEN 2"
+    " WHEN 'unproven' THEN 1 ELSE 0 END"
+)
 _CONFLICT = {
     "scene": "ON CONFLICT DO NOTHING",
-    # Known in both stores: kept once, as the store with more evidence has it.
-    "finding": "ON CONFLICT (scene, policy_key) DO UPDATE SET"
-    " run = excluded.run, trial = excluded.trial, evidence = excluded.evidence, cell = excluded.cell"
-    f" WHERE {_RANK.format('excluded')} > {_RANK.format('finding')}",
+    "finding": "ON CONFLICT DO NOTHING",
+    # Triaged in both stores: the one with more evidence is kept.
     "triage": "ON CONFLICT (scene, policy_key) DO UPDATE SET {all}"
-    f" WHERE {_BUCKET_RANK.format('excluded')} > {_BUCKET_RANK.format('triage')}",
+    f" WHERE {_RANK.format('excluded')} > {_RANK.format('triage')}",
 }
 
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merged store holds."""
+    """Counts of a merged store."""
 
     runs: int
     trials: int
@@ -47,10 +46,10 @@ class Merged:
 
 
 def merge(sources: Sequence[Path], out: Path) -> Merged:
-    """Write a new store with everything in the sources. Runs are numbered anew, in the order given.
+    """Write a new store with everything in the sources. Runs are renumbered in the order of the sources.
 
     Raises:
-        StoreError: ``out`` is there already, or a store cannot be read or written; then there is no ``out``.
+        StoreError: ``out`` exists, or a store cannot be read or written; ``out`` is not created then.
     """
     for source in sources:
         Store.open(source).close()  # brings an older one up to date
@@ -58,7 +57,7 @@ def merge(sources: Sequence[Path], out: Path) -> Merged:
     unfinished = out.with_name(out.name + ".part")
     try:
         if out.exists():
-            raise StoreError(f"{out}: is there already", hint="give the name of a new file")
+            raise StoreError(f"{out}: exists already", hint="give the name of a new file")
         _remove(unfinished)  # of a merge that was killed
         merged = _write(sources, unfinished, out)
         unfinished.replace(out)
@@ -88,7 +87,7 @@ def _copy(path: Path, target: sqlite3.Connection) -> None:
     with explained(path):
         source = connect_to_read(path)
     with closing(source):
-        source.execute("BEGIN")  # one moment of a store that somebody may be writing to
+        source.execute("BEGIN")  # one consistent state of a store that may be being written
         shift = {table: _last(target, table) for table in ("run", "trial")}
         for table, numbers in NUMBERS.items():
             _copy_table(source, target, table, {column: shift[of] for column, of in numbers.items()})
@@ -103,7 +102,7 @@ def _copy_table(
 ) -> None:
     columns = [row[1] for row in source.execute(f"PRAGMA table_info({table})")]
     if "id" in columns and "id" not in shift:
-        columns.remove("id")  # nobody refers to it: the target numbers its own
+        columns.remove("id")  # no other table refers to it, so the target numbers its own
     names = ", ".join(f'"{column}"' for column in columns)
     values = ", ".join(
         f'"{column}" + {shift[column]}' if column in shift else f'"{column}"' for column in columns

@@ -93,7 +93,7 @@ _FIRST = (
 )
 
 
-# JSON where several things are kept: lists of operators, counterparts by operator, thresholds.
+# Lists of operators, counterparts by operator, and thresholds are JSON.
 _TRIAGE = """
     CREATE TABLE triage (
         scene TEXT NOT NULL REFERENCES scene,
@@ -136,33 +136,33 @@ def _triage(connection: sqlite3.Connection) -> None:
 
 
 def _seconds_apart(connection: sqlite3.Connection) -> None:
-    """Of the runs that are there already nobody knows them."""
+    """Unknown for earlier runs."""
     for name in ("search_seconds", "store_seconds"):
         connection.execute(f"ALTER TABLE run ADD COLUMN {name} REAL")
 
 
 def _packs(connection: sqlite3.Connection) -> None:
-    """Earlier runs had none."""
+    """Earlier runs had no packs."""
     connection.execute("ALTER TABLE run ADD COLUMN packs TEXT NOT NULL DEFAULT '[]'")
 
 
 def _robot(connection: sqlite3.Connection) -> None:
-    """There was only one."""
+    """There was only one robot."""
     connection.execute("ALTER TABLE run ADD COLUMN robot TEXT NOT NULL DEFAULT 'panda'")
 
 
 def _checkup(connection: sqlite3.Connection) -> None:
-    """Of the subjects of earlier runs nobody asked."""
+    """The policies of earlier runs were not checked."""
     connection.execute("ALTER TABLE run ADD COLUMN checkup TEXT NOT NULL DEFAULT ''")
 
 
 def _placement(connection: sqlite3.Connection) -> None:
-    """Nothing was dropped."""
+    """Earlier runs dropped no objects."""
     connection.execute("ALTER TABLE run ADD COLUMN placement TEXT NOT NULL DEFAULT 'resting'")
 
 
 def _given(connection: sqlite3.Connection) -> None:
-    """Of earlier runs nobody knows whether they had a file of scenes, nor which code of the user's."""
+    """Unknown for earlier runs: their file of scenes, and the user's own code."""
     for name in ("given", "source"):
         connection.execute(f"ALTER TABLE run ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
 
@@ -183,6 +183,12 @@ def _policy(connection: sqlite3.Connection) -> None:
         connection.execute(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}")
 
 
+def _unread(connection: sqlite3.Connection) -> None:
+    """These were written, but never read."""
+    for table, name in (("finding", "evidence"), ("triage", "complete"), ("triage", "unresolved")):
+        connection.execute(f"ALTER TABLE {table} DROP COLUMN {name}")
+
+
 MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _first,
     _triage,
@@ -193,6 +199,7 @@ MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
     _placement,
     _given,
     _policy,
+    _unread,
 ]
 
 

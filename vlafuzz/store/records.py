@@ -1,4 +1,4 @@
-"""What a store holds, as values: runs with their manifest, trials, findings."""
+"""The contents of a store as values: runs with their manifests, trials, findings."""
 
 from __future__ import annotations
 
@@ -14,16 +14,7 @@ from vlafuzz.search.base import Genome
 
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running
-EVIDENCE = ("observed", "confirmed", "witnessed", "minimal")  # from the least to the most
 Bucket = Literal["minimal", "witnessed", "base", "unproven", "flaky"]
-# How far the evidence goes for a finding that triage left in a bucket.
-EVIDENCE_OF: Mapping[Bucket, str] = {
-    "minimal": "minimal",
-    "witnessed": "witnessed",
-    "base": "witnessed",
-    "unproven": "confirmed",
-    "flaky": "observed",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,16 +39,16 @@ class Manifest(Conditions):
 
 
 class Spent(NamedTuple):
-    """Seconds of wall time: all, and of these those in the strategy's ask and tell, and in the store."""
+    """Seconds of wall time: in all, and of these in the strategy's ask and tell, and in the store."""
 
     seconds: float
     search: float | None = None
     store: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Run:
-    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run says ``running`` for ever.
+    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run stays ``running``.
 
     Attributes:
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
@@ -74,13 +65,13 @@ class Run:
     store_seconds: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
     """One proposal of a run with its outcome.
 
     Attributes:
         cell: where its failure lies; None unless FAILED.
-        duplicate: answered with a known outcome; nothing was run for it, and no rollouts are kept with it.
+        duplicate: answered with a known outcome; nothing was run for it, and it has no rollouts of its own.
     """
 
     proposal: int
@@ -100,28 +91,30 @@ class Finding:
     policy_key: str
     run: int
     proposal: int
-    evidence: str
     cell: str
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """Digest of the scene and policy key, which a finding shares with what triage made of it."""
+        return self.scene.digest, self.policy_key
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Triaged:
-    """What triage made of a finding.
+    """A finding after triage.
 
     Attributes:
         bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even
             the nominal scene fails; ``unproven``, the expert fails, too; ``flaky``, it does not mostly fail.
-        repeats: that confirmed it or did not, ``failures`` of them failed.
+        repeats: repetitions of the finding, of which ``failures`` failed.
         deviating: operators that were not nominal, the confounders' as one.
-        shrunk: what is left of the scene; None where it was not shrunk.
-        lost_stage: in what is left.
-        operators: left in it.
+        shrunk: the scene that is left; None where it was not shrunk.
+        lost_stage: stage that is lost in the scene that is left.
+        operators: operators left in it.
         counterparts: by operator left, the scene without it, in which the policy passes.
-        unresolved: operators left without a counterpart.
         signature: which bug it is.
-        witness: of what is left when it is ``minimal``, else of the finding.
-        complete: the bound on rollouts cut nothing short.
-        shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all.
+        witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding.
+        shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all of them.
     """
 
     scene: Scene
@@ -135,10 +128,8 @@ class Triaged:
     operators: tuple[str, ...] = ()
     causes: Causes = field(default_factory=Causes)
     counterparts: Mapping[str, Scene] = field(default_factory=dict)
-    unresolved: tuple[str, ...] = ()
     signature: str | None = None
     witness: Witness | None = None
-    complete: bool = True
     shrink_rollouts: int = 0
     policy_rollouts: int = 0
     expert_rollouts: int = 0
@@ -146,6 +137,6 @@ class Triaged:
     detail: str = ""
 
     @property
-    def evidence(self) -> str:
-        """How far it goes, one of ``EVIDENCE``."""
-        return EVIDENCE_OF[self.bucket]
+    def key(self) -> tuple[str, str]:
+        """See ``Finding.key``."""
+        return self.scene.digest, self.policy_key

@@ -1,4 +1,4 @@
-"""Values to rows and back. NaN never goes in: what is not a number is NULL."""
+"""Values to rows and back. NaN and infinity are stored as NULL."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from vlafuzz.errors import StoreError
-from vlafuzz.evidence import Causes, Threshold, Witness
+from vlafuzz.evidence import Causes, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
-_OF_RUN = (
-    "id",
-    "status",
-    "started",
-    "ended",
-    "seconds",
-    "search_seconds",
-    "store_seconds",
-)  # not its manifest's
+_CAUSES = TypeAdapter(Causes)
+# Columns of ``triage`` that hold a field as it is.
+_PLAIN = (
+    "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds",
+    "shrink_rollouts", "policy_rollouts", "expert_rollouts",
+)  # fmt: skip
+_OF_RUN = tuple(column.name for column in fields(Run) if column.name != "manifest")
 
 
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
@@ -45,22 +44,22 @@ def _seconds(rollout: Rollout) -> float:
 
 
 def pack(array: NDArray[np.float32]) -> bytes:
-    """Float32, little-endian, compressed."""
+    """An array as float32, little-endian, compressed."""
     return zlib.compress(np.ascontiguousarray(array, dtype="<f4").tobytes())
 
 
 def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
-    """The array of that shape; of no rows when there is no blob.
+    """The array that ``pack`` wrote, in a shape; empty when there is no blob.
 
     Raises:
-        StoreError: it is damaged.
+        StoreError: the blob is damaged.
     """
     try:
         data = zlib.decompress(blob) if blob is not None else b""
         return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
     except (zlib.error, ValueError) as error:
-        told = f"a trace or its actions in the store are damaged: {error}"
-        raise StoreError(told, hint="take a copy of the store that is whole") from None
+        problem = f"a trace or its actions in the store are damaged: {error}"
+        raise StoreError(problem, hint="restore the store from a backup") from None
 
 
 def run_row(manifest: Manifest) -> Row:
@@ -71,7 +70,7 @@ def run_row(manifest: Manifest) -> Row:
 
 
 def to_run(row: sqlite3.Row) -> Run:
-    """A row of ``run``."""
+    """The run in a row of ``run``."""
     values = dict(row)
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
@@ -103,7 +102,7 @@ def trial_row(run: int, trial: Trial) -> Row:
 
 
 def to_trial(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Trial:
-    """A row of ``trial`` with its scene's JSON."""
+    """The trial in a row of ``trial`` joined with its scene's JSON."""
     genome = None if row["genome"] is None else np.frombuffer(row["genome"], dtype="<f8").astype(np.float64)
     return Trial(
         proposal=row["proposal"],
@@ -147,7 +146,7 @@ def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
 
 
 def to_rollout(row: sqlite3.Row) -> Rollout:
-    """A row of ``rollout``."""
+    """The rollout in a row of ``rollout``."""
     return Rollout(
         success_once=bool(row["success_once"]),
         success_at_end=bool(row["success_at_end"]),
@@ -162,75 +161,50 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
 
 
 def to_finding(row: sqlite3.Row) -> Finding:
-    """A row of ``finding`` with its scene's JSON and its proposal."""
+    """The finding in a row of ``finding`` joined with its scene's JSON and its proposal."""
     return Finding(
         Scene.from_json(row["json"]),
         row["policy_key"],
         row["run"],
         row["proposal"],
-        row["evidence"],
         row["cell"],
     )
 
 
-def triage_row(kept: Triaged) -> Row:
-    """Columns of ``triage``; of scenes the digests."""
-    causes, witness = kept.causes, kept.witness
-    without = {name: scene.digest for name, scene in kept.counterparts.items()}
+def triage_row(triaged: Triaged) -> Row:
+    """Columns of ``triage``; scenes are kept by their digests."""
+    causes, witness = triaged.causes, triaged.witness
     return {
-        "scene": kept.scene.digest,
-        "policy_key": kept.policy_key,
-        "bucket": kept.bucket,
-        "detail": kept.detail,
-        "repeats": kept.repeats,
-        "failures": kept.failures,
-        "deviating": json.dumps(kept.deviating),
-        "shrunk": kept.shrunk.digest if kept.shrunk else None,
-        "lost_stage": kept.lost_stage,
-        "operators": json.dumps(kept.operators),
+        **{name: getattr(triaged, name) for name in _PLAIN},
+        "scene": triaged.scene.digest,
+        "deviating": json.dumps(triaged.deviating),
+        "shrunk": triaged.shrunk.digest if triaged.shrunk else None,
+        "operators": json.dumps(triaged.operators),
         "necessary": json.dumps(causes.necessary),
         "sufficient": json.dumps(causes.sufficient),
         "thresholds": json.dumps([asdict(threshold) for threshold in causes.thresholds]),
-        "counterparts": json.dumps(without),
-        "unresolved": json.dumps(kept.unresolved),
-        "signature": kept.signature,
+        "counterparts": json.dumps({name: scene.digest for name, scene in triaged.counterparts.items()}),
         "witness_actions": pack(witness.actions) if witness else None,
         "witness_hash": witness.states_hash if witness else None,
         "witness_grasp": witness.attempt if witness else None,
-        "complete": int(kept.complete),
-        "shrink_rollouts": kept.shrink_rollouts,
-        "policy_rollouts": kept.policy_rollouts,
-        "expert_rollouts": kept.expert_rollouts,
-        "seconds": number(kept.seconds) or 0.0,
+        "seconds": number(triaged.seconds) or 0.0,
     }
 
 
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
-    causes = Causes(
-        tuple(json.loads(row["necessary"])),
-        tuple(json.loads(row["sufficient"])),
-        tuple(map(_to_threshold, json.loads(row["thresholds"]))),
-    )
+    causes = {name: json.loads(row[name]) for name in ("necessary", "sufficient", "thresholds")}
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, _ACTION)
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"])
-    same = ("policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds")
-    costs = ("shrink_rollouts", "policy_rollouts", "expert_rollouts")
-    plain: Row = {name: row[name] for name in (*same, *costs)}
-    plain |= {name: tuple(json.loads(row[name])) for name in ("deviating", "operators", "unresolved")}
     return Triaged(
+        **{name: row[name] for name in _PLAIN},
         scene=scene(row["scene"]),
-        **plain,
+        deviating=tuple(json.loads(row["deviating"])),
         shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
-        causes=causes,
-        counterparts={name: scene(each) for name, each in json.loads(row["counterparts"]).items()},
+        operators=tuple(json.loads(row["operators"])),
+        causes=_CAUSES.validate_python(causes),
+        counterparts={name: scene(digest) for name, digest in json.loads(row["counterparts"]).items()},
         witness=witness,
-        complete=bool(row["complete"]),
     )
-
-
-def _to_threshold(stored: Row) -> Threshold:
-    at = tuple((path, value) for path, value in stored["at"])
-    return Threshold(stored["operator"], at, stored["share"])

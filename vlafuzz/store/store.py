@@ -1,4 +1,4 @@
-"""Corpus: runs, trials and findings in one SQLite file, with one writer."""
+"""Store: runs, trials and findings in one SQLite file, with one writer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHOWN = 5  # digests, when a prefix fits several
 
 
 class Store:
-    """A store, open. What ``add`` has returned from is on the disk."""
+    """An open store. Whatever a method has written is on the disk when it returns."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None) -> None:
         self.path, self._connection, self._lock = path, connection, lock
@@ -29,10 +29,10 @@ class Store:
 
     @classmethod
     def open(cls, path: Path, mode: Literal["read", "write"] = "read") -> Self:
-        """Open a store; to write, also make it.
+        """Open a store; in mode ``write``, create it if it is missing.
 
         Raises:
-            StoreError: it is not there, not a store, damaged, newer than this vlafuzz, or being written.
+            StoreError: it is missing, no store, damaged, newer than this vlafuzz, or being written.
         """
         path = Path(path)
         if mode == "write":
@@ -56,7 +56,7 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Nothing is lost without it, but others can write only afterwards."""
+        """Let others write. Without it nothing is lost."""
         self._connection.close()
         if self._lock is not None:
             self._lock.release()
@@ -71,12 +71,12 @@ class Store:
     # writing
 
     def begin(self, manifest: Manifest) -> int:
-        """A new run; its id."""
+        """Add a run; returns its id."""
         with self._transaction():
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
     def reopen(self, run: int) -> Spent:
-        """Go on with a run that ended early; what it is known to have taken.
+        """Continue a run that ended early; returns the time that it has taken.
 
         Raises:
             StoreError: it did not end early.
@@ -93,7 +93,7 @@ class Store:
             return Spent(*self._connection.execute(query, (run,)).fetchone())
 
     def add(self, run: int, trial: Trial) -> None:
-        """Keep a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
+        """Store a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
         with self._transaction():
             self._insert_scene(trial.scene)
             number = self._insert("trial", rows.trial_row(run, trial))
@@ -103,16 +103,12 @@ class Store:
                 self._insert("finding", self._finding_row(run, number, trial), "OR IGNORE")
 
     def settle(self, triaged: Triaged) -> None:
-        """Keep what triage made of a finding, with all its scenes, and how far its evidence now goes."""
+        """Store a triaged finding with all its scenes; it replaces an earlier result."""
         with self._transaction():
             for scene in (triaged.shrunk, *triaged.counterparts.values()):
                 if scene is not None:
                     self._insert_scene(scene)
             self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
-            self._connection.execute(
-                "UPDATE finding SET evidence = ? WHERE scene = ? AND policy_key = ?",
-                (triaged.evidence, triaged.scene.digest, triaged.policy_key),
-            )
 
     def finish(
         self,
@@ -122,7 +118,7 @@ class Store:
         search_seconds: float | None = None,
         store_seconds: float | None = None,
     ) -> None:
-        """The run is over, after so many seconds; see ``Spent``."""
+        """Mark a run as over. Seconds are wall time, see ``Spent``."""
         query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
         with self._transaction():
             self._connection.execute(
@@ -132,11 +128,11 @@ class Store:
     # reading
 
     def runs(self) -> list[Run]:
-        """All of them, the oldest first."""
+        """All runs, the oldest first."""
         return [rows.to_run(row) for row in self._select("SELECT * FROM run ORDER BY id")]
 
     def trials(self, run: int) -> Iterator[Trial]:
-        """Those of a run, in the order of its proposals."""
+        """The trials of a run, in the order of its proposals."""
         self._require(run)
         query = "SELECT trial.*, json FROM trial JOIN scene ON digest = scene WHERE run = ? ORDER BY proposal"
         for row in self._select(query, run):
@@ -148,7 +144,7 @@ class Store:
         return int(row["trials"])
 
     def judged(self, runs: Sequence[int]) -> tuple[int, int]:
-        """Of the scenes of some runs, how many failed, and how many did or passed; by the last verdict."""
+        """Number of scenes of some runs that failed, and that failed or passed, by their last verdict."""
         query = (
             "SELECT total(verdict = 'failed') AS failed, count(*) AS judged FROM"
             " (SELECT verdict, max(id) FROM trial WHERE verdict IN ('passed', 'failed')"
@@ -158,9 +154,9 @@ class Store:
         return int(row["failed"]), int(row["judged"])
 
     def stored(self, run: int, first: int, size: int) -> list[Trial]:
-        """Those of ``size`` proposals that a run has, in the order in which they were added.
+        """The trials of ``size`` proposals of a run from ``first`` on, in the order in which they were added.
 
-        Outcomes are those that the strategy was told: a duplicate has the rollouts that it was answered with.
+        Their outcomes are those that the strategy was told: a duplicate has the rollouts that answered it.
         """
         source = (
             "SELECT max(source.id) FROM trial AS source JOIN run ON run.id = source.run"
@@ -172,17 +168,17 @@ class Store:
             f"SELECT trial.*, json, iif(duplicate, coalesce(({own}), ({other})), id) AS origin FROM trial"
             " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
         )
-        found = self._select(query, run, first, first + size)
-        return [rows.to_trial(row, self._rollouts(row["origin"])) for row in found]
+        selected = self._select(query, run, first, first + size)
+        return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
 
     def findings(self, run: int | None = None) -> list[Finding]:
-        """Those of the store, or those that failed in one run, whichever saw them first; the oldest first."""
+        """All findings, or those that failed in one run whichever run saw them first; the oldest first."""
         query = (
             "SELECT finding.*, json, proposal FROM finding"
             " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
         )
         if run is None:
-            found = self._select(f"{query} ORDER BY finding.id")
+            selected = self._select(f"{query} ORDER BY finding.id")
         else:
             self._require(run)
             seen = (
@@ -190,21 +186,22 @@ class Store:
                 " AND seen.verdict = 'failed' AND seen.scene = finding.scene"
                 " AND run.policy_key = finding.policy_key)"
             )
-            found = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
-        return [rows.to_finding(row) for row in found]
+            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
+        return [rows.to_finding(row) for row in selected]
 
     def triaged(self) -> list[Triaged]:
-        """What triage made of findings, in the order in which it did."""
-        found = self._select("SELECT * FROM triage ORDER BY rowid")
-        return [rows.to_triaged(row, self._scene) for row in found]
+        """All triaged findings, in the order in which they were triaged."""
+        return [
+            rows.to_triaged(row, self._scene) for row in self._select("SELECT * FROM triage ORDER BY rowid")
+        ]
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
-        """The outcome of that scene under that key; None when it is to be (re)tried.
+        """The outcome of a scene under a policy key; None when it has to be tried (again).
 
-        An ERROR says nothing of the scene and is not known. Actions come back for failing rollouts only.
+        An ERROR says nothing about the scene and does not count. Only failing rollouts have their actions.
 
         Args:
-            run: only what this run rolled out itself; by default from any run.
+            run: only rollouts of this run; by default of any run.
         """
         own = () if run is None else (run,)
         query = (
@@ -217,24 +214,24 @@ class Store:
         return None
 
     def scene(self, prefix: str) -> Scene:
-        """The scene whose digest begins so.
+        """The scene whose digest begins with a prefix.
 
         Raises:
-            StoreError: none does, or several do.
+            StoreError: no digest begins with it, or several do.
         """
         prefix = prefix.lower()
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
-        found = self._select(query, prefix, _SHOWN)
-        if not found:
+        matches = self._select(query, prefix, _SHOWN)
+        if not matches:
             raise StoreError(
                 f"{self.path}: no scene {prefix!r}", hint="`vlafuzz export` writes a store's scenes to a file"
             )
-        if len(found) > 1:
+        if len(matches) > 1:
             raise StoreError(
                 f"{self.path}: {prefix!r} fits several scenes",
-                hint="give more digits: " + ", ".join(row["digest"] for row in found),
+                hint="give more digits: " + ", ".join(row["digest"] for row in matches),
             )
-        return Scene.from_json(found[0]["json"])
+        return Scene.from_json(matches[0]["json"])
 
     # SQL
 
@@ -269,8 +266,8 @@ class Store:
         return Scene.from_json(row["json"])
 
     def _rollouts(self, trial: int) -> tuple[Rollout, ...]:
-        found = self._select("SELECT * FROM rollout WHERE trial = ? ORDER BY number", trial)
-        return tuple(rows.to_rollout(row) for row in found)
+        selected = self._select("SELECT * FROM rollout WHERE trial = ? ORDER BY number", trial)
+        return tuple(map(rows.to_rollout, selected))
 
     def _require(self, run: int) -> None:
         known = [row["id"] for row in self._select("SELECT id FROM run ORDER BY id")]

@@ -1,4 +1,4 @@
-"""Attribute: which operators a failure takes, which alone are enough, and from where on. By intervention."""
+"""Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from vlafuzz.triage.oracle import BudgetedOracle
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, PathToNominal, free_genes
 from vlafuzz.triage.shrink import BEYOND, Shrunk
 
-SHARES = 32  # steps of a way that several values go together
+SHARES = 32  # steps of a path along which several values move together
 
 
 def attribute(shrunk: Shrunk, oracle: BudgetedOracle, space: SearchSpace) -> Causes:
-    """Causes of what is left of a finding, with the bench that it was shrunk on."""
+    """The causes of a shrunk failure, from the oracle that it was shrunk with."""
     left = shrunk.operators
     alone = {name: _alone(space, shrunk.scene, name) for name in left}
     failing = oracle.fails(list(alone.values()))
@@ -22,47 +22,47 @@ def attribute(shrunk: Shrunk, oracle: BudgetedOracle, space: SearchSpace) -> Cau
     return Causes(
         tuple(shrunk.counterparts),
         tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
-        tuple(found for found in thresholds if found),
+        tuple(filter(None, thresholds)),
     )
 
 
 def _alone(space: SearchSpace, scene: Scene, name: str) -> Scene:
-    others = [one for group, operators in GROUPS.items() if group != name for one in operators]
+    others = [operator for group, operators in GROUPS.items() if group != name for operator in operators]
     return space.reset(scene, others)
 
 
 def _threshold(scene: Scene, name: str, oracle: BudgetedOracle, space: SearchSpace) -> Threshold | None:
     genes = [gene for gene in free_genes(space, scene, GROUPS[name]) if gene.kind != "category"]
-    way = PathToNominal(space, scene, genes)
-    first = _first_failing(way, oracle, parts=way.length if len(genes) == 1 else SHARES)
+    path = PathToNominal(space, scene, genes)
+    first = _first_failing(path, oracle, parts=path.length if len(genes) == 1 else SHARES)
     if first is None:
         return None
-    values = space.values(way.at(first))
-    return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / way.length)
+    values = space.values(path.at(first))
+    return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / path.length)
 
 
-def _first_failing(way: PathToNominal, oracle: BudgetedOracle, parts: int) -> int | None:
-    """By bisection, the least step that fails; None where it is not seen to pass one step before."""
-    if way.length == 0:
+def _first_failing(path: PathToNominal, oracle: BudgetedOracle, parts: int) -> int | None:
+    """The least step that fails, by bisection; None unless the step before it is seen to pass."""
+    if path.length == 0:
         return None
-    parts = min(parts, way.length)
+    parts = min(parts, path.length)
     passes, fails = 0, parts
 
     def step(part: int) -> int:
-        return round(part * way.length / parts)
+        return round(part * path.length / parts)
 
-    if oracle.fails([way.at(0)])[0]:
+    if oracle.fails([path.at(0)])[0]:
         return None
     guesses = [fails - BEYOND, fails - BEYOND - 1]  # where shrinking left it, and one step less
     while fails - passes > 1:
         middle = guesses.pop(0) if guesses else (passes + fails) // 2
         if not passes < middle < fails:
             continue
-        if oracle.room == 0 and oracle.known(way.at(step(middle))) is None:
+        if oracle.room == 0 and oracle.known(path.at(step(middle))) is None:
             return None
-        if oracle.fails([way.at(step(middle))])[0]:
+        if oracle.fails([path.at(step(middle))])[0]:
             fails = middle
         else:
             passes = middle
-    before = oracle.known(way.at(step(passes)))
+    before = oracle.known(path.at(step(passes)))
     return step(fails) if before is not None and before.verdict is Verdict.PASSED else None

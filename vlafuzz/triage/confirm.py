@@ -15,13 +15,12 @@ MOST = 20  # repeats
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What repeats of a finding came to.
+    """The result of repeating a finding.
 
     Attributes:
-        repeats: that could be judged.
-        failures: of them.
-        confirmed: it fails again, and mostly.
-        refuted: it mostly passes. Neither: it is flaky, with ``rate``, or too much could not be judged.
+        repeats: those that could be judged, of which ``failures`` failed.
+        confirmed: it mostly fails.
+        refuted: it mostly passes. With neither it is flaky, or too many repeats could not be judged.
     """
 
     repeats: int
@@ -39,8 +38,8 @@ def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirm
     """Repeat a finding until it is clear whether it mostly fails; a deterministic policy once.
 
     Args:
-        repeat: the verdict of the n-th repeat, from 0, in an environment that has seen no other scene of
-            the run. A crash says nothing and is not counted; an unfair scene ends it.
+        repeat: gives the verdict of the n-th repeat, from 0. A crash is not counted; an unfair scene ends
+            the test.
     """
     evidence, failures, judged = 0.0, 0, 0
     step = math.log(MOSTLY / RARELY)  # the other way for a pass: the two rates are each other's complement

@@ -1,4 +1,4 @@
-"""Bench: what comes of candidate scenes, each asked for once, within a bound on rollouts."""
+"""BudgetedOracle: whether candidate scenes still fail, each rolled out once, within a limit on rollouts."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from vlafuzz.scene import Scene
 
 
 class Judged(NamedTuple):
-    """What came of a scene.
+    """The verdict of a scene, over all its repeats.
 
     Attributes:
-        lost: the stage that was lost, if it failed; None where it does so at times only.
-        rollouts: that it took.
-        unanswered: the policy was not there.
+        lost: the stage that was lost, if it failed; None where it only fails at times.
+        rollouts: rollouts that it took.
+        unanswered: the policy did not answer.
     """
 
     verdict: Verdict
@@ -25,7 +25,7 @@ class Judged(NamedTuple):
 
     @staticmethod
     def of(outcome: Outcome) -> Judged:
-        """The outcome, without what happened on the way. A crash has cost a rollout as well."""
+        """The verdict of an outcome. A crash counts as a rollout."""
         spent = max(len(outcome.rollouts), int(outcome.verdict is Verdict.ERROR))
         return Judged(outcome.verdict, outcome.lost_stage, spent, outcome.unanswered)
 
@@ -34,14 +34,14 @@ Judge = Callable[[Sequence[Scene]], Sequence[Judged]]
 
 
 class BudgetedOracle:
-    """Answers whether scenes still fail: at the stage that the finding lost, or an earlier one.
+    """Answers whether scenes still fail, at the stage that the finding lost or at an earlier one.
 
     Args:
-        judge: one answer a scene.
+        judge: gives one answer a scene.
         stages: of the task, in order.
-        finding: the failing scene and what came of it.
-        most: rollouts that may be spent.
-        each: the most rollouts that one scene takes.
+        finding: the failing scene and its verdict.
+        budget: rollouts that may be spent.
+        rollouts_a_scene: the most that one scene takes.
     """
 
     def __init__(
@@ -50,12 +50,13 @@ class BudgetedOracle:
         stages: Sequence[str],
         finding: tuple[Scene, Judged],
         *,
-        most: int,
-        each: int = 1,
+        budget: int,
+        rollouts_a_scene: int = 1,
     ) -> None:
         scene, judged = finding
         assert judged.lost is not None, "a finding failed"
-        self._judge, self._stages, self._most, self._each = judge, list(stages), most, each
+        self._judge, self._stages, self._budget = judge, list(stages), budget
+        self._rollouts_a_scene = rollouts_a_scene
         self._last = self._stages.index(judged.lost)
         self._known: dict[Scene, Judged] = {scene: judged}
         self.spent = 0
@@ -63,11 +64,11 @@ class BudgetedOracle:
 
     @property
     def room(self) -> int:
-        """Scenes that can be judged for certain."""
-        return (self._most - self.spent) // self._each
+        """Number of scenes for which the budget is certain to suffice."""
+        return (self._budget - self.spent) // self._rollouts_a_scene
 
     def ask(self, scenes: Sequence[Scene], keep: int = 0) -> list[Judged | None]:
-        """What comes of each; None where the bound, with room for ``keep`` scenes left, has none for it."""
+        """The verdict of each; None where the budget, less what ``keep`` scenes may take, is spent."""
         fresh = [scene for scene in dict.fromkeys(scenes) if scene not in self._known]
         while fresh and (room := self.room - keep) > 0:
             chunk, fresh = fresh[:room], fresh[room:]
@@ -78,15 +79,15 @@ class BudgetedOracle:
         return [self._known.get(scene) for scene in scenes]
 
     def fails(self, scenes: Sequence[Scene], keep: int = 0) -> list[bool]:
-        """Whether each still fails. What is not fair, crashed or was not tried does not."""
+        """Whether each still fails. A scene that is unfair, crashed or was not tried does not."""
         return [self._still(judged) for judged in self.ask(scenes, keep)]
 
     def known(self, scene: Scene) -> Judged | None:
-        """What came of a scene, if it was asked for."""
+        """The verdict of a scene, if it was asked for."""
         return self._known.get(scene)
 
     def lost(self, scene: Scene) -> str:
-        """The stage that a scene lost which is known to fail."""
+        """The stage that is lost in a scene which is known to fail."""
         lost = self._known[scene].lost
         assert lost is not None, "it is known to fail"
         return lost

@@ -1,4 +1,4 @@
-"""The way to nominal: operators as triage counts them, and a scene's values step by step."""
+"""The path to nominal: operators as triage counts them, and a scene's values step by step."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from vlafuzz.space.operators import (
 from vlafuzz.space.params import Gene
 
 CONFOUNDERS = "confounders"
-# Whatever can be reset as a whole, in the order in which it is tried. Operators 4 to 7 say one thing
-# together; the targets' types are what a finding is about.
+# Operators that are reset together, in the order in which triage tries them. Operators 4 to 7 count as one;
+# the targets' types are never reset, as they are what a finding is about.
 GROUPS: dict[str, tuple[str, ...]] = {
     CONFOUNDERS: (
         ConfounderType.name,
@@ -41,18 +41,18 @@ def deviating(space: SearchSpace, scene: Scene) -> list[str]:
     """The groups that are not nominal in a scene.
 
     Raises:
-        SceneError: the scene has something that is not a value of any operator.
+        SceneError: the scene has a value that no operator gives.
     """
     return [name for name, operators in GROUPS.items() if space.reset(scene, operators) != scene]
 
 
 def nominal(space: SearchSpace, scene: Scene) -> Scene:
-    """The scene with nothing but its targets' types left."""
+    """The scene with every operator reset but its targets' types."""
     return space.reset(scene, [operator for group in GROUPS.values() for operator in group])
 
 
 def free_genes(space: SearchSpace, scene: Scene, operators: Sequence[str]) -> list[Gene]:
-    """The genes of some operators that are not nominal in a scene, without those that make none severer."""
+    """The genes of some operators that are not nominal in a scene; neutral ones are left out."""
     values = space.values(scene)
     genes = [gene for gene in space.by_path.values() if gene.operator in operators and not gene.neutral]
     return [gene for gene in genes if gene.distance(values[gene.path]) > 0 and _in_use(gene, scene)]
@@ -64,10 +64,10 @@ def _in_use(gene: Gene, scene: Scene) -> bool:
 
 
 class PathToNominal:
-    """From nominal to a scene along some of its genes, all at once; categories stay as they are.
+    """The path from nominal to a scene along some of its genes, moved together; categories stay as they are.
 
     Attributes:
-        length: steps: of the grid where one gene moves, else of the one that has farthest to go.
+        length: number of grid steps of the gene that has farthest to go.
     """
 
     def __init__(self, space: SearchSpace, scene: Scene, genes: Sequence[Gene]) -> None:
@@ -77,7 +77,7 @@ class PathToNominal:
         self.length = max(map(abs, self._away.values()), default=0)
 
     def at(self, step: int) -> Scene:
-        """The scene that many steps from nominal."""
+        """The scene at a number of steps from nominal."""
         if step == self.length:
             return self._scene  # off the grid or not
         values = dict(self._values)
@@ -87,13 +87,13 @@ class PathToNominal:
 
 
 def value_at(gene: Gene, away: int) -> float:
-    """The value that many levels from nominal."""
+    """The value at a number of levels from nominal."""
     grid = gene.grid
     return grid.value((grid.nominal_level + away) % grid.size)
 
 
 def _steps(gene: Gene, value: float) -> int:
-    """Levels from nominal to a value; of a whole turn the shorter way round."""
+    """Number of levels from nominal to a value; angles go the shorter way round."""
     grid = gene.grid
     away = grid.snap(value) - grid.nominal_level
     if grid.wraps:

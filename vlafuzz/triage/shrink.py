@@ -1,4 +1,4 @@
-"""Shrink: take from a failing scene whatever does not matter, until every operator left is necessary."""
+"""Shrink: remove from a failing scene everything that does not matter, until each operator is necessary."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ KEPT = len(GROUPS)  # scenes for the last step, that shows each operator to be n
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shrunk:
-    """What is left of a failing scene.
+    """A failing scene after shrinking.
 
     Attributes:
         operators: those left, the confounders' as one.
         counterparts: by operator, the scene without it, in which the policy passes.
-        unresolved: operators left for which there is none, and what comes of the scene without it.
+        unresolved: operators left that have no counterpart, with the outcome of the scene without them.
         base: the nominal scene of the same objects fails, too; nothing was shrunk.
-        complete: ``max_rollouts`` cut nothing short.
+        complete: the limit on rollouts cut nothing short.
     """
 
     scene: Scene
@@ -48,15 +48,15 @@ class Shrunk:
 
 
 def shrink(scene: Scene, oracle: BudgetedOracle, space: SearchSpace) -> Shrunk:
-    """Make a failing scene as nominal as it gets while it still fails, the targets' types kept.
+    """Make a failing scene as nominal as possible while it still fails; the targets' types are kept.
 
     Raises:
-        SceneError: the scene has something that is not a value of any operator.
+        SceneError: the scene has a value that no operator gives.
     """
     nominal = space.nominal(like=scene)
     judged = oracle.ask([nominal])[0]
     if judged is not None and judged.lost is not None:
-        return Shrunk(nominal, judged.lost, (), base=True)
+        return Shrunk(scene=nominal, lost=judged.lost, operators=(), base=True)
     shrinker = _Shrinker(space, oracle, scene)
     shrinker.run()
     return shrinker.result()
@@ -70,7 +70,7 @@ class _Shrinker:
 
     def run(self) -> None:
         while self._drop_operators() and self._is_blocked():
-            pass  # what stood in the way of a fair scene may be gone
+            pass  # an object that was in the way of a fair scene may be gone
         if self._is_blocked():
             self._unblock()
         while True:
@@ -87,20 +87,20 @@ class _Shrinker:
         left = deviating(self.space, self.best)
         without = {name: self.space.reset(self.best, GROUPS[name]) for name in left}
         judged = dict(zip(left, self.oracle.ask(list(without.values())), strict=True))
-        passing = {name for name, each in judged.items() if each and each.verdict is Verdict.PASSED}
+        passing = {name for name, answer in judged.items() if answer and answer.verdict is Verdict.PASSED}
         return Shrunk(
-            self.best,
-            self.oracle.lost(self.best),
-            tuple(left),
-            {name: without[name] for name in left if name in passing},
-            {name: _outcome(each) for name, each in judged.items() if name not in passing},
+            scene=self.best,
+            lost=self.oracle.lost(self.best),
+            operators=tuple(left),
+            counterparts={name: without[name] for name in left if name in passing},
+            unresolved={name: _outcome(answer) for name, answer in judged.items() if name not in passing},
             complete=not self.oracle.exhausted,
         )
 
     def _drop_operators(self) -> bool:
         return self._drop(
             deviating(self.space, self.best),
-            lambda names: self._reset([one for name in names for one in GROUPS[name]]),
+            lambda names: self._reset([operator for name in names for operator in GROUPS[name]]),
         )
 
     def _is_blocked(self) -> bool:
@@ -120,36 +120,36 @@ class _Shrinker:
         self._drop(range(len(self.best.confounders)), self._without_confounders)
 
     def _drop_values(self) -> None:
-        """Reset values one by one, the confounders' by operator first: together they have twenty."""
+        """Reset values one by one; the confounders' by operator first, as they have twenty values."""
         left = deviating(self.space, self.best)
         if CONFOUNDERS in left:
             parts = [name for name in GROUPS[CONFOUNDERS] if name != ConfounderCount.name]
             self._drop([name for name in parts if self._reset([name]) != self.best], self._reset)
-        operators = [one for name in left for one in GROUPS[name]]
+        operators = [operator for name in left for operator in GROUPS[name]]
         genes = free_genes(self.space, self.best, operators)
         self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
 
     def _lessen(self, gene: Gene) -> None:
-        """Bring a value to two steps past where the failure begins."""
-        way = PathToNominal(self.space, self.best, [gene])
-        if gene.kind == "count" or way.length <= 1:
+        """Move a value to two steps past the threshold of the failure."""
+        path = PathToNominal(self.space, self.best, [gene])
+        if gene.kind == "count" or path.length <= 1:
             return
-        passes, fails = 0, way.length
+        passes, fails = 0, path.length
         while fails - passes > 1 and self.oracle.room > KEPT:
             middle = (passes + fails) // 2
-            if self._fails([way.at(middle)])[0]:
+            if self._fails([path.at(middle)])[0]:
                 fails = middle
             else:
                 passes = middle
-        beyond = min(fails + BEYOND, way.length)
-        if fails - passes == 1 and self._fails([way.at(beyond)])[0]:
+        beyond = min(fails + BEYOND, path.length)
+        if fails - passes == 1 and self._fails([path.at(beyond)])[0]:
             fails = beyond
-        self.best = way.at(fails)
+        self.best = path.at(fails)
 
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
-        """Take away all that can go; whether that was anything.
+        """Remove all keys that can go; returns whether there were any.
 
-        Each alone first, in one batch; then at once all that could go alone, else one after the other.
+        Each is tried alone first, in one batch; then all that could go alone at once, else one by one.
         """
         failing = self._fails([without([key]) for key in keys])
         loose = [key for key, still in zip(keys, failing, strict=True) if still]
@@ -176,8 +176,8 @@ class _Shrinker:
         return self.space.reset(self.best, operators)
 
     def _without_confounders(self, gone: Sequence[int]) -> Scene:
-        """The others move up, in the order that is least severe if their own is severer than before."""
-        kept = [each for index, each in enumerate(self.best.confounders) if index not in gone]
+        """The scene with the other confounders moved up, reordered if that would be more severe than before."""
+        kept = [placed for index, placed in enumerate(self.best.confounders) if index not in gone]
         orders = (replace(self.best, confounders=order) for order in permutations(kept))
         severity, first = self.space.severity(self.best), next(orders)
         if self.space.severity(first) <= severity:
@@ -190,8 +190,8 @@ class _Shrinker:
 
 
 def _outcome(judged: Judged | None) -> str:
-    """What came of a scene that did not pass, in words."""
+    """The outcome of a scene that did not pass, in words."""
     if judged is None:
         return "was not tried"
-    said = {Verdict.INVALID: "is not fair", Verdict.ERROR: "crashed"}
-    return said.get(judged.verdict, f"fails at {judged.lost}" if judged.lost else "fails at times")
+    unjudged = {Verdict.INVALID: "is not fair", Verdict.ERROR: "crashed"}
+    return unjudged.get(judged.verdict, f"fails at {judged.lost}" if judged.lost else "fails at times")

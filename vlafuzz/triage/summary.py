@@ -1,4 +1,4 @@
-"""Harvest: what triage of a store has come to, the JSON of ``triage --json``."""
+"""TriageSummary: a store's findings after triage in numbers, the JSON of ``triage --json``."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from vlafuzz.store.records import Bucket, Triaged
 from vlafuzz.store.store import Store
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TriagedFinding:
-    """One finding after triage, in names and sentences. Scenes are digests.
+    """One finding after triage, in names and sentences; scenes are digests.
 
     Attributes:
-        scene: the finding; ``shrunk`` what is left of it.
-        causes: from where on its operators make the policy fail.
+        scene: the finding; ``shrunk`` is the scene that is left of it.
+        causes: thresholds from which on its operators make the policy fail.
     """
 
     scene: str
@@ -35,40 +35,40 @@ class TriagedFinding:
 
     @staticmethod
     def of(triaged: Triaged) -> TriagedFinding:
-        """What there is to say about it."""
+        """The same finding, for people and JSON."""
         return TriagedFinding(
-            triaged.scene.digest,
-            triaged.bucket,
-            triaged.signature,
-            triaged.shrunk.digest if triaged.shrunk else None,
-            triaged.causes.necessary,
-            triaged.causes.sufficient,
-            tuple(map(str, triaged.causes.thresholds)),
-            triaged.failures,
-            triaged.repeats,
-            triaged.shrink_rollouts,
-            triaged.detail,
+            scene=triaged.scene.digest,
+            bucket=triaged.bucket,
+            signature=triaged.signature,
+            shrunk=triaged.shrunk.digest if triaged.shrunk else None,
+            necessary=triaged.causes.necessary,
+            sufficient=triaged.causes.sufficient,
+            causes=tuple(map(str, triaged.causes.thresholds)),
+            failures=triaged.failures,
+            repeats=triaged.repeats,
+            shrink_rollouts=triaged.shrink_rollouts,
+            detail=triaged.detail,
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class TriageSummary:
-    """All that was triaged in a store, in numbers.
+    """All findings of a store that were triaged, in numbers.
 
     Attributes:
-        findings: of the store, ``triaged`` of them.
+        findings: of the store, of which ``triaged`` were triaged.
         buckets: findings by bucket.
-        confirmed: failed again: all that are not flaky.
-        witnessed: of these, solved by the expert.
-        distinct_cells: in which the findings lie, before triage.
-        signatures: findings by bug, after triage; without ``base``.
-        deviating_before: operators that were not nominal, median over those that were shrunk.
-        deviating_after: operators left in them.
-        shrink_rollouts: median over those that were shrunk.
-        policy_rollouts: all, to confirm, shrink and attribute.
-        expert_rollouts: all, replays included.
-        seconds: wall time of it.
-        crops: one a finding, in the order in which they were triaged.
+        confirmed: findings that failed again: all that are not flaky.
+        witnessed: confirmed findings that the expert solved.
+        distinct_cells: cells in which the findings lie, before triage.
+        signatures: findings by signature, after triage; without ``base``.
+        deviating_before: operators that were not nominal, median over the shrunk findings.
+        deviating_after: operators left, median over the same.
+        shrink_rollouts: median over the same.
+        policy_rollouts: all rollouts to confirm, shrink and attribute.
+        expert_rollouts: all rollouts of the expert, replays included.
+        seconds: wall time of triage.
+        triaged_findings: one a finding, in the order in which they were triaged.
     """
 
     store: str
@@ -86,38 +86,34 @@ class TriageSummary:
     policy_rollouts: int
     expert_rollouts: int
     seconds: float
-    crops: tuple[TriagedFinding, ...]
+    triaged_findings: tuple[TriagedFinding, ...]
 
 
 def summarise(store: Store) -> TriageSummary:
-    """Count what is there."""
+    """Count what triage of a store has come to so far."""
     findings, triaged = store.findings(), store.triaged()
-    buckets = Counter(each.bucket for each in triaged)
-    shrunk = [each for each in triaged if each.shrunk and each.bucket != "base"]
-    bugs = Counter(each.signature for each in shrunk if each.signature)
+    buckets = Counter(finding.bucket for finding in triaged)
+    shrunk = [finding for finding in triaged if finding.shrunk and finding.bucket != "base"]
+    signatures = Counter(finding.signature for finding in shrunk if finding.signature)
     return TriageSummary(
         store=str(store.path),
         findings=len(findings),
         triaged=len(triaged),
         buckets={name: buckets[name] for name in get_args(Bucket)},
         confirmed=len(triaged) - buckets["flaky"],
-        witnessed=sum(each.witness is not None for each in triaged),
+        witnessed=sum(finding.witness is not None for finding in triaged),
         distinct_cells=len({finding.cell for finding in findings}),
-        distinct_signatures=len(bugs),
-        signatures=dict(bugs.most_common()),
-        deviating_before=_median([len(each.deviating) for each in shrunk]),
-        deviating_after=_median([len(each.operators) for each in shrunk]),
-        shrink_rollouts=_median([each.shrink_rollouts for each in shrunk]),
-        policy_rollouts=_total(triaged, "policy_rollouts"),
-        expert_rollouts=_total(triaged, "expert_rollouts"),
-        seconds=sum(each.seconds for each in triaged),
-        crops=tuple(map(TriagedFinding.of, triaged)),
+        distinct_signatures=len(signatures),
+        signatures=dict(signatures.most_common()),
+        deviating_before=_median([len(finding.deviating) for finding in shrunk]),
+        deviating_after=_median([len(finding.operators) for finding in shrunk]),
+        shrink_rollouts=_median([finding.shrink_rollouts for finding in shrunk]),
+        policy_rollouts=sum(finding.policy_rollouts for finding in triaged),
+        expert_rollouts=sum(finding.expert_rollouts for finding in triaged),
+        seconds=sum(finding.seconds for finding in triaged),
+        triaged_findings=tuple(map(TriagedFinding.of, triaged)),
     )
 
 
 def _median(numbers: Sequence[int]) -> float | None:
     return float(median(numbers)) if numbers else None
-
-
-def _total(triaged: Sequence[Triaged], name: str) -> int:
-    return sum(getattr(each, name) for each in triaged)

@@ -1,4 +1,4 @@
-"""Witness: proof that a scene can be solved: actions of the expert that solve it when played open loop."""
+"""Witness: proof that a scene can be solved: actions of the expert that solve it when replayed open loop."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Search:
     """The witness, if one was found, and the expert's rollouts and replays that it took.
 
     Attributes:
-        broken: none was found, and some attempt was an ERROR: this says nothing about the scene.
+        broken: there is no witness, but some attempt was an ERROR, so this says nothing about the scene.
     """
 
     witness: Witness | None
@@ -37,11 +37,11 @@ def find_witness(
     play: Callable[[Scene, Actions], Outcome],
     tries: int = TRIES,
 ) -> Search:
-    """Let the expert solve a scene, with another grasp or direction each time, until a replay of it succeeds.
+    """Let the expert solve a scene, with another grasp or direction each time, until a replay succeeds.
 
     Args:
-        solve: what comes of the scene in the expert's n-th attempt.
-        play: what comes of it when these actions are executed from the same initial state.
+        solve: gives the outcome of the expert's n-th attempt.
+        play: gives the outcome of executing actions from the same initial state.
     """
     rollouts, broken = 0, False
     for attempt in range(tries):
@@ -60,7 +60,7 @@ def find_witness(
 
 
 class Player:
-    """A policy that executes given actions, whatever it sees; after the last one the hand stays.
+    """A policy that executes a sequence of actions whatever it sees, and then holds still.
 
     Attributes:
         actions: ``(steps, 7)``, to be set before a rollout.
@@ -71,7 +71,7 @@ class Player:
         self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Nothing to prepare: an observation says which step it is."""
+        """Nothing to prepare: observations have the number of their step."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         """The action of that step."""
