@@ -98,7 +98,7 @@ def test_a_run_that_cannot_be_done_is_left_out_where_that_is_allowed(store: Stor
 
 def test_of_equal_runs_the_first_finished_one_counts_else_the_newest():
     def run(number: int, status: str) -> Run:
-        return Run(number, wanted(1).plan().manifest, status, "")  # type: ignore[arg-type]
+        return Run(id=number, manifest=wanted(1).plan().manifest, status=status, started="")  # type: ignore[arg-type]
 
     assert stored_run([run(1, "failed"), run(2, "finished"), run(3, "stopped")]).id == 2  # type: ignore[union-attr]
     assert stored_run([run(1, "failed"), run(2, "running")]).id == 2  # type: ignore[union-attr]

@@ -14,7 +14,9 @@ SCENES = [scene(x=number / 100) for number in range(6)]
 
 def found(seed: int, *xs: int) -> CountedRun:
     failures = tuple(Failure(SCENES[x], "a", 1.0, 0.5, 1, np.zeros(1)) for x in xs)
-    return CountedRun(Run(id=seed, manifest=manifest(seed=seed), status="finished", started=""), failures=failures)
+    return CountedRun(
+        Run(id=seed, manifest=manifest(seed=seed), status="finished", started=""), failures=failures
+    )
 
 
 def runner(solvable: int = 3) -> PlantedRunner:

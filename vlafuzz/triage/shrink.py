@@ -176,7 +176,7 @@ class _Shrinker:
         return self.space.reset(self.best, operators)
 
     def _without_confounders(self, gone: Sequence[int]) -> Scene:
-        """The scene with the other confounders moved up, reordered if that would be more severe than before."""
+        """The scene with the other confounders moved up, reordered if that makes it more severe."""
         kept = [placed for index, placed in enumerate(self.best.confounders) if index not in gone]
         orders = (replace(self.best, confounders=order) for order in permutations(kept))
         severity, first = self.space.severity(self.best), next(orders)
