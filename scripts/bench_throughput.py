@@ -45,10 +45,10 @@ from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Scene
+from vlafuzz.sim.maniskill.arm import MetricArm
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.objects import place
-from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.sim.maniskill.world import SIM_HZ, World
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.tasks.base import Monitor

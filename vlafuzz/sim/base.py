@@ -9,17 +9,17 @@ from typing import Protocol
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 
-FILM_SPEED = 3  # times real time: a policy that fails has 16 seconds to do so
+FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """One rollout.
+    """A recorded rollout.
 
     Attributes:
         video: MP4.
         still: JPEG of the scene before anything moves.
-        failed: whether the rollout did.
+        failed: whether the rollout failed.
     """
 
     video: bytes
@@ -28,10 +28,10 @@ class Film:
 
 
 class Evaluator(Protocol):
-    """Runs a policy in scenes. Never raises for what a scene does; a crash is an ERROR outcome."""
+    """Runs a policy in scenes. A crash in a scene is not raised, it results in an ERROR outcome."""
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome a scene, in order: the same for the same scene, whatever was evaluated before."""
+        """One outcome per scene, in order. Earlier scenes have no influence on it."""
 
     def close(self) -> None:
-        """No more scenes."""
+        """Release simulator and policy."""

@@ -1,7 +1,7 @@
-"""What the simulator has of a scene, to be checked against what was asked for.
+"""A scene as read back from the simulator, to be checked against the requested one.
 
-VLATest's environments ignored the light in three of four tasks, and nobody noticed: here a difference is
-an error.
+VLATest's environments ignored the light in three of four tasks, and nobody noticed; here any difference is an
+error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TURN = 1e-4  # of a quaternion's components
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """Read back from the simulator: objects, their poses, the lights' factor, camera pose, instruction."""
+    """What the simulator contains. ``light`` is the factor on the nominal lights."""
 
     instruction: str
     objects: tuple[str, ...]
@@ -45,34 +45,34 @@ class Applied:
         }
 
     def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
-        """Compare with the scene that was asked for, before the first step.
+        """Compare with the requested scene, before the first step.
 
         Args:
-            poses: of the objects, as they were to be put.
+            poses: requested poses of the objects.
 
         Raises:
             SimulatorError: an option was not applied.
         """
         if self.objects != tuple(placement.object for placement in scene.placements):
-            _complain("objects", [placement.object for placement in scene.placements], self.objects)
-        for name, asked, pose in zip(self.objects, poses, self.poses, strict=True):
-            _check_pose(name, asked, pose)
+            _fail("objects", [placement.object for placement in scene.placements], self.objects)
+        for name, expected, actual in zip(self.objects, poses, self.poses, strict=True):
+            _check_pose(name, expected, actual)
         if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
-            _complain("light", scene.light.intensity, self.light)
+            _fail("light", scene.light.intensity, self.light)
         view = camera_pose(rig.view, scene.camera)
         _check_pose("camera", sapien.Pose(view.position, view.quaternion), self.camera)
         if self.instruction != scene.instruction:
-            _complain("instruction", scene.instruction, self.instruction)
+            _fail("instruction", scene.instruction, self.instruction)
 
 
-def _check_pose(what: str, asked: sapien.Pose, got: sapien.Pose) -> None:
-    apart = float(np.abs(asked.p - got.p).max())
-    turned = float(min(np.abs(asked.q - got.q).max(), np.abs(asked.q + got.q).max()))
-    if not (apart <= METRES and turned <= TURN):
-        _complain(f"pose of {what}", asked, got)
+def _check_pose(name: str, expected: sapien.Pose, actual: sapien.Pose) -> None:
+    distance = float(np.abs(expected.p - actual.p).max())
+    turn = float(min(np.abs(expected.q - actual.q).max(), np.abs(expected.q + actual.q).max()))
+    if not (distance <= METRES and turn <= TURN):
+        _fail(f"pose of {name}", expected, actual)
 
 
-def _complain(what: str, asked: object, got: object) -> None:
+def _fail(part: str, expected: object, actual: object) -> None:
     raise SimulatorError(
-        f"{what}: asked for {asked}, the simulator has {got}", hint="this is a bug in vlafuzz"
+        f"{part}: asked for {expected}, the simulator has {actual}", hint="this is a bug in vlafuzz"
     )

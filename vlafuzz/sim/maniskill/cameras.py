@@ -20,8 +20,8 @@ from vlafuzz import assets
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.camera import CameraPose, camera_pose
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.sim.maniskill.external_robots import wrist_of
 from vlafuzz.sim.maniskill.rendering import use_shaders
+from vlafuzz.sim.maniskill.robots import wrist_of
 
 Picture = NDArray[np.uint8]
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.

@@ -1,8 +1,8 @@
-"""The published placement: objects are dropped, as in VLATest, and lie where they come to rest.
+"""The published placement: as in VLATest, objects are dropped and stay where they come to rest.
 
-They fall from half a metre over the table with a robot out of the way, and cannot tip at first. In pick-up
-the target comes first and then the others, one by one and straight down; in the other tasks all at once.
-Source: ``_initialize_actors`` of its ``grasp_single_in_scene_customizable.py`` and
+They fall from half a metre over the table without a robot, and cannot tip at first. In pick-up the target
+falls first and then the others, one by one and straight down; in the other tasks all fall at once. Source:
+``_initialize_actors`` of ``grasp_single_in_scene_customizable.py`` and
 ``move_near_in_scene_customizable.py``.
 """
 
@@ -21,19 +21,19 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table
 
-HEIGHT = 0.5  # metres, of the mesh's origin over the table
+HEIGHT = 0.5  # of the mesh's origin over the table, metres
 DAMPING = 0.1
-SLEEPS = 5e-3  # SAPIEN's own threshold: what lies still falls asleep
+SLEEP_THRESHOLD = 5e-3  # SAPIEN's default: bodies that lie still fall asleep
 ITERATIONS = 25
-FALLS, RESTS, LONGER = 0.5, 0.5, 1.5  # seconds: until it is let go, from then on, and if it still moves
-MOVES, TURNS = 1e-3, 1e-2  # metres and radians a second, summed, above which things still move
-UPRIGHT, STRAIGHT = (3, 4), (0, 1, 3, 4)  # axes that are locked: no tipping; nor any way but down
+LOCKED, FREE, EXTRA = 0.5, 0.5, 1.5  # seconds with locked axes, after that, and more if objects still move
+SPEED, TURN_RATE = 1e-3, 1e-2  # summed metres and radians per second above which objects still move
+UPRIGHT, STRAIGHT = (3, 4), (0, 1, 3, 4)  # locked axes: no tipping; no motion but down
 
 Body: TypeAlias = physx.PhysxRigidDynamicComponent
 
 
 class Drop:
-    """A table that things fall onto."""
+    """A table onto which objects are dropped."""
 
     def __init__(self, rig: Rig) -> None:
         self._hz = rig.physics_hz
@@ -42,33 +42,33 @@ class Drop:
         add_table(self._scene, rig.table)
 
     def all_at_once(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> list[Body]:
-        """The bodies once they lie."""
-        bodies = [self._hang(*each) for each in zip(models, placements, strict=True)]
+        """Drop all objects together; their bodies once they have come to rest."""
+        bodies = [self._hang(*pair) for pair in zip(models, placements, strict=True)]
         _lock(bodies, UPRIGHT)
-        self._run(FALLS)
+        self._run(LOCKED)
         _let_go(bodies)
-        self._run(RESTS)
+        self._run(FREE)
         self._wait_for(bodies)
         return bodies
 
     def one_by_one(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> list[Body]:
-        """As ``all_at_once``, but the first comes first, and no other moves aside before all are there."""
+        """Drop the first object, then the others straight down, which are unlocked once all are there."""
         first = self.all_at_once(models[:1], placements[:1])
         others = []
         for model, placement in zip(models[1:], placements[1:], strict=True):
             others.append(self._hang(model, placement))
             _lock(others[-1:], STRAIGHT)
-            self._run(FALLS)
+            self._run(LOCKED)
         for body in others:
             _let_go([body])
-            self._run(RESTS)
+            self._run(FREE)
         self._wait_for(others)
         return first + others
 
     def _hang(self, model: ObjectModel, placement: Placement) -> Body:
         body = add_object(self._scene, model, placement, placement.object)
         body.linear_damping = body.angular_damping = DAMPING
-        body.sleep_threshold, body.solver_position_iterations = SLEEPS, ITERATIONS
+        body.sleep_threshold, body.solver_position_iterations = SLEEP_THRESHOLD, ITERATIONS
         over, turned = place(model, placement), placement.quaternion
         above = float(model.shift(turned)[2]) * placement.scale if turned else 0.0
         body.entity.pose = sapien.Pose([*over.p[:2], HEIGHT + above], over.q)
@@ -77,8 +77,8 @@ class Drop:
     def _wait_for(self, bodies: Sequence[Body]) -> None:
         speed = sum(float(np.linalg.norm(body.linear_velocity)) for body in bodies)
         turning = sum(float(np.linalg.norm(body.angular_velocity)) for body in bodies)
-        if speed > MOVES or turning > TURNS:
-            self._run(LONGER)
+        if speed > SPEED or turning > TURN_RATE:
+            self._run(EXTRA)
 
     def _run(self, seconds: float) -> None:
         for _ in range(int(seconds * self._hz)):
@@ -86,16 +86,16 @@ class Drop:
 
 
 def start_poses(scene: Scene, models: Sequence[ObjectModel], rig: Rig, *, dropped: bool) -> list[sapien.Pose]:
-    """Where the objects of a scene are at its start: at rest where it puts them, or where they fell."""
+    """Start poses of a scene's objects: at rest where the scene places them, or where they have fallen."""
     if not dropped:
-        return [place(*each) for each in zip(models, scene.placements, strict=True)]
+        return [place(*pair) for pair in zip(models, scene.placements, strict=True)]
     drop = Drop(rig)
     fall = drop.one_by_one if scene.task == "pick-up" else drop.all_at_once
     return [body.entity_pose for body in fall(models, scene.placements)]
 
 
 def _system() -> physx.PhysxCpuSystem:
-    """Without persistent contact manifolds, as there: with them, a can on its side rolls on by itself."""
+    """Without persistent contact manifolds, as in VLATest; with them, a can on its side keeps rolling."""
     usual, config = physx.get_scene_config(), physx.get_scene_config()
     config.enable_pcm = False
     physx.set_scene_config(config)

@@ -31,11 +31,10 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
-from vlafuzz.sim.maniskill.external_robots import AGENTS
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import render_backend
-from vlafuzz.sim.maniskill.robots import CONTROL_MODE
+from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.tasks.base import Monitor

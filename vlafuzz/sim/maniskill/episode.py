@@ -1,4 +1,4 @@
-"""Episode: one rollout step by step, what its policy gets to see and what comes of its actions."""
+"""Episode: one rollout step by step, with the policy's observations and the rollout's result."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.tasks.state import State
 
-AFTER_SUCCESS = 10  # control steps, so that "at the end" means something
+AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
 
 
 class Episode:
-    """Begins a scene in an environment.
+    """Begins a rollout of a scene in an environment.
 
     Args:
-        spec: of who acts.
-        seed: of the rollout.
-        conditions: say when a rollout is over, and what counts as success.
+        spec: of the policy.
+        conditions: define when a rollout is over and what counts as success.
 
     Attributes:
-        actions: so far, each ``(7,)`` metric.
+        actions: so far, ``(7,)`` metric actions.
     """
 
     def __init__(
@@ -48,22 +47,22 @@ class Episode:
 
     @property
     def over(self) -> bool:
-        """Whether there is nothing left to do."""
+        """Whether the rollout has ended."""
         return len(self.actions) >= self._last
 
     @property
     def success(self) -> bool:
-        """Whether the task was done, at whatever time."""
+        """Whether the task has been solved at any time."""
         monitor = self.env.monitor
         return monitor.published_success if self._published else monitor.success_once
 
     @property
     def instruction(self) -> str:
-        """What is to be done now, see ``Scene.instruction_at``."""
+        """The current instruction, see ``Scene.instruction_at``."""
         return self._scene.instruction_at(len(self.env.monitor.reached))
 
     def observe(self) -> Observation:
-        """What the spec asks for, at this moment."""
+        """The present observation, with the parts that the spec asks for."""
         env, spec, scene, state = self.env, self._spec, self._scene, self._state
         return Observation(
             episode=self.start.episode,
@@ -78,7 +77,7 @@ class Episode:
         )
 
     def advance(self, action: NDArray[np.float64]) -> None:
-        """One control step of a metric action."""
+        """Execute a metric action for one control step."""
         monitor = self.env.monitor
         before = monitor.success_once
         self.actions.append(action)
@@ -87,14 +86,14 @@ class Episode:
             self._last = min(self._last, len(self.actions) + self._after)
 
     def rollout(self, seconds: float = 0.0) -> Rollout:
-        """What came of it, which took so long."""
+        """The result of a rollout that took so many seconds."""
         monitor, names = self.env.monitor, self.env.task.stage_names
         return Rollout(
             success_once=self.success,
             success_at_end=monitor.success_now,
             published_success=monitor.published_success,
             reached=names if self.success else tuple(monitor.reached[: len(names) - 1]),
-            # 1 where only the other criteria are met
+            # 1 if only the other criteria are met
             progress=1.0 if self.success else min(monitor.progress, 0.99),
             trace=monitor.trace,
             actions=np.array(self.actions, dtype=np.float32),

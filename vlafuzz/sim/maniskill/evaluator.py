@@ -1,4 +1,4 @@
-"""ManiSkillEvaluator: checks a scene, then lets the policy act in it."""
+"""ManiSkillEvaluator: checks that scenes are fair and runs a policy in them."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class ManiSkillEvaluator:
     """Runs a policy in scenes of one task.
 
     Args:
-        conditions: task, seed and whatever else decides an outcome; their ``policy`` is only a name.
+        conditions: task, seed and all else that determines an outcome; their ``policy`` is only a name.
         recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
 
     Attributes:
-        seed: of the next rollouts; at first that of the conditions.
+        seed: of the next rollouts; initially that of the conditions.
     """
 
     def __init__(
@@ -56,27 +56,27 @@ class ManiSkillEvaluator:
             policy.know(catalogue)
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome a scene, in order."""
+        """One outcome per scene, in order."""
         return [self._evaluate(scene) for scene in scenes]
 
     def check(self, scene: Scene) -> Rejection | None:
-        """Whether a scene is fair."""
+        """Why a scene is not fair; None if it is."""
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
         rejection = check_static(scene, self._catalogue, self._conditions.min_distance)
         return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
 
     def begin(self, scene: Scene, seed: int) -> Episode:
-        """A rollout in a fair scene, for who goes through it himself."""
+        """A rollout in a fair scene, for callers that step through it themselves."""
         env, spec = self._environment(scene.robot), self._policy.spec
         return Episode(env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
-        """The next scene gets an environment that has seen no other."""
+        """Use a new environment for the next scene."""
         self._drop_env()
 
     def close(self) -> None:
-        """Let go of simulator and policy."""
+        """Close simulator and policy."""
         self._drop_env()
         self._policy.close()
 
@@ -88,16 +88,16 @@ class ManiSkillEvaluator:
             seeds = range(self.seed, self.seed + self._conditions.repeats)
             rollouts = tuple(self._persist(scene, seed) for seed in seeds)
         except PrerequisiteError:
-            raise  # nothing that another scene would not meet too
+            raise  # other scenes would raise it too
         except PolicyError as error:
             return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
-        except Exception as error:  # whatever a simulator throws is its crash, not the scene's failure
-            self._drop_env()  # only a rebuilt environment is clean after an exception
+        except Exception as error:  # a crash of the simulator is not a failure of the policy
+            self._drop_env()  # after an exception only a new environment is clean
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
         return Outcome.of(rollouts, self._task.stage_names)
 
     def _persist(self, scene: Scene, seed: int) -> Rollout:
-        """A rollout; begun again, twice at most, when its server was lost on the way or too late."""
+        """A rollout, restarted at most twice if the policy's server was lost or too late."""
         return persistently(partial(self._rollout, scene, seed), UNANSWERED)
 
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
@@ -126,11 +126,10 @@ class ManiSkillEvaluator:
         if self._env is not None and self._env.rig.robot != robot:
             self._drop_env()
         if self._env is None:
-            watching = self._recording.camera if self._recording else None
-            if watching:
-                watching = replace(watching, width=rig(robot).view.width(watching.height))
             spec = self._policy.spec
-            cameras = spec.cameras + ((watching,) if watching else ())
+            cameras = spec.cameras
+            if self._recording and (extra := self._recording.camera):
+                cameras += (replace(extra, width=rig(robot).view.width(extra.height)),)
             self._env = make_env(
                 self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._conditions.placement
             )
@@ -143,7 +142,7 @@ class ManiSkillEvaluator:
 
 
 def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:
-    """What becomes of a scene before anybody acts; its objects are known."""
+    """Settle a scene whose objects are in the catalogue."""
     models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
     poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
     return settle(task_named(scene.task), models, scene.placements, setup.table, poses)

@@ -1,4 +1,4 @@
-"""The scene's lights: the rig's, scaled by the scene's intensity."""
+"""The lights of a scene: those of the rig, scaled by the scene's intensity."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from vlafuzz.rigs.rig import Lights
 
 
 class SceneLights:
-    """Ambient and directional lights of one renderer. They move over with the other entities."""
+    """Ambient and directional lights. Their entities move with the others into each new PhysX scene."""
 
     def __init__(self, scene: sapien.Scene, nominal: Lights) -> None:
         self._nominal = nominal
@@ -26,13 +26,13 @@ class SceneLights:
             self._lights.append(light)
 
     def apply(self, scene: sapien.Scene, intensity: float) -> None:
-        """Scale all lights, the ambient one included."""
+        """Scale all lights including the ambient one."""
         scene.render_system.ambient_light = [self._nominal.ambient * intensity] * 3
         for light, (_, nominal) in zip(self._lights, self._nominal.directional, strict=True):
             light.color = [nominal * intensity] * 3
 
     def measure(self, scene: sapien.Scene) -> float:
-        """The factor that the renderer has, read back.
+        """The factor on the nominal lights, read back from the renderer.
 
         Raises:
             ValueError: the lights are not scaled by one factor.

@@ -1,7 +1,7 @@
-"""A robot whose looks are simplified: its meshes have 399,000 vertices, most of a frame's time on a CPU.
+"""Simplified visual meshes for a robot: 399,000 vertices take most of a frame's time on a CPU.
 
-Joints, masses and collision shapes stay what they are. What is made lies in the user's cache, named by the
-content of all files that it was made from.
+Joints, masses and collision shapes stay the same. The result is in the user's cache, named by the content of
+all source files.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from vlafuzz import shipped
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
-VERSION = 1  # raise it when the same files would give other meshes
-FACES = 0.055  # share that is kept: at 128 pixels a picture looks the same, see scripts/bench_render.py
-FEWEST = 40  # faces of a part: the small ones stay recognisable
-SHARP = 0.6  # radians between two faces from which on the edge between them stays visible
+VERSION = 1  # raise it when the same files result in other meshes
+FACES = 0.055  # share that is kept; pictures of 128 pixels look the same, see scripts/bench_render.py
+FEWEST = 40  # faces that small parts keep to stay recognisable
+SHARP = 0.6  # least angle between two faces at a visible edge, radians
 
 
 def light_robot(urdf: Path) -> Path:
-    """A URDF of the same robot with simplified looks, made at the first call."""
+    """A URDF of the same robot with simplified visual meshes, created by the first call."""
     name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
-    folder = shipped.made_once(name, partial(_fill, urdf), lambda folder: _is_whole(folder / urdf.name))
+    folder = shipped.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
     return folder / urdf.name
 
 
-def _is_whole(made: Path) -> bool:
-    """SAPIEN only logs a missing mesh."""
-    if not made.is_file():
+def _is_complete(urdf: Path) -> bool:
+    """Whether all meshes exist, of which SAPIEN would only log the missing ones."""
+    if not urdf.is_file():
         return False
-    meshes = _visuals(ElementTree.parse(made))
-    return all((made.parent / mesh.attrib["filename"]).is_file() for mesh in meshes)
+    meshes = _visuals(ElementTree.parse(urdf))
+    return all((urdf.parent / mesh.attrib["filename"]).is_file() for mesh in meshes)
 
 
 def _fingerprint(urdf: Path) -> str:
@@ -62,7 +62,7 @@ def _fill(urdf: Path, folder: Path) -> None:
             _simplify(source, folder / source.name)
         element.set("filename", source.name)
     tree.write(folder / urdf.name)
-    srdf = urdf.with_suffix(".srdf")  # which links may touch each other: SAPIEN looks for it beside
+    srdf = urdf.with_suffix(".srdf")  # which links may touch each other; SAPIEN reads it from the same folder
     if srdf.is_file():
         shutil.copy(srdf, folder / srdf.name)
 
@@ -80,7 +80,7 @@ def _simplify(source: Path, target: Path) -> None:
 
 
 def _lighter(mesh: Trimesh) -> Trimesh:
-    """With a share of the faces, smooth but for sharp edges, in the same material."""
+    """A mesh with fewer faces, smooth except for sharp edges, of the same material."""
     import trimesh
 
     whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)

@@ -16,14 +16,14 @@ from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Placement
 from vlafuzz.sim.maniskill.rendering import render_system
 
-CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 costs an eighth of the speed and changes no grasp
-# PhysX knows no rolling friction, and a polygonal can even drives itself: pushed at 0.1 m/s it rolls on for
-# ever with a damping (1/s) of 0.5, at times with 2, and stops within 5 cm with 5.
+CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 is an eighth slower and changes no grasp
+# PhysX has no rolling friction, and a polygonal can even accelerates: pushed at 0.1 m/s it rolls forever with
+# a damping of 0.5 1/s, sometimes with 2, and stops within 5 cm with 5.
 DAMPING, ROLLING_DAMPING = 0.5, 5.0
 
 
 def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where a placement puts an object's origin, at resting height.
+    """The pose of an object's origin for a placement, at resting height.
 
     Returns:
         position ``(3,)`` in metres, quaternion ``(4,)`` wxyz.
@@ -33,24 +33,24 @@ def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.f
         x, y, _ = model.shift(placement.quaternion) * placement.scale
         height = -float((model.vertices @ turn[2]).min())
         return np.array([placement.x + x, placement.y + y, height]), as_quaternion(turn)
-    rest = model.stable_pose(placement.rest)
+    pose = model.stable_pose(placement.rest)
     half = np.radians(placement.yaw) / 2
-    turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=rest.quaternion)
-    return np.array([placement.x, placement.y, rest.height]), np.array(turned.q, dtype=np.float64)
+    turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
+    return np.array([placement.x, placement.y, pose.height]), np.array(turned.q, dtype=np.float64)
 
 
 def as_quaternion(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """``(4,)`` wxyz of a rotation matrix."""
+    """The quaternion ``(4,)`` wxyz of a rotation matrix."""
     return np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
 
 
 def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
-    """The objects of a scene, each in its size."""
+    """The models of a scene's objects, scaled to their sizes."""
     return tuple(catalogue[placement.object].scaled(placement.scale) for placement in placements)
 
 
 def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
-    """``resting_pose`` as SAPIEN's."""
+    """``resting_pose`` as a SAPIEN pose."""
     position, quaternion = resting_pose(model, placement)
     return sapien.Pose(position, quaternion)
 
@@ -61,7 +61,7 @@ def _material(friction: float) -> physx.PhysxMaterial:
 
 
 def looks(model: ObjectModel, scale: float = 1.0) -> sapien.render.RenderShapeTriangleMesh:
-    """What an object looks like, in its own frame."""
+    """The visual mesh of an object in its own frame."""
     fit = model.fit
     size = scale * fit.scale if fit else scale
     shape = sapien.render.RenderShapeTriangleMesh(str(model.visual), [size] * 3)
@@ -73,7 +73,7 @@ def looks(model: ObjectModel, scale: float = 1.0) -> sapien.render.RenderShapeTr
 def add_object(
     scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str, pose: sapien.Pose | None = None
 ) -> physx.PhysxRigidDynamicComponent:
-    """Build an object and add it, by default at its resting pose. Visuals only where the scene can render."""
+    """Build an object and add it, by default at its resting pose; with visuals if the scene can render."""
     body = physx.PhysxRigidDynamicComponent()
     scale = [placement.scale] * 3
     for file in model.collision:

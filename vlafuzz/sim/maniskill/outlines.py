@@ -1,8 +1,7 @@
-"""What a camera sees, without a renderer: outlines painted by depth, with their colours under the light.
+"""A camera's view without a renderer: visible outlines of the objects, with their colours under the light.
 
-Each convex part is projected by the scene's true camera and painted, farthest object first, into a picture
-256 pixels wide
-that holds only who is seen where.
+Each convex part is projected by the scene's true camera and painted, farthest object first, into a label
+image 256 pixels wide.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from vlafuzz.tasks.state import State
 
 Array = NDArray[np.float64]
 WIDTH = 256
-SUBPIXEL = 4  # bits; OpenCV's fixed-point coordinates
-NOBODY, HAND = 0, 255
-# The hand as seen from afar: a box over palm and fingers, in the TCP's frame (z points down), metres.
+SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
+HAND = 255  # label; objects are counted from 1, 0 is the background
+# The hand as boxes around palm and fingers, in the TCP's frame (z points down), metres.
 _HAND_BOX = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])
 _FINGER_BOXES = [
     np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)])
@@ -32,7 +31,7 @@ _FINGER_BOXES = [
 
 
 def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, light: float) -> Outlines:
-    """Objects, hand and table as the camera sees them.
+    """Outlines of objects and hand, and the table's colour, in a view.
 
     Args:
         light: factor on all lights; an apparent colour saturates at 1.
@@ -40,26 +39,24 @@ def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, ligh
     height = round(WIDTH / view.aspect)
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
     seen = np.zeros((height, WIDTH), dtype=np.uint8)
-    whole = []
+    areas = []
     for index in range(len(models)):
         alone = np.zeros_like(seen)
         _paint(alone, _corners(models[index], state, index), view, 1)
-        whole.append(max(_size(models[index], state, index, view, height), int(alone.sum())))
+        areas.append(max(_size(models[index], state, index, view, height), int(alone.sum())))
     for index in sorted(range(len(models)), key=lambda i: -depth[i]):
         _paint(seen, _corners(models[index], state, index), view, index + 1)
     _paint(seen, _hand(state), view, HAND)
     things = tuple(
         Silhouette(
-            pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / whole[index], 1.0)
+            pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / areas[index], 1.0)
         )
         for index in range(len(models))
         if len(pixels := _pixels(seen, index + 1))
     )
     hand, distance = view.project(state.tcp[None])
     visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
-    return Outlines(
-        _shuffled(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0)
-    )
+    return Outlines(_sorted(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0))
 
 
 def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:
@@ -83,7 +80,7 @@ def _paint(picture: NDArray[np.uint8], parts: list[Array], view: CameraPose, val
 
 
 def _size(model: ObjectModel, state: State, index: int, view: CameraPose, height: int) -> int:
-    """Pixels of the whole outline, as if the picture had no border."""
+    """Area in pixels of the whole outline if it extends beyond the image; else 0."""
     uv, _ = view.project(np.concatenate(_corners(model, state, index)))
     inside = np.all((uv >= 0) & (uv <= 1))
     if inside:
@@ -98,6 +95,6 @@ def _pixels(seen: NDArray[np.uint8], value: int) -> Array:
     return np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=1)
 
 
-def _shuffled(things: tuple[Silhouette, ...]) -> tuple[Silhouette, ...]:
-    """From left to right: the order of the scene's objects would give away which one is the target."""
+def _sorted(things: tuple[Silhouette, ...]) -> tuple[Silhouette, ...]:
+    """Sorted from left to right: the scene's order would reveal which object is the target."""
     return tuple(sorted(things, key=lambda thing: float(thing.pixels[:, 0].mean())))

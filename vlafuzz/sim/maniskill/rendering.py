@@ -1,4 +1,4 @@
-"""How pictures are made: which device renders, with which shaders, and whether a scene has a renderer."""
+"""Rendering: the device, the shaders, and whether a scene has a renderer."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mani_skill.render.shaders import ShaderConfig
 
 from vlafuzz import shipped
 
-# What SAPIEN's own shader pack says of a table of reflectances, which takes 6 s to compute on a CPU. It tells
-# how surroundings are mirrored, and there are none: without it the same picture comes out.
+# The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
+# which there are none: without it the pictures are the same.
 _NAME = "samplerBRDFLUT"
 _TABLE = re.compile(r"^layout\(.*\) uniform sampler2D samplerBRDFLUT;$", re.MULTILINE)
 _LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
@@ -27,16 +27,16 @@ _FORMATS = {
 
 
 def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
-    """The scene's renderer; None for physics only."""
+    """The renderer of a scene; None if it only has physics."""
     try:
         return scene.render_system
-    except RuntimeError:  # SAPIEN's way to say that there is none
+    except RuntimeError:  # raised by SAPIEN if there is none
         return None
 
 
 def render_backend() -> str:
-    """ManiSkill's name of what renders here: a GPU if there is one, else the CPU."""
-    os.environ.setdefault("LP_NUM_THREADS", "0")  # of lavapipe's own: one worker a core is faster
+    """ManiSkill's name of the rendering device: a GPU if there is one, else the CPU."""
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
     try:
         sapien.Device("cuda")
     except RuntimeError:
@@ -45,7 +45,7 @@ def render_backend() -> str:
 
 
 def use_shaders() -> ShaderConfig:
-    """Make our shaders those of all cameras that are added from now on: SAPIEN keeps them globally."""
+    """Use our shaders for all cameras that are added from now on: SAPIEN keeps them globally."""
     pack = _shader_pack()
     sapien.render.set_camera_shader_dir(str(pack))
     for name, format_ in _FORMATS.items():
@@ -64,7 +64,7 @@ def _config(pack: Path) -> ShaderConfig:
 
 @cache
 def _shader_pack() -> Path:
-    """SAPIEN's fastest pack without the reflectance table, in the user's cache."""
+    """SAPIEN's fastest shader pack without the reflectance table, in the user's cache."""
     source = Path(sapien.__file__).parent / "vulkan_shader"
     shaders = {
         f"{name}/{file.name}": _without_table(file.read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def _shader_pack() -> Path:
 
 
 def _without_table(shader: str) -> str:
-    """A shader as it is, where SAPIEN writes about the table in another way: slow at first, and right."""
+    """The shader without the table; unchanged if SAPIEN has changed how it uses it, which is only slower."""
     without = _LOOKUP.sub("vec2(0)", _TABLE.sub("", shader))
     return shader if _NAME in without else without
 

@@ -1,13 +1,14 @@
-"""Our own end-effector controller, in metres, and the Panda with it.
+"""The robots as ManiSkill agents with a metric controller: the Panda, VLATest's WidowX 250s and Google robot.
 
-ManiSkill 3.0.1's ``pd_ee_delta_pose`` turns the wrong way (issue 1469) and clips; this one does neither.
+The files of the last two are in the user's packs. Their gains, limits and friction are the reference's
+(SIMPLER's ``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion); the
+WidowX's are taken from ManiSkill's own bridge agent.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,189 +16,25 @@ import numpy as np
 import sapien
 import torch
 from gymnasium import spaces
+from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
+from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import WidowX250SBridgeDatasetFlatTable
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from vlafuzz import assets
+from vlafuzz.errors import UsageError
+from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.robots import GOOGLE, WIDOWX
+from vlafuzz.sim.maniskill.arm import Gripper, MetricArm, Pace
 from vlafuzz.sim.maniskill.meshes import light_robot
 
-Array = NDArray[np.float64]
 CONTROL_MODE = "metric_ee"
-# Half a Newton step an iteration converges in a dozen. SAPIEN's default of a tenth takes four times as long,
-# and a whole one overshoots near the joints' limits (4 % fewer targets are found there).
-IK_STEP, IK_ITERATIONS = 0.5, 50
-# Of the search within the joints' limits: damped least squares; a radian off counts as 0.2 m.
-NEAREST_ITERATIONS, DAMPING, FARTHEST_STEP = 20, 1e-4, 0.2
-TWIST_WEIGHTS = np.array([1.0, 1.0, 1.0, 0.2, 0.2, 0.2])
-
-
-def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
-    """A pose moved by ``(3,)`` metres and turned in place by a ``(3,)`` rotation vector in radians."""
-    x, y, z = turn.tolist()
-    angle = math.hypot(x, y, z)
-    sine = math.sin(angle / 2) / angle if angle > 1e-12 else 0.5
-    by = sapien.Pose(q=[math.cos(angle / 2), x * sine, y * sine, z * sine])
-    return sapien.Pose(pose.p + shift, (by * sapien.Pose(q=pose.q)).q)
-
-
-def _damped(jacobian: Array, twist: Array) -> Array:
-    """The joints' step for a twist, by damped least squares."""
-    return np.asarray(jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), twist))
-
-
-@dataclass(frozen=True)
-class Gripper:
-    """Two fingers, the robot's last two joints.
-
-    Attributes:
-        closed, open: their positions for a command of -1 and +1, radians or metres.
-        width: metres between them, from all joints' positions.
-    """
-
-    closed: float
-    open: float
-    width: Callable[[Array], float]
-
-
-@dataclass(frozen=True)
-class Pace:
-    """How fast the joints' targets may move, radians a second, and a second squared; fingers apart."""
-
-    speed: float
-    acceleration: float
-    finger_speed: float
-    finger_acceleration: float
-
-
-class MetricArm:
-    """Turns metric actions into joint targets, by inverse kinematics from the last targets.
-
-    An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians
-    about these axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped;
-    deltas add up on the last *target*.
-
-    Args:
-        pace: of the drives' targets on their way; None to set them at once.
-        yields: whether the hand goes as near to a target out of reach as it can, rather than stay.
-    """
-
-    def __init__(
-        self,
-        robot: sapien.physx.PhysxArticulation,
-        tcp_name: str,
-        gripper: Gripper,
-        *,
-        pace: Pace | None = None,
-        yields: bool = False,
-    ) -> None:
-        self._robot, self.gripper, self._yields = robot, gripper, yields
-        self._tcp = next(i for i, link in enumerate(robot.links) if link.name.endswith(tcp_name))
-        self._link = robot.links[self._tcp]
-        self._model = robot.create_pinocchio_model()
-        self._joints = robot.active_joints
-        self._free = np.repeat([1, 0], [len(self._joints) - 2, 2])
-        low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
-        self._low, self._high = low - 1e-3, high + 1e-3
-        self._profile = Profile(pace, len(self._joints)) if pace else None
-        self.refused = 0
-
-    def reset(self) -> None:
-        """The targets become where the robot is now."""
-        self._qpos = np.array(self._robot.qpos, dtype=np.float64)
-        self._model.compute_forward_kinematics(self._qpos)
-        self.target = self._model.get_link_pose(self._tcp)
-        self.refused = 0
-        if self._profile:
-            self._profile.start(self._qpos)
-        self._drive(self._qpos)
-
-    def command(self, action: Array, relative_to: str = "target") -> None:
-        """Set the drives' targets for one control step.
-
-        A target out of reach is refused, and counted: the last one stays.
-        """
-        if relative_to == "current":
-            self.target = self._robot.root_pose.inv() * self._link.entity_pose
-        target = shifted(self.target, action[:3], action[3:6])
-        qpos, found, _ = self._model.compute_inverse_kinematics(
-            self._tcp,
-            target,
-            initial_qpos=self._qpos,
-            active_qmask=self._free,
-            max_iterations=IK_ITERATIONS,
-            dt=IK_STEP,
-        )
-        found = found and bool(((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all())
-        if not found and self._yields:
-            qpos, found = self._nearest(target, self._qpos.copy()), True
-            target = self._model.get_link_pose(self._tcp)
-        if found:
-            self.target, self._qpos = target, qpos
-        else:
-            self.refused += 1
-        closed, opened = self.gripper.closed, self.gripper.open
-        self._qpos[-2:] = closed + (opened - closed) * (min(max(action[6], -1.0), 1.0) + 1) / 2
-        if self._profile is None:
-            self._drive(self._qpos)
-
-    def _nearest(self, target: sapien.Pose, qpos: Array) -> Array:
-        """As near to a pose as the joints get within their limits, from somewhere on. Place before turn."""
-        low, high = self._low + 2e-3, self._high - 2e-3
-        for _ in range(NEAREST_ITERATIONS):
-            qpos[:-2] = np.clip(qpos[:-2], low, high)
-            self._model.compute_forward_kinematics(qpos)
-            off = self._model.get_link_pose(self._tcp).inv() * target
-            twist = (
-                np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()]) * TWIST_WEIGHTS
-            )
-            if np.abs(twist).max() < 1e-4:
-                break
-            jacobian = self._model.compute_single_link_local_jacobian(qpos, self._tcp)[:, :-2]
-            jacobian = jacobian * TWIST_WEIGHTS[:, None]
-            step = _damped(jacobian, twist)
-            stuck = ((qpos[:-2] <= low) & (step < 0)) | ((qpos[:-2] >= high) & (step > 0))
-            step = _damped(np.where(stuck, 0.0, jacobian), twist)
-            qpos[:-2] += step * min(1.0, FARTHEST_STEP / np.abs(step).max())
-        qpos[:-2] = np.clip(qpos[:-2], low, high)
-        return qpos
-
-    def advance(self, seconds: float) -> None:
-        """One physics step of the drives' targets on their way, where they have a pace."""
-        if self._profile:
-            self._drive(self._profile.step(self._qpos, seconds))
-
-    def _drive(self, qpos: Array) -> None:
-        for joint, target in zip(self._joints, qpos.tolist(), strict=True):
-            joint.set_drive_target(target)
-
-
-class Profile:
-    """Joint positions on their way to targets that may change at any time, without a jump in velocity."""
-
-    def __init__(self, pace: Pace, joints: int) -> None:
-        arms = joints - 2
-        self._speed = np.repeat([pace.speed, pace.finger_speed], [arms, 2])
-        self._acceleration = np.repeat([pace.acceleration, pace.finger_acceleration], [arms, 2])
-
-    def start(self, positions: Array) -> None:
-        """Stand still here."""
-        self._position, self._velocity = positions.copy(), np.zeros_like(positions)
-
-    def step(self, targets: Array, seconds: float) -> Array:
-        """Where the joints should be so many seconds later: as fast as allowed, and braking in time."""
-        way = targets - self._position
-        braking = np.sqrt(2 * self._acceleration * np.abs(way))
-        wanted = np.sign(way) * np.minimum(np.minimum(self._speed, braking), np.abs(way) / seconds)
-        change = self._acceleration * seconds
-        self._velocity += np.clip(wanted - self._velocity, -change, change)
-        self._position = self._position + self._velocity * seconds
-        return self._position
 
 
 class MetricController(BaseController):
-    """``MetricArm`` as a ManiSkill controller, for the gymnasium interface."""
+    """``MetricArm`` as a ManiSkill controller."""
 
     def _initialize_action_space(self) -> None:
         unbounded = np.full(6, np.inf, dtype=np.float32)
@@ -207,7 +44,7 @@ class MetricController(BaseController):
         )
 
     def set_drive_property(self) -> None:
-        """Those of the config, joint by joint."""
+        """Apply the gains of the config, joint by joint."""
         config = self.config
         for joint in self.joints:
             stiffness, damping, force = config.gains[joint.name]
@@ -218,24 +55,24 @@ class MetricController(BaseController):
         )
 
     def reset(self) -> None:
-        """The targets become where the robot is now."""
+        """Set the targets to the robot's present position."""
         self.arm.reset()
 
     def set_action(self, action: torch.Tensor) -> None:
-        """Command one control step."""
+        """Set the targets for one control step."""
         self.arm.command(np.asarray(action, dtype=np.float64).reshape(-1))
 
 
-Gains = tuple[float, float, float]  # stiffness, damping, limit of the force
+Gains = tuple[float, float, float]  # stiffness, damping, force limit
 
 
-@dataclass
+@dataclass(kw_only=True)
 class MetricControllerConfig(ControllerConfig):
-    """Names the controlled joints, arm first, their gains, and the tool centre point's link."""
+    """The controlled joints, arm first, their gains, and the link of the tool centre point."""
 
-    tcp: str = ""
-    gains: Mapping[str, Gains] = field(default_factory=dict)
-    gripper: Gripper = Gripper(0.0, 0.0, lambda qpos: 0.0)
+    tcp: str
+    gains: Mapping[str, Gains]
+    gripper: Gripper
     pace: Pace | None = None
     yields: bool = False
     controller_cls = MetricController
@@ -246,8 +83,9 @@ class MetricPanda(Panda):
     """ManiSkill's Panda with ``MetricController``.
 
     Attributes:
-        fingers: the links of each, the one with the pad first: its y axis is the closing axis.
-        tool: turns the TCP's link's axes into the hand's, z along the fingers and y the closing axis.
+        fingers: the links of each finger, first the one with the pad; its y axis is the closing axis.
+        tool: from the TCP link's axes to the hand's, z along the fingers and y the closing axis.
+        wrist: the link for a wrist camera; None if there is none.
     """
 
     uid = "vlafuzz_panda"
@@ -255,11 +93,11 @@ class MetricPanda(Panda):
     fingers = (("panda_leftfinger",), ("panda_rightfinger",))
     tool: sapien.Pose | None = None
     wrist: str | None = "panda_hand"
-    # Below zero, so that a closed gripper presses on thin objects too.
+    # Closed is below zero, so that the gripper also presses on thin objects.
     gripper = Gripper(closed=-0.01, open=0.04, width=lambda qpos: float(qpos[-1] + qpos[-2]))
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        """With simplified looks where it will be seen."""
+        """With simplified visual meshes if the scene can render."""
         if self.scene.can_render():
             self.urdf_path = str(light_robot(Path(Panda.urdf_path)))
         super()._load_articulation(initial_pose)
@@ -272,3 +110,135 @@ class MetricPanda(Panda):
             list(names), tcp=self.tcp_name, gains=dict.fromkeys(names, gains), gripper=self.gripper
         )
         return {CONTROL_MODE: config}
+
+
+def _friction(**links: float) -> dict[str, Any]:
+    """ManiSkill's ``urdf_config`` for the friction of links; the patch radius adds torsional friction."""
+    materials = {
+        f"of_{friction:g}": {"static_friction": friction, "dynamic_friction": friction, "restitution": 0.0}
+        for friction in set(links.values())
+    }
+    patches = {
+        name: {"material": f"of_{friction:g}", "patch_radius": 0.1, "min_patch_radius": 0.1}
+        for name, friction in links.items()
+    }
+    return {"_materials": materials, "link": patches}
+
+
+@register_agent()
+class MetricWidowX(WidowX250SBridgeDatasetFlatTable):
+    """See ``MetricPanda`` for the attributes."""
+
+    uid = "vlafuzz_widowx"
+    disable_self_collisions = True  # the hand's meshes overlap: in SAPIEN 3 the fingers would be stuck
+    tcp_name = "ee_gripper_link"
+    fingers = (("left_finger_link",), ("right_finger_link",))
+    tool: sapien.Pose | None = sapien.Pose(q=[0.5**0.5, 0.0, 0.5**0.5, 0.0])  # x is along the fingers
+    wrist: str | None = None
+    # As in the reference, a millimetre beyond the joint limits, for some force at either end. The gap between
+    # the fingers' collision meshes is 22 mm less than the joint positions.
+    gripper = Gripper(closed=0.014, open=0.038, width=lambda qpos: float(qpos[-1] + qpos[-2]) - 0.022)
+    urdf_config = _friction(left_finger_link=2.0, right_finger_link=2.0)
+
+    def _load_articulation(self, initial_pose: Any = None) -> None:
+        self.urdf_path = _file(WIDOWX)
+        super()._load_articulation(initial_pose)
+
+    @property
+    def _sensor_configs(self) -> list[Any]:
+        return []  # the rig defines the camera
+
+    @property
+    def _controller_configs(self) -> dict[str, Any]:
+        arm = zip(self.arm_stiffness, self.arm_damping, self.arm_force_limit, strict=True)
+        fingers: Gains = (self.gripper_stiffness, self.gripper_damping, self.gripper_force_limit)
+        gains: dict[str, Gains] = dict(zip(self.arm_joint_names, arm, strict=True))
+        gains |= dict.fromkeys(self.gripper_joint_names, fingers)
+        return _control(self.tcp_name, gains, self.gripper)
+
+
+# Gap between the Google robot's fingers in metres by joint position, measured on the collision meshes.
+_JOINT, _WIDTH = (0.0, 0.3, 0.6, 0.9, 1.15), (0.141, 0.114, 0.081, 0.031, 0.0)
+
+
+def _google_width(qpos: NDArray[np.float64]) -> float:
+    return float(np.interp((qpos[-1] + qpos[-2]) / 2, _JOINT, _WIDTH))
+
+
+@register_agent()
+class MetricGoogle(BaseAgent):
+    """See ``MetricPanda`` for the attributes."""
+
+    uid = "vlafuzz_google"
+    tcp_name = "link_gripper_tcp"
+    fingers = tuple(
+        (f"link_finger_tip_{side}", f"link_finger_{side}", f"link_finger_nail_{side}")
+        for side in ("left", "right")
+    )
+    tool: sapien.Pose | None = None
+    wrist: str | None = None
+    gripper = Gripper(closed=1.31, open=0.0, width=_google_width)  # closed is a hundredth beyond the limit
+    urdf_config = _friction(
+        **dict.fromkeys((name for finger in fingers for name in finger[:2]), 2.0),
+        **dict.fromkeys((finger[2] for finger in fingers), 0.1),
+    )
+    # Of arm_pd_ee_delta_pose_align_interpolate_by_planner and
+    # gripper_pd_joint_target_delta_pos_interpolate_by_planner, except for the fingers' force limit of 60:
+    # they would press on an orange with 900 N, at which SAPIEN 3's solver holds the arm off its target.
+    gains: dict[str, Gains] = {  # noqa: RUF012
+        "joint_torso": (1700.0, 1059.9791902443303, 300),
+        "joint_shoulder": (1737.0471680861954, 1010.4720585373592, 300),
+        "joint_bicep": (979.975871856535, 767.2803161582076, 100),
+        "joint_elbow": (930.0, 680.0, 100),
+        "joint_forearm": (1212.154500274304, 674.9946964336588, 100),
+        "joint_wrist": (432.96500923932535, 274.613381336198, 100),
+        "joint_gripper": (468.0013365498738, 340.532560578637, 100),
+        "joint_head_pan": (2000, 900, 100),
+        "joint_head_tilt": (2000, 900, 100),
+        "joint_finger_right": (200, 8, 10),
+        "joint_finger_left": (200, 8, 10),
+    }
+    # The reference planner's limits without that of the jerk, 50 rad/s^3, which delays each change of
+    # acceleration by 0.04 s.
+    pace = Pace(speed=1.5, acceleration=2.0, finger_speed=1.0, finger_acceleration=7.0)
+
+    def _load_articulation(self, initial_pose: Any = None) -> None:
+        self.urdf_path = _file(GOOGLE)
+        super()._load_articulation(initial_pose)
+
+    @property
+    def _controller_configs(self) -> dict[str, Any]:
+        return _control(self.tcp_name, self.gains, self.gripper, self.pace)
+
+
+def _control(tcp: str, gains: dict[str, Gains], gripper: Gripper, pace: Pace | None = None) -> dict[str, Any]:
+    """The hand yields out of reach; the reference exceeds joint limits there, or does not move at all."""
+    config = MetricControllerConfig(
+        list(gains), tcp=tcp, gains=gains, gripper=gripper, pace=pace, yields=True
+    )
+    return {CONTROL_MODE: config}
+
+
+def _file(rig: Rig) -> str:
+    assert rig.urdf is not None
+    return str(assets.need(f"robots/{rig.urdf}", f"robot {rig.robot}"))
+
+
+AGENTS: dict[str | None, type[BaseAgent]] = {
+    None: MetricPanda,
+    WIDOWX.urdf: MetricWidowX,
+    GOOGLE.urdf: MetricGoogle,
+}
+
+
+def wrist_of(agent: BaseAgent) -> Any:
+    """The link that carries the wrist camera.
+
+    Raises:
+        UsageError: the robot has none.
+    """
+    if agent.wrist is None:
+        raise UsageError(
+            f"{agent.uid.removeprefix('vlafuzz_')}: it has no wrist camera", hint="ask for third_person only"
+        )
+    return agent.robot.links_map[agent.wrist]

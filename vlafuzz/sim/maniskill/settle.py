@@ -1,4 +1,4 @@
-"""Settling: one second of physics without a robot. A fair scene stays as it was put, if not dropped."""
+"""Settling: one second of physics without a robot, in which the objects of a fair scene stay in place."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ FALLEN = -0.1  # metres
 
 @dataclass(frozen=True)
 class Settled:
-    """What becomes of a scene before anybody acts.
+    """The state of a scene before the policy acts.
 
     Attributes:
-        shift: from where an object was to be to where it is, seen from above; the largest, metres.
-        solved: the task is; ``published``: it is by the published criteria.
+        shift: largest horizontal distance of an object from where the scene places it, metres.
+        solved: whether the task is solved already; ``published``: by the published criteria.
     """
 
     shift: float
@@ -49,18 +49,18 @@ def settle(
     table: Table = PANDA.table,
     dropped: Sequence[sapien.Pose] | None = None,
 ) -> Settled:
-    """Whether the objects stay where they are put, and the task is not solved before anybody acts.
+    """Check that the objects stay in place and that the task is not solved before the policy acts.
 
-    Nothing may move more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
-    before nor after.
+    No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold
+    neither before nor after.
 
     Args:
-        dropped: where the objects lie after a fall. Then they need only stay on the table.
+        dropped: poses of the objects if they were dropped. Then they only have to stay on the table.
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
     add_table(scene, table)
-    wanted = [place(*each) for each in zip(models, placements, strict=True)]
+    wanted = [place(*pair) for pair in zip(models, placements, strict=True)]
     bodies = [
         add_object(scene, model, placement, placement.object, pose)
         for model, placement, pose in zip(models, placements, dropped or wanted, strict=True)
@@ -71,9 +71,9 @@ def settle(
     after = _state(scene, bodies)
     moments = (("at the start", before), ("after settling", after))
     solved = [moment for moment, state in moments if task.solved(tuple(models), state)]
-    there = np.array([pose.p[:2] for pose in wanted])
+    spots = np.array([pose.p[:2] for pose in wanted])
     return Settled(
-        shift=float(np.linalg.norm(((before if dropped else after).positions[:, :2] - there), axis=1).max()),
+        shift=float(np.linalg.norm(((before if dropped else after).positions[:, :2] - spots), axis=1).max()),
         solved=bool(solved),
         published=task.published(Situation(tuple(models), before, before)),
         rejection=_restless(placements, before, after, dropped=dropped is not None)
@@ -100,7 +100,7 @@ def _solved(task: str, moments: Sequence[str]) -> Rejection | None:
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
     labels: dict[object, int | str] = {body: index for index, body in enumerate(bodies)}
     labels.update(dict.fromkeys(scene.physx_system.rigid_static_components, TABLE))
-    contacts = {(one, other) for one, other, *_ in object_contacts(scene.physx_system, labels)}
+    contacts = {(index, other) for index, other, *_ in object_contacts(scene.physx_system, labels)}
     matrices = [body.entity_pose.to_transformation_matrix() for body in bodies]
     return State(
         positions=np.array([matrix[:3, 3] for matrix in matrices], dtype=np.float64),

@@ -1,4 +1,4 @@
-"""Table, floor and wall: what is behind the objects in every picture."""
+"""Table, floor and wall, the background of every picture."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from sapien import physx
 from vlafuzz.rigs.rig import Table
 from vlafuzz.sim.maniskill.rendering import render_system
 
-COLOUR = (0.52, 0.44, 0.36)  # of the table top, on average
-WALL = -1.6  # behind the robot
+COLOUR = (0.52, 0.44, 0.36)  # mean colour of the table top
+WALL = -1.6  # x, behind the robot, metres
 FRICTION = 0.6
-_PLANKS = 7  # across the table's depth
+_PLANKS = 7  # across the depth of the table
 
 
 def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
-    """A static box, visible where the scene can render, then in a room."""
+    """Add a static box; if the scene can render, a visible one with floor and wall."""
     body = physx.PhysxRigidStaticComponent()
     body.attach(physx.PhysxCollisionShapeBox(list(size.half), physx.PhysxMaterial(FRICTION, FRICTION, 0.0)))
     table = sapien.Entity()
@@ -25,8 +25,8 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     table.add_component(body)
     if render_system(scene) is not None:
         table.add_component(_box(size.half, _painted(_wood())))
-        for room in (_floor(size.floor), _wall(size.floor)):
-            scene.add_entity(room)
+        for surroundings in (_floor(size.floor), _wall(size.floor)):
+            scene.add_entity(surroundings)
     table.pose = sapien.Pose([*size.centre, -size.half[2]])
     scene.add_entity(table)
     return table
@@ -63,7 +63,7 @@ def _box(
 
 
 def _painted(picture: NDArray[np.uint8]) -> sapien.render.RenderMaterial:
-    """``(height, width, 3)`` sRGB on every side of a box."""
+    """A material with an sRGB texture ``(height, width, 3)``."""
     linear = (picture / 255.0) ** 2.2
     opaque = np.concatenate([linear, np.ones((*linear.shape[:2], 1))], axis=2)
     material = sapien.render.RenderMaterial(base_color=[1.0, 1.0, 1.0, 1.0], roughness=0.8, specular=0.1)
@@ -74,7 +74,7 @@ def _painted(picture: NDArray[np.uint8]) -> sapien.render.RenderMaterial:
 
 
 def _wood(size: int = 256) -> NDArray[np.uint8]:
-    """Planks with grain, on average ``COLOUR`` (taken as linear, like all colours of the catalogue)."""
+    """Planks with grain whose mean is ``COLOUR`` (linear, like all colours of the catalogue)."""
     rng = np.random.default_rng(3)
     tone = rng.normal(0.0, 0.045, _PLANKS).repeat(-(-size // _PLANKS))[:size, None]
     along = np.cumsum(rng.normal(0.0, 1.0, (size, size)), axis=1)

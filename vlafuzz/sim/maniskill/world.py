@@ -21,10 +21,10 @@ from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Placement
+from vlafuzz.sim.maniskill.arm import MetricArm
 from vlafuzz.sim.maniskill.contacts import Link, Pressed, held_object, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system, use_shaders
-from vlafuzz.sim.maniskill.robots import MetricArm
 from vlafuzz.tasks.state import ARM, HAND, TABLE, State
 
 Array = NDArray[np.float64]
