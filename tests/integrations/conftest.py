@@ -1,4 +1,4 @@
-"""A corpus to integrate with."""
+"""A corpus for the integrations."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The corpus environment: anyone rolls out a corpus with gymnasium alone."""
+"""The corpus environment: a corpus rolled out with nothing but gymnasium."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def test_a_witness_solves_its_scene_and_every_gain_in_progress_is_rewarded(corpu
     env.close()
 
 
-def test_scenes_follow_each_other_or_are_asked_for(corpus: Path):
+def test_scenes_follow_each_other_or_are_requested(corpus: Path):
     env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
     seen = [env.reset()[1]["case"] for _ in range(3)]
     assert [*seen, env.reset(options={"case": 1})[1]["case"]] == [0, 1, 0, 1]

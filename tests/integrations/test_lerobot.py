@@ -1,7 +1,7 @@
-"""Witnesses of failures as a data set of LeRobot's format.
+"""Witnesses of failures as a LeRobot dataset.
 
-lerobot and our own packages exclude each other. So its own loader reads them in an environment of its own;
-name the Python of one in which lerobot 0.4.4 is: VLAFUZZ_LEROBOT=there/bin/python scripts/test -m slow
+lerobot cannot be installed beside our packages. For the test with its own loader, name the Python of another
+environment with lerobot 0.4.4: VLAFUZZ_LEROBOT=PATH/bin/python scripts/test -m slow
 """
 
 import io
@@ -27,20 +27,20 @@ FRAMES, STEPS = "data/chunk-000/file-{:03d}.parquet", (4, 3, 5)
 READ = """
 import json, sys
 import torch
-library = torch.library.Library("torchvision", "DEF")  # its wheel knows no torch without CUDA
+library = torch.library.Library("torchvision", "DEF")  # the wheel of torchvision needs a torch with CUDA
 for name in ("nms", "qnms"):
     library.define(f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor")
 from lerobot.datasets.compute_stats import aggregate_stats
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 data = LeRobotDataset("vlafuzz/shown", root=sys.argv[1], delta_timestamps={"action": [0, 0.2]})
 first, last = data[0], data[len(data) - 1]
-told = {"episodes": data.num_episodes, "frames": data.num_frames, "fps": data.fps,
+facts = {"episodes": data.num_episodes, "frames": data.num_frames, "fps": data.fps,
         "shape": list(first["observation.images.front"].shape), "state": first["observation.state"].tolist(),
         "action": first["action"].tolist(), "padded": last["action_is_pad"].tolist(), "task": last["task"],
         "last": [int(last["episode_index"]), int(last["frame_index"])],
         "corner": (first["observation.images.front"][:, 0, 0] * 255).round().int().tolist(),
         "mean": data.meta.stats["action"]["mean"].tolist()}
-print(json.dumps(told))
+print(json.dumps(facts))
 """
 
 
@@ -58,19 +58,19 @@ def shown(number: int, steps: int) -> Demonstration:
 def folder(tmp_path: Path) -> Path:
     from vlafuzz.integrations.lerobot import write_dataset
 
-    made = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert write_dataset(made, tmp_path / "shown", 5, "panda") == len(STEPS)
+    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
+    assert write_dataset(demos, tmp_path / "shown", 5, "panda") == len(STEPS)
     return tmp_path / "shown"
 
 
-def test_every_frame_is_there_as_it_was(folder: Path):
+def test_every_frame_is_written_unchanged(folder: Path):
     frames = parquet.read_table(folder / FRAMES.format(0)).to_pylist()
     pictures = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
-    made = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert np.array_equal(pictures, np.concatenate([each.images["front"] for each in made]))
+    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
+    assert np.array_equal(pictures, np.concatenate([demo.images["front"] for demo in demos]))
     for key, wanted in (
-        ("observation.state", [each.states for each in made]),
-        ("action", [each.actions for each in made]),
+        ("observation.state", [demo.states for demo in demos]),
+        ("action", [demo.actions for demo in demos]),
     ):
         assert np.array_equal([row[key] for row in frames], np.concatenate(wanted))
     rows = [
@@ -80,12 +80,12 @@ def test_every_frame_is_there_as_it_was(folder: Path):
     assert frames[3]["timestamp"] == pytest.approx(0.6)
 
 
-def test_what_there_is_is_told(folder: Path):
+def test_the_metadata_describe_the_dataset(folder: Path):
     info = json.loads((folder / "meta/info.json").read_text())
-    told = {
+    facts = {
         key: info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")
     }
-    assert told == {
+    assert facts == {
         "codebase_version": "v3.0",
         "robot_type": "panda",
         "total_episodes": 3,
@@ -107,15 +107,15 @@ def test_what_there_is_is_told(folder: Path):
 
 def test_statistics_are_those_of_all_frames(folder: Path):
     stats = json.loads((folder / "meta/stats.json").read_text())
-    made = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    actions = np.concatenate([each.actions for each in made]).astype(np.float64)
-    pixels = np.concatenate([each.images["front"].reshape(-1, 3) for each in made]) / 255
-    for found, values in ((stats["action"], actions), (stats["observation.images.front"], pixels)):
+    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
+    actions = np.concatenate([demo.actions for demo in demos]).astype(np.float64)
+    pixels = np.concatenate([demo.images["front"].reshape(-1, 3) for demo in demos]) / 255
+    for stat, values in ((stats["action"], actions), (stats["observation.images.front"], pixels)):
         wanted = {"min": values.min(0), "max": values.max(0), "mean": values.mean(0), "std": values.std(0)}
         wanted["q90"] = np.quantile(values, 0.9, axis=0)
-        for name, each in wanted.items():
-            assert np.reshape(found[name], -1) == pytest.approx(each, abs=0.5 / 255)
-        assert found["count"] == [12]
+        for name, expected in wanted.items():
+            assert np.reshape(stat[name], -1) == pytest.approx(expected, abs=0.5 / 255)
+        assert stat["count"] == [12]
     assert np.shape(stats["observation.images.front"]["mean"]) == (3, 1, 1)
 
 
@@ -137,9 +137,9 @@ def test_witnesses_of_a_corpus_are_played_and_what_fails_is_left_out(
 ):
     out = tmp_path / "shown"
     assert main(["export", str(corpus), "--format", "lerobot", "--out", str(out)]) == 0
-    told = capsys.readouterr().err
-    assert "1 demonstrations written" in told
-    assert "left out: 1: its witness no longer solves it" in told
+    printed = capsys.readouterr().err
+    assert "1 demonstrations written" in printed
+    assert "left out: 1: its witness no longer solves it" in printed
     frames = parquet.read_table(out / FRAMES.format(0)).to_pylist()
     witness = read_corpus(corpus).cases[0].witness.actions
     assert np.array_equal([row["action"] for row in frames], witness[: len(frames)])
@@ -160,8 +160,8 @@ def test_witnesses_of_a_corpus_are_played_and_what_fails_is_left_out(
 def test_flags_that_do_not_go_with_it(
     corpus: Path, tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]
 ):
-    asked = ["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown"), *flags]
-    assert main(asked) == 2
+    command = ["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown"), *flags]
+    assert main(command) == 2
     assert says.replace("CORPUS", str(corpus)) in capsys.readouterr().err.replace("\n", " ")
 
 
@@ -171,9 +171,9 @@ def test_a_package_that_is_missing(
     monkeypatch.delitem(sys.modules, "vlafuzz.integrations.lerobot", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown")]) == 3
-    told = capsys.readouterr().err
-    assert "--format lerobot needs the package 'pyarrow'" in told
-    assert "pip install 'vlafuzz[lerobot]'" in told
+    printed = capsys.readouterr().err
+    assert "--format lerobot needs the package 'pyarrow'" in printed
+    assert "pip install 'vlafuzz[lerobot]'" in printed
 
 
 @pytest.mark.slow
@@ -181,15 +181,15 @@ def test_a_package_that_is_missing(
 def test_lerobots_own_loader_reads_it(folder: Path):
     assert LEROBOT is not None
     offline = {**os.environ, "HF_HUB_OFFLINE": "1", "PYTHONPATH": ""}
-    asked = [LEROBOT, "-c", READ, str(folder)]
-    done = subprocess.run(asked, capture_output=True, text=True, check=False, timeout=300, env=offline)
+    command = [LEROBOT, "-c", READ, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, env=offline)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    made = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    actions = np.concatenate([each.actions for each in made])
-    assert (found["episodes"], found["frames"], found["fps"], found["shape"]) == (3, 12, 5, [3, 12, 16])
-    assert found["state"] == made[0].states[0].tolist()
-    assert found["action"] == made[0].actions[:2].tolist()
-    assert found["corner"] == made[0].images["front"][0, 0, 0].tolist()
-    assert (found["task"], found["last"], found["padded"]) == ("pick up thing 0", [2, 4], [False, True])
-    assert found["mean"] == pytest.approx(actions.mean(0), abs=1e-6)
+    read = json.loads(done.stdout)
+    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
+    actions = np.concatenate([demo.actions for demo in demos])
+    assert (read["episodes"], read["frames"], read["fps"], read["shape"]) == (3, 12, 5, [3, 12, 16])
+    assert read["state"] == demos[0].states[0].tolist()
+    assert read["action"] == demos[0].actions[:2].tolist()
+    assert read["corner"] == demos[0].images["front"][0, 0, 0].tolist()
+    assert (read["task"], read["last"], read["padded"]) == ("pick up thing 0", [2, 4], [False, True])
+    assert read["mean"] == pytest.approx(actions.mean(0), abs=1e-6)

@@ -1,4 +1,4 @@
-"""Several corpus environments as one: gymnasium's vector environment, with the cases spread over them."""
+"""Several corpus environments as a gymnasium vector environment, with the cases spread over them."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ UP = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0]
 STEPS = 80  # of an episode that does not succeed
 
 
-def made(corpus: Path, count: int, **more: object) -> VectorEnv:
+def make(corpus: Path, count: int, **more: object) -> VectorEnv:
     return gymnasium.make_vec(ID, num_envs=count, corpus=corpus, **{"size": 0} | more)
 
 
@@ -25,7 +25,7 @@ def witness(corpus: Path) -> np.ndarray:
 
 
 def test_cases_are_spread_over_the_environments_and_a_seed_begins_again(corpus: Path):
-    envs = made(corpus, 3)
+    envs = make(corpus, 3)
     shown = [envs.reset()[1]["case"].tolist() for _ in range(2)]
     assert [*shown, envs.reset(seed=7)[1]["case"].tolist()] == [[0, 1, 0], [1, 0, 1], [0, 1, 0]]
     observation, info = envs.reset(options={"case": 1})
@@ -36,7 +36,7 @@ def test_cases_are_spread_over_the_environments_and_a_seed_begins_again(corpus: 
 
 
 def test_each_goes_through_what_it_would_alone(corpus: Path):
-    envs, alone = made(corpus, 2), gymnasium.make(ID, corpus=corpus, size=0)
+    envs, alone = make(corpus, 2), gymnasium.make(ID, corpus=corpus, size=0)
     envs.reset(seed=0)
     together = [envs.step(np.array([action, action])) for action in witness(corpus)[:10]]
     for number in range(2):
@@ -50,7 +50,7 @@ def test_each_goes_through_what_it_would_alone(corpus: Path):
 
 
 def test_after_an_episode_the_next_step_begins_one(corpus: Path):
-    envs = RecordEpisodeStatistics(made(corpus, 2))
+    envs = RecordEpisodeStatistics(make(corpus, 2))
     envs.reset()
     for action in witness(corpus):
         _, rewards, ended, late, info = envs.step(np.array([action, STAY]))
@@ -62,13 +62,13 @@ def test_after_an_episode_the_next_step_begins_one(corpus: Path):
     observation, rewards, ended, late, info = envs.step(np.array([STAY, STAY]))
     assert (rewards[0], ended.any(), late.any()) == (0.0, False, False)
     assert (info["case"][0], info["_case"].tolist()) == (0, [True, False])  # two cases on, of two
-    start = made(corpus, 1).reset()[0]
+    start = make(corpus, 1).reset()[0]
     assert np.array_equal(observation["state"][0], start["state"][0])
     envs.close()
 
 
 def test_or_the_same_step_does(corpus: Path):
-    envs = made(corpus, 1, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs = make(corpus, 1, autoreset_mode=AutoresetMode.SAME_STEP)
     begun = envs.reset()[0]
     for _ in range(STEPS):
         observation, _, _, late, info = envs.step(np.array([UP]))
@@ -82,14 +82,14 @@ def test_or_the_same_step_does(corpus: Path):
 @pytest.mark.slow
 @pytest.mark.render
 def test_processes_of_their_own_make_no_difference(corpus: Path):
-    found = []
+    observations = []
     for processes in (False, True):
-        envs = made(corpus, 2, size=32, processes=processes)
+        envs = make(corpus, 2, size=32, processes=processes)
         first, _ = envs.reset(seed=0)
         seen = [first, *(envs.step(np.array([action, STAY]))[0] for action in witness(corpus)[:5])]
-        found.append(seen)
+        observations.append(seen)
         envs.close()
-    for here, there in zip(*found, strict=True):
+    for here, there in zip(*observations, strict=True):
         assert here["instruction"] == there["instruction"]
         assert np.array_equal(here["state"], there["state"])
         assert np.array_equal(here["image"], there["image"])

@@ -1,1 +1,1 @@
-"""Where other people's tools meet ours."""
+"""Other tools: gymnasium, LeRobot, vla-eval."""

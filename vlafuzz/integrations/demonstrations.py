@@ -1,4 +1,4 @@
-"""Demonstrations: how an expert solves the scenes in which a policy failed, as the policy would see it."""
+"""Demonstrations: the expert's solutions of scenes in which a policy failed, as the policy would see them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Proof(NamedTuple):
-    """A scene, who solves it, and the run that found it."""
+    """A scene, its witness, and the run that found it."""
 
     scene: Scene
     witness: Witness
@@ -41,12 +41,12 @@ class Proof(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """A solution, from the start to success. An item of each for every control step.
+    """A solution from the start to success, with one item per control step.
 
     Attributes:
         images: by camera, uint8 ``(steps, height, width, 3)``, before the action.
         states: float32 ``(steps, 7)``, as ``PolicySpec.state``.
-        actions: float32 ``(steps, 7)``, as ``Rollout.actions``, from where the hand is.
+        actions: float32 ``(steps, 7)``, as ``Rollout.actions``, relative to the current hand pose.
     """
 
     scene: Scene
@@ -56,20 +56,20 @@ class Demonstration:
 
 
 class Demonstrations:
-    """All that are proven in a store or an exported corpus.
+    """The demonstrations of all witnessed failures in a store or an exported corpus.
 
-    Pictures are those that the policy of the runs asks for; where it asks for none, 224 pixels square.
+    The cameras are those of the runs' policy; for a policy without cameras, one of 224 x 224 pixels.
 
     Args:
-        source: store, folder of a corpus, or the name of a shipped one.
-        run: only of this run of a store.
+        source: store, folder of a corpus, or the name of a shipped corpus.
+        run: only failures that this run of a store found.
 
     Attributes:
-        hz: control steps a second.
+        hz: control steps per second.
 
     Raises:
-        CorpusError: there is none.
-        UsageError: they are of several robots, or with several kinds of pictures.
+        CorpusError: no failure has a witness.
+        UsageError: the failures are of several robots, or have several sets of cameras.
     """
 
     def __init__(self, source: Path, run: int | None = None) -> None:
@@ -78,19 +78,19 @@ class Demonstrations:
             raise CorpusError(f"{source}: no failure in it has a witness", hint="`vlafuzz triage` finds them")
         kinds = {(proof.scene.robot, _cameras(proof.run)) for proof in self.proofs}
         if len(kinds) > 1:
-            told = f"{source}: has failures of {len(kinds)} robots or kinds of pictures"
-            raise UsageError(told, hint="--run N takes those of one run")
+            message = f"{source}: has failures of {len(kinds)} robots or sets of cameras"
+            raise UsageError(message, hint="--run N takes the failures of one run")
         ((self.robot, cameras),) = kinds
         expert = Expert().spec
         self.hz = rig(self.robot).control_hz or expert.action.hz
         self._spec = PolicySpec("witness", action=expert.action, cameras=cameras, state=True)
 
     def play(self) -> Iterator[Demonstration | None]:
-        """One for each proof, in order; None where its witness does not solve the scene any more.
+        """One per proof, in order; None if the witness no longer solves the scene.
 
         Raises:
-            PrerequisiteError: nothing here can render.
-            UsageError: a pack of objects is gone.
+            PrerequisiteError: rendering does not work here.
+            UsageError: an object pack is missing.
         """
         runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
         catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
@@ -106,19 +106,22 @@ class Demonstrations:
                 yield self._played(evaluators[key].begin(scene, 0), scene, witness)
 
     def _played(self, episode: Episode, scene: Scene, witness: Witness) -> Demonstration | None:
-        seen = []
+        observations = []
         for action in witness.actions.astype(np.float64):
             if episode.over:
                 break
-            seen.append(episode.observe())
+            observations.append(episode.observe())
             episode.advance(action)
         if not episode.success:
             return None
         cameras = self._spec.cameras
         return Demonstration(
             scene,
-            {camera.name: np.stack([each.images[camera.name] for each in seen]) for camera in cameras},
-            np.stack([each.state for each in seen if each.state is not None]),
+            {
+                camera.name: np.stack([seen.images[camera.name] for seen in observations])
+                for camera in cameras
+            },
+            np.stack([seen.state for seen in observations if seen.state is not None]),
             np.array(episode.actions, dtype=np.float32),
         )
 
@@ -132,17 +135,17 @@ def _of_corpus(folder: Path, run: int | None) -> list[Proof]:
 
 def _of_store(store: Path, run: int | None) -> list[Proof]:
     with Store.open(store) as opened:
-        runs = {each.id: each.manifest for each in opened.runs()}
-        found = {(each.scene.digest, each.policy_key): runs[each.run] for each in opened.findings(run)}
+        manifests = {begun.id: begun.manifest for begun in opened.runs()}
+        runs = {(row.scene.digest, row.policy_key): manifests[row.run] for row in opened.findings(run)}
         proofs: dict[Scene, Proof] = {}
-        for each in opened.triaged():
-            manifest = found.get((each.scene.digest, each.policy_key))
-            if manifest and each.witness:
-                scene = each.shrunk if each.bucket == "minimal" and each.shrunk else each.scene
-                proofs.setdefault(scene, Proof(scene, each.witness, manifest))
+        for row in opened.triaged():
+            manifest = runs.get((row.scene.digest, row.policy_key))
+            if manifest and row.witness:
+                scene = row.shrunk if row.bucket == "minimal" and row.shrunk else row.scene
+                proofs.setdefault(scene, Proof(scene, row.witness, manifest))
     return list(proofs.values())
 
 
 def _cameras(run: Manifest) -> tuple[CameraRequest, ...]:
-    asked: Sequence[Mapping[str, object]] = json.loads(run.spec).get("cameras", ())
-    return tuple(CameraRequest(**camera) for camera in asked) or (CameraRequest("front", SIDE, SIDE),)  # type: ignore[arg-type]
+    cameras: Sequence[Mapping[str, object]] = json.loads(run.spec).get("cameras", ())
+    return tuple(CameraRequest(**camera) for camera in cameras) or (CameraRequest("front", SIDE, SIDE),)  # type: ignore[arg-type]

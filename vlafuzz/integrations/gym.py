@@ -1,4 +1,4 @@
-"""A corpus as a gymnasium environment: its scenes one after the other, without the search.
+"""A corpus as a gymnasium environment: its failing scenes one after the other.
 
 ``gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by
 side: ``gymnasium.make_vec("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
@@ -28,31 +28,37 @@ from vlafuzz.tasks.state import State
 
 HZ = 5
 ID = "vlafuzz/Corpus-v0"
-MOST = (0.25, 0.25, 0.25, np.pi, np.pi, np.pi)  # metres and radians in a step: more than the robot can do
-STATE = ((-2, 2), (-2, 2), (-1, 2), *[(-3.15, 3.15)] * 3, (-0.1, 1.1))  # no hand gets beyond
+MOST = (0.25, 0.25, 0.25, np.pi, np.pi, np.pi)  # metres and radians per step: more than the robot can do
+STATE = (
+    (-2, 2),
+    (-2, 2),
+    (-1, 2),
+    *[(-3.15, 3.15)] * 3,
+    (-0.1, 1.1),
+)  # bounds of the hand pose and the opening
 Seen = dict[str, Any]
 
 
 class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
-    """Each reset shows the next failing scene of a corpus, or the one that is asked for.
+    """Every reset builds the next failing scene of a corpus, or a requested one.
 
-    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, without ``size`` 0; ``state``
+    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, absent for ``size`` 0; ``state``
     (7,) float32: hand's position (metres), rotation vector (radians), opening in [0, 1]; ``instruction``.
-    Actions: (7,): dx dy dz (metres) and rotation vector (radians) from where the hand is, gripper (1 open,
-    -1 closed). Five steps a second, for 16 s. The reward is what was gained in progress; success terminates.
+    Actions: (7,): dx dy dz (metres) and rotation vector (radians) relative to the hand, gripper (1 open,
+    -1 closed). Five steps per second, for 16 s. The reward is the gain in progress; success terminates.
 
     Args:
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
-        size: of a picture, pixels; 0 for none, which needs no renderer.
-        first: number of the case to begin with; ``every`` n-th one follows, round and round.
+        size: of an image, pixels; 0 for no images, which needs no renderer.
+        first: number of the first case; every ``every``-th case follows, in a circle.
 
     Raises:
-        CorpusError: it is no such folder, or is damaged.
-        UsageError: a pack of its objects is gone.
-        PrerequisiteError: pictures are wanted, and nothing here can render.
+        CorpusError: the folder is not a corpus, or is damaged.
+        UsageError: an object pack of the corpus is missing.
+        PrerequisiteError: images are requested, and rendering does not work here.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": HZ}  # noqa: RUF012 - as gymnasium has it
+    metadata = {"render_modes": ["rgb_array"], "render_fps": HZ}  # noqa: RUF012 - gymnasium's convention
     render_mode = "rgb_array"
 
     def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
@@ -62,10 +68,10 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         cameras = (self._camera,) if self._camera else ()
         catalogue, robot = stored_catalogue(*exported.runs), self.cases[0].scene.robot
         self._env = make_env(exported.task, catalogue, cameras, HZ, robot, exported.runs[0].placement)
-        said = [case.scene.instruction for case in self.cases]
+        instructions = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
-            "instruction": spaces.Text(max(map(len, said)), charset=frozenset("".join(said))),
+            "instruction": spaces.Text(max(map(len, instructions)), charset=frozenset("".join(instructions))),
         }
         if self._camera:
             seen["image"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
@@ -78,10 +84,10 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Show ``options["case"]``, a number, or the next one; a seed begins again with the first.
+        """Build case ``options["case"]``, or the next one; with a seed, the first one.
 
         Raises:
-            UsageError: there is no such case.
+            UsageError: the case does not exist.
         """
         super().reset(seed=seed)
         number = (options or {}).get("case", self._next if seed is None else self._first)
@@ -111,11 +117,11 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         return self._observation(state), monitor.progress - before, done, late and not done, info
 
     def render(self) -> Any:
-        """What the third-person camera sees now: (size, size, 3) uint8."""
+        """The current image of the third-person camera: (size, size, 3) uint8."""
         return self._env.picture(self._camera.name) if self._camera else None
 
     def close(self) -> None:
-        """Let go of the simulator."""
+        """Close the simulator."""
         self._env.close()
 
     def _observation(self, state: State) -> Seen:
@@ -134,23 +140,22 @@ def corpus_envs(
     processes: bool = False,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
 ) -> VectorEnv[Any, Any, Any]:
-    """Several ``CorpusEnv``s as one: the i-th begins with case i, and ``num_envs`` cases on is its next one.
+    """Several ``CorpusEnv`` as a vector environment: the i-th begins with case i and advances by ``num_envs``.
 
-    So the first round of resets shows as many different cases, and all of them together show all cases. After
-    an episode, ``step`` begins the next one as gymnasium's ``autoreset_mode`` says. What an environment goes
-    through does not depend on the others.
+    Together, the environments cover all cases. After an episode, ``step`` begins the next one according to
+    gymnasium's ``autoreset_mode``. The environments do not influence each other.
 
     Args:
-        processes: each in a process of its own.
+        processes: run every environment in a process of its own.
 
     Raises:
-        as ``CorpusEnv``.
+        VlafuzzError: as ``CorpusEnv``.
     """
-    made = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
+    makers = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
     if not processes:
-        return SyncVectorEnv(made, autoreset_mode=autoreset_mode)
-    with single_threaded():  # gymnasium 1.4 garbles text in shared memory
-        return AsyncVectorEnv(made, shared_memory=False, context="spawn", autoreset_mode=autoreset_mode)
+        return SyncVectorEnv(makers, autoreset_mode=autoreset_mode)
+    with single_threaded():  # gymnasium 1.4 corrupts text in shared memory
+        return AsyncVectorEnv(makers, shared_memory=False, context="spawn", autoreset_mode=autoreset_mode)
 
 
 gymnasium.register(

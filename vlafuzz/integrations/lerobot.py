@@ -1,8 +1,8 @@
-"""A data set of LeRobot's format, version 3.0, from demonstrations: parquet files and JSON, pictures as PNG.
+"""Demonstrations as a LeRobot dataset, format 3.0: parquet files and JSON, images as PNG.
 
-The layout is that of lerobot 0.4.4: frames in ``data/``, an episode a row in ``meta/episodes/``, instructions
-in ``meta/tasks.parquet``, statistics of all in ``meta/stats.json`` and of each episode in its row, and in
-``meta/info.json`` what there is.
+The layout is that of lerobot 0.4.4: frames in ``data/``, one row per episode with its statistics in
+``meta/episodes/``, instructions in ``meta/tasks.parquet``, statistics of all frames in ``meta/stats.json``,
+and a summary in ``meta/info.json``.
 """
 
 from __future__ import annotations
@@ -24,22 +24,15 @@ from vlafuzz.integrations.demonstrations import Demonstration
 from vlafuzz.integrations.summaries import Levels, Stats, summary
 
 VERSION = "v3.0"
-FILE_BYTES = 100 << 20  # of pictures in a file, before there is another one
+FILE_BYTES = 100 << 20  # of images in a file, before the next file begins
 FILES = 1000  # in a folder
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 TASKS = "meta/tasks.parquet"
 STATE, ACTION, PICTURE = "observation.state", "action", "observation.images."
 NAMES = {
-    STATE: [
-        "x",
-        "y",
-        "z",
-        "rx",
-        "ry",
-        "rz",
-        "opening",
-    ],  # metres, rotation vector in radians, 1 for wide open
-    ACTION: ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],  # likewise; 1 opens, -1 closes
+    # metres, rotation vector in radians; opening: 1 for wide open; gripper: 1 opens, -1 closes
+    STATE: ["x", "y", "z", "rx", "ry", "rz", "opening"],
+    ACTION: ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],
 }
 NUMBERS = {"timestamp": "float32"} | dict.fromkeys(
     ("frame_index", "episode_index", "index", "task_index"), "int64"
@@ -48,12 +41,12 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Dataset:
-    """Writes one, an episode at a time; ``close`` makes it whole.
+    """Writes a dataset episode by episode; ``close`` completes it.
 
     Args:
-        folder: empty, or not there.
-        fps: frames a second.
-        robot: its name.
+        folder: empty or absent.
+        fps: frames per second.
+        robot: name of the robot.
     """
 
     def __init__(self, folder: Path, fps: int, robot: str) -> None:
@@ -68,26 +61,26 @@ class Dataset:
 
     @property
     def episodes(self) -> int:
-        """So far."""
+        """Number of episodes so far."""
         return len(self._rows)
 
     def add(self, shown: Demonstration) -> None:
-        """One more episode."""
+        """Add an episode."""
         task = self._tasks.setdefault(shown.scene.instruction, len(self._tasks))
         columns = self._numbered(shown, task)
         pictures = {PICTURE + name: frames for name, frames in shown.images.items()}
         levels = {key: Levels.of(frames) for key, frames in pictures.items()}
         self._sizes = {key: frames.shape[1:] for key, frames in pictures.items()}
         self._write({key: [_png(frame) for frame in frames] for key, frames in pictures.items()}, columns)
-        stats = {key: each.summary() for key, each in levels.items()}
+        stats = {key: level.summary() for key, level in levels.items()}
         stats |= {key: summary(values) for key, values in columns.items()}
         self._rows.append(self._row(shown, len(shown.actions), stats))
         self._columns.append(columns)
-        self._levels = {key: self._levels.get(key, Levels.none()) + each for key, each in levels.items()}
+        self._levels = {key: self._levels.get(key, Levels.none()) + level for key, level in levels.items()}
         self._frames += len(shown.actions)
 
     def close(self) -> None:
-        """Write what is known when all episodes are there."""
+        """Write the metadata of the whole dataset."""
         if self._writer is not None:
             self._writer.close()
         tasks = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
@@ -96,40 +89,40 @@ class Dataset:
         episodes.parent.mkdir(parents=True, exist_ok=True)
         tasks.to_parquet(self._folder / TASKS)
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(self._rows), episodes)
-        stats = {key: each.summary() for key, each in self._levels.items()}
+        stats = {key: level.summary() for key, level in self._levels.items()}
         stats |= {
             key: summary(np.concatenate([columns[key] for columns in self._columns]))
             for key in self._columns[0]
         }
-        for name, told in (("stats", stats), ("info", self._info())):
-            (meta / f"{name}.json").write_text(json.dumps(told) + "\n", encoding="utf-8")
+        for name, content in (("stats", stats), ("info", self._info())):
+            (meta / f"{name}.json").write_text(json.dumps(content) + "\n", encoding="utf-8")
 
     def _numbered(self, shown: Demonstration, task: int) -> Columns:
-        """All columns but pictures."""
+        """All columns but the images."""
         steps = np.arange(len(shown.actions))
-        alike = {"episode_index": len(self._rows), "task_index": task}
+        constant = {"episode_index": len(self._rows), "task_index": task}
         return {
             STATE: shown.states,
             ACTION: shown.actions,
             "timestamp": (steps / self._fps).astype(np.float32),
             "frame_index": steps,
             "index": self._frames + steps,
-            **{name: np.full(len(steps), value) for name, value in alike.items()},
+            **{name: np.full(len(steps), value) for name, value in constant.items()},
         }
 
     def _write(self, pictures: Mapping[str, list[bytes]], columns: Columns) -> None:
-        table = {key: _image_column(each) for key, each in pictures.items()}
-        table |= {key: _column(values) for key, values in columns.items()}
+        arrays = {key: _image_column(frames) for key, frames in pictures.items()}
+        arrays |= {key: _column(values) for key, values in columns.items()}
         if self._bytes > FILE_BYTES and self._writer is not None:
             self._writer.close()
             self._writer, self._bytes, self._file = None, 0, self._file + 1
-        made = pyarrow.table(table)
+        table = pyarrow.table(arrays)
         if self._writer is None:
             path = self._folder / "data" / PATH.format(**self._place())
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = pyarrow.parquet.ParquetWriter(path, made.schema)
-        self._writer.write_table(made)
-        self._bytes += sum(len(data) for each in pictures.values() for data in each)
+            self._writer = pyarrow.parquet.ParquetWriter(path, table.schema)
+        self._writer.write_table(table)
+        self._bytes += sum(len(frame) for frames in pictures.values() for frame in frames)
 
     def _place(self) -> dict[str, int]:
         return {"chunk_index": self._file // FILES, "file_index": self._file % FILES}
@@ -145,7 +138,7 @@ class Dataset:
             "dataset_to_index": self._frames + length,
             "meta/episodes/chunk_index": 0,
             "meta/episodes/file_index": 0,
-            **{f"stats/{key}/{name}": value for key, each in stats.items() for name, value in each.items()},
+            **{f"stats/{key}/{name}": value for key, stat in stats.items() for name, value in stat.items()},
         }
 
     def _info(self) -> dict[str, Any]:
@@ -163,7 +156,7 @@ class Dataset:
             "total_tasks": len(self._tasks),
             "chunks_size": FILES,
             "data_files_size_in_mb": FILE_BYTES >> 20,
-            "video_files_size_in_mb": 200,  # there are none
+            "video_files_size_in_mb": 200,  # required; there are no videos
             "fps": self._fps,
             "splits": {"train": f"0:{len(self._rows)}"},
             "data_path": f"data/{PATH}",
@@ -173,10 +166,10 @@ class Dataset:
 
 
 def write_dataset(shown: Iterable[Demonstration], folder: Path, fps: int, robot: str) -> int:
-    """How many episodes it has; where there are none, nothing is written."""
+    """Write a dataset, or nothing if there is no demonstration; returns the number of episodes."""
     dataset = Dataset(folder, fps, robot)
-    for each in shown:
-        dataset.add(each)
+    for demonstration in shown:
+        dataset.add(demonstration)
     if dataset.episodes:
         dataset.close()
     return dataset.episodes

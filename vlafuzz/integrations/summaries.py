@@ -1,4 +1,4 @@
-"""Summaries of a data set's columns, in LeRobot's words: range, mean, spread, quantiles, count."""
+"""Statistics of dataset columns under LeRobot's names: range, mean, deviation, quantiles, count."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ Stats = dict[str, Any]  # nested lists of numbers
 
 
 def summary(values: NDArray[Any]) -> Stats:
-    """Of numbers ``(n,)`` or vectors ``(n, d)``: lists of 1 or d."""
+    """Statistics of numbers ``(n,)`` or vectors ``(n, d)``, as lists of length 1 or d."""
     table = values.reshape(len(values), -1).astype(np.float64)
-    found = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0)}
-    found |= zip(map(_named, QUANTILES), np.quantile(table, QUANTILES, axis=0), strict=True)
-    return {name: each.tolist() for name, each in found.items()} | {"count": [len(values)]}
+    stats = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0)}
+    stats |= zip(map(_named, QUANTILES), np.quantile(table, QUANTILES, axis=0), strict=True)
+    return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """How often each level from 0 to 255 is in each channel of so many pictures: ``counts`` (3, 256)."""
+    """Histogram of the levels 0 to 255 by channel over some images: ``counts`` (3, 256)."""
 
     counts: NDArray[np.int64]
     pictures: int
 
     @staticmethod
     def none() -> Levels:
-        """Of no picture."""
+        """The histogram of no images."""
         return Levels(np.zeros((3, 256), dtype=np.int64), 0)
 
     @staticmethod
     def of(pictures: NDArray[np.uint8]) -> Levels:
-        """Of pictures ``(n, height, width, 3)``."""
+        """The histogram of images ``(n, height, width, 3)``."""
         channels = [np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)]
         return Levels(np.array(channels), len(pictures))
 
@@ -42,18 +42,18 @@ class Levels:
         return Levels(self.counts + other.counts, self.pictures + other.pictures)
 
     def summary(self) -> Stats:
-        """Of levels in [0, 1], by channel: lists (3, 1, 1). Quantiles are levels that occur."""
+        """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
         levels, share = np.arange(256) / 255, self.counts / self.counts.sum(1, keepdims=True)
         mean, below = share @ levels, np.cumsum(share, axis=1)
-        found = {
+        stats = {
             "min": levels[(share > 0).argmax(1)],
             "max": levels[255 - (share[:, ::-1] > 0).argmax(1)],
             "mean": mean,
             "std": np.sqrt(((levels - mean[:, None]) ** 2 * share).sum(1)),
         }
         for quantile in QUANTILES:
-            found[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
-        return {name: each.reshape(3, 1, 1).tolist() for name, each in found.items()} | {
+            stats[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
+        return {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()} | {
             "count": [self.pictures]
         }
 
