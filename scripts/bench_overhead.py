@@ -1,13 +1,13 @@
 #!/usr/bin/env python
-"""What a campaign spends beside its rollouts: in the strategy's ask and tell, and in the store.
+"""Time that a campaign spends outside its rollouts: in the strategy's ask and tell, and in the store.
 
-First one campaign of pinhole in the simulator for each strategy: seconds of search and of store, and their
-share of the wall time. All use one simulator, which has started before. Then one long campaign for each
-strategy on the toy evaluator, in a process of its own: milliseconds of search and of store a proposal in each
-successive block, and resident memory after it. What costs the same at the end as at the beginning is flat.
+The first part runs one campaign of pinhole in the simulator per strategy, and shows the seconds of search and
+store and their share of the wall time. All campaigns use one simulator that was started before. The second
+part runs one long campaign per strategy on the toy evaluator, in a process of its own, and shows the
+milliseconds of search and store per proposal for successive blocks, and the resident memory after each block.
 
-Both go through campaign.fuzz with a store on the disk, which syncs every trial, and is deleted in the end.
---rollouts 0 leaves the first part out, --evaluations 0 the second.
+Both parts use campaign.fuzz with a store on disk, which syncs every trial and is deleted in the end.
+--rollouts 0 leaves out the first part, --evaluations 0 the second.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.campaign import config, fuzz, launch
+from vlafuzz.campaign import config, launch
+from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Tally
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.objects import load_catalogue
@@ -42,12 +43,12 @@ CONDITIONS = (
     near("light.intensity", -2.0, 8.6),
     near("camera.roll", 2.0, 10.0),
 )
-SAMPLES, SHARE = 2000, 0.01  # scenes by which the region gets as wide as it takes for 1 % of them to fail
+SAMPLES, SHARE = 2000, 0.01  # the region is scaled so that 1 % of these scenes fail
 
 
 @dataclass(frozen=True)
 class Block:
-    """Some proposals in a row: up to which one, milliseconds each, and resident memory after them."""
+    """Successive proposals: the last one, milliseconds per proposal, and resident memory after them."""
 
     proposals: int
     search_ms: float
@@ -56,30 +57,30 @@ class Block:
 
 
 class Blocks:
-    """Watches a campaign: a block after every ``size`` proposals."""
+    """Watches a campaign, and adds a block after every ``size`` proposals."""
 
     def __init__(self, size: int) -> None:
-        self.made: list[Block] = []
+        self.blocks: list[Block] = []
         self._size, self._before = size, (0.0, 0.0)
 
     def __call__(self, tally: Tally) -> None:
-        """One more trial is stored."""
+        """Called when a trial is stored."""
         if tally.proposals % self._size:
             return
         now = (tally.search.seconds, tally.store.seconds)
         search, store = (1e3 * (b - a) / self._size for a, b in zip(self._before, now, strict=True))
         self._before = now
-        self.made.append(Block(tally.proposals, search, store, resident()))
+        self.blocks.append(Block(tally.proposals, search, store, resident()))
 
 
 def resident() -> float:
-    """MiB."""
+    """Resident memory, MiB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def plan(options: argparse.Namespace, strategy: str, budget: int, folder: str) -> config.Plan:
-    asked = config.RunConfig(
+    run = config.RunConfig(
         task=options.task,
         policy="pinhole",
         strategy=strategy,
@@ -87,7 +88,7 @@ def plan(options: argparse.Namespace, strategy: str, budget: int, folder: str) -
         seed=options.seed,
         store=Path(folder) / "a.db",
     )
-    return config.plan(asked)
+    return config.plan(run)
 
 
 def space_of(options: argparse.Namespace) -> SearchSpace:
@@ -95,7 +96,7 @@ def space_of(options: argparse.Namespace) -> SearchSpace:
 
 
 def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """One campaign a strategy in the simulator."""
+    """One campaign per strategy in the simulator."""
     rows = []
     with TemporaryDirectory(dir=options.folder) as folder:
         first = plan(options, options.strategies[0], options.rollouts, folder)
@@ -105,53 +106,52 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
             list(executor.run([(0, [scene])]))  # its start takes seconds
             with Store.open(first.store, "write") as store:
                 for name in options.strategies:
-                    made = plan(options, name, options.rollouts, folder)
-                    summary = launch.fuzz(made, store, executor, lambda tally: None, alone=True)
+                    prepared = plan(options, name, options.rollouts, folder)
+                    summary = launch.fuzz(prepared, store, executor, lambda tally: None, alone=True)
                     spent = {"search": summary.search_seconds, "store": summary.store_seconds}
                     row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
                     row |= {"proposals": summary.proposals, "seconds": summary.seconds}
                     row |= {f"{part}_seconds": seconds for part, seconds in spent.items()}
-                    rows.append(
-                        row | {f"{part}_share": each / summary.seconds for part, each in spent.items()}
-                    )
+                    row |= {f"{part}_share": seconds / summary.seconds for part, seconds in spent.items()}
+                    rows.append(row)
     return rows
 
 
 def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
     """One long campaign on the toy."""
     with TemporaryDirectory(dir=options.folder) as folder:
-        made, space = plan(options, strategy, options.evaluations, folder), space_of(options)
+        prepared, space = plan(options, strategy, options.evaluations, folder), space_of(options)
         scenes = [space.sample(np.random.default_rng([options.seed, 1, index])) for index in range(SAMPLES)]
         toy = Toy(
             Region(CONDITIONS).calibrated(scenes, SHARE),
             space.catalogue,
-            min_distance=made.manifest.min_distance,
+            min_distance=prepared.manifest.min_distance,
         )
-        blocks = Blocks(options.block)
-        with Store.open(made.store, "write") as store:
+        watch = Blocks(options.block)
+        with Store.open(prepared.store, "write") as store:
             summary = fuzz(
-                manifest=made.manifest,
-                stages=made.task.stage_names,
+                manifest=prepared.manifest,
+                stages=prepared.task.stage_names,
                 space=space,
-                strategy=made.strategy,
+                strategy=prepared.strategy,
                 executor=LocalExecutor(toy),
                 store=store,
                 patience=None,
                 alone=True,
-                watch=blocks,
+                watch=watch,
             )
-        size = made.store.stat().st_size / 2**20
+        size = prepared.store.stat().st_size / 2**20
     return {
         "strategy": strategy,
         "evaluations": summary.rollouts,
         "seconds": summary.seconds,
         "store_mib": size,
-        "blocks": [asdict(block) for block in blocks.made],
+        "blocks": [asdict(block) for block in watch.blocks],
     }
 
 
 def apart(work: Callable[..., Any], *args: Any) -> Any:
-    """Done in a process of its own, whose memory is its own, too."""
+    """Work in a process of its own, so that its memory is its own, too."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *args).result()
 
@@ -173,22 +173,22 @@ def show_endured(row: dict[str, Any]) -> None:
     )
     print(f"\n{row['strategy']} on the toy: {took}")
     print("proposals  search ms  store ms  resident MiB")
-    for each in row["blocks"]:
-        print(f"{each['proposals']:9}  {each['search_ms']:9.3f}  {each['store_ms']:8.3f}", end="  ")
-        print(f"{each['mib']:12.1f}", flush=True)
+    for block in row["blocks"]:
+        print(f"{block['proposals']:9}  {block['search_ms']:9.3f}  {block['store_ms']:8.3f}", end="  ")
+        print(f"{block['mib']:12.1f}", flush=True)
 
 
 def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--task", default="pick-up")
-    whole = [name for name in STRATEGIES if "without" not in name]  # the others are ablations
-    parser.add_argument("--strategies", nargs="+", default=whole, choices=list(STRATEGIES))
-    parser.add_argument("--rollouts", type=int, default=100, help="in the simulator, of each strategy")
-    parser.add_argument("--evaluations", type=int, default=20_000, help="of the toy, for each strategy")
-    parser.add_argument("--block", type=int, default=1000, help="proposals")
+    default = [name for name in STRATEGIES if "without" not in name]  # the others are ablations
+    parser.add_argument("--strategies", nargs="+", default=default, choices=list(STRATEGIES))
+    parser.add_argument("--rollouts", type=int, default=100, help="in the simulator, per strategy")
+    parser.add_argument("--evaluations", type=int, default=20_000, help="of the toy, per strategy")
+    parser.add_argument("--block", type=int, default=1000, help="proposals per block")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--folder", type=Path, default=Path(), help="where the stores are, on the disk")
+    parser.add_argument("--folder", type=Path, default=Path(), help="folder for the stores")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
     options = parser.parse_args()
     report: dict[str, list[dict[str, Any]]] = {"simulated": [], "endured": []}

@@ -1,24 +1,24 @@
 #!/usr/bin/env python3
-"""What a picture costs, what its simplification changes, and rendered rollouts of `mini` an hour.
+"""The cost of an image, the effect of simplified rendering, and rendered rollouts of `mini` per hour.
 
-Three ways to render take turns, picture by picture, each in a process of its own (SAPIEN keeps shaders
+Three variants of rendering alternate, image by image, each in a process of its own (SAPIEN keeps shaders
 globally). Scenes, room, lights, camera and joint positions are the same:
 
 ours           the simplified robot, and SAPIEN's `minimal` shaders without their reflectance table
 stock          the Panda's full meshes and `minimal` as it comes, ManiSkill's default
 stock default  the full meshes and SAPIEN's `default` shaders
 
-A picture is `update_render`, `take_picture` and `get_picture` after the robot has moved. Similarity is the
-structural one (SSIM, Wang et al. 2004) to stock's picture. Start-up is from a fresh process to its first
-picture, imports included, with what is made once and cached in place. `--rollouts` measures whole rollouts
-instead: nominal light and camera, one target, all checks, ten steps after success, as campaigns run them.
+An image takes `update_render`, `take_picture` and `get_picture` after the robot has moved. Similarity is the
+structural similarity (SSIM, Wang et al. 2004) to stock's image. Start-up is from a fresh process to its first
+image, including imports, with warm caches. `--rollouts` measures whole rollouts instead: nominal light and
+camera, one target, all checks, ten steps after success, as campaigns run them.
 """
 
 from __future__ import annotations
 
 import os
 
-# before NumPy, torch and the first Vulkan call look; worker processes inherit it
+# before the first import of NumPy and torch, and the first Vulkan call; worker processes inherit them
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("LP_NUM_THREADS", "0")
 
@@ -71,12 +71,12 @@ PARTS: dict[str, tuple[type, str]] = {
     "rest": (ManiSkillEvaluator, "evaluate"),
 }
 Picture = NDArray[np.uint8]
-_together: Any = None  # in a worker: the barrier from which all begin
+_together: Any = None  # in a worker: the barrier at which all workers start
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One picture: what it cost, in seconds, and how it looks."""
+    """One image, and the seconds that it took."""
 
     wall: float
     cpu: float
@@ -84,7 +84,7 @@ class Shot:
 
 
 def scenes_of(task: str, vary: Sequence[str], number: int, seed: int) -> list[Scene]:
-    """Generated ones that pass the static checks, other operators nominal."""
+    """Generated scenes that pass the static checks, with all other operators nominal."""
     operators, catalogue = load_operators(), load_catalogue()
     space = SearchSpace(operators.only(vary), catalogue, task)
     drawn = (space.sample(np.random.default_rng([seed, index, *task.encode()])) for index in count())
@@ -92,19 +92,19 @@ def scenes_of(task: str, vary: Sequence[str], number: int, seed: int) -> list[Sc
     return [next(fair) for _ in range(number)]
 
 
-# pictures: what the processes do
+# images: in the worker processes
 
 
 @cache
 def environment(variant: str, task: str, size: int) -> TabletopEnv:
-    """An environment that renders in one of the three ways, and can do no other from then on."""
+    """An environment with one variant of rendering; the process is bound to it."""
     if variant in PACKS:
         _render_as_stock(PACKS[variant])
     cameras = (CameraRequest("front", size, size),)
     more: dict[str, Any] = {"obs_mode": "none", "render_backend": render_backend()}
-    made = gymnasium.make(gym_id(task), catalogue=load_catalogue(), cameras=cameras, **more).unwrapped
-    assert isinstance(made, TabletopEnv)
-    return made
+    env = gymnasium.make(gym_id(task), catalogue=load_catalogue(), cameras=cameras, **more).unwrapped
+    assert isinstance(env, TabletopEnv)
+    return env
 
 
 def _render_as_stock(pack: str) -> None:
@@ -118,7 +118,7 @@ def _render_as_stock(pack: str) -> None:
 
 
 def shoot(variant: str, scene: Scene, size: int, moves: int) -> list[Shot]:
-    """The picture of a scene after each move of the robot; a first one warms up."""
+    """The images of a scene after each move of the robot, without the first one (warm-up)."""
     env = environment(variant, scene.task, size)
     env.begin(scene)
     rng, robot = np.random.default_rng(int(scene.digest[:8], 16)), env.agent.robot._objs[0]
@@ -132,7 +132,7 @@ def shoot(variant: str, scene: Scene, size: int, moves: int) -> list[Shot]:
 
 
 def first_picture(variant: str, scene: Scene, size: int) -> float:
-    """CPU seconds of this process until it has one."""
+    """CPU seconds of this process until its first image."""
     env = environment(variant, scene.task, size)
     env.begin(scene)
     assert env.picture("front").any()
@@ -143,11 +143,11 @@ def fresh_process() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, get_context("spawn"))
 
 
-# pictures: what is made of it
+# images: evaluation
 
 
 def similarity(a: Picture, b: Picture) -> float:
-    """SSIM of two pictures' grey values: an 11 pixel Gaussian window of 1.5 pixels, as published."""
+    """SSIM of two images' grey values: an 11 pixel Gaussian window of 1.5 pixels, as published."""
     blur = partial(gaussian_filter, sigma=1.5, radius=5)
     x, y = (picture.astype(float) @ [0.299, 0.587, 0.114] for picture in (a, b))
     mean_x, mean_y = blur(x), blur(y)
@@ -160,7 +160,7 @@ def similarity(a: Picture, b: Picture) -> float:
 
 
 def measure(scenes: Sequence[Scene], size: int, moves: int) -> dict[str, list[Shot]]:
-    """All pictures of each variant, which take turns scene by scene in a changing order."""
+    """All images of each variant; the variants alternate per scene, in random order."""
     shuffle = np.random.default_rng(0).permutation
     shots: dict[str, list[Shot]] = {variant: [] for variant in VARIANTS}
     workers = {variant: fresh_process() for variant in VARIANTS}
@@ -173,7 +173,7 @@ def measure(scenes: Sequence[Scene], size: int, moves: int) -> dict[str, list[Sh
 
 
 def start_up(variant: str, scene: Scene, size: int, repetitions: int) -> tuple[float, float]:
-    """Seconds from nothing to a first picture, wall and CPU: medians of fresh processes."""
+    """Seconds from the start of a process to its first image, wall and CPU: medians of fresh processes."""
     spent = []
     for _ in range(repetitions):
         began = time.perf_counter()
@@ -185,7 +185,7 @@ def start_up(variant: str, scene: Scene, size: int, repetitions: int) -> tuple[f
 
 
 def summarise_pictures(options: argparse.Namespace) -> dict[str, Any]:
-    """What is printed. Times are medians, of similarity there are mean and minimum."""
+    """The printed report. Times are medians; similarity has mean and minimum."""
     scenes = [scene for task in TASKS for scene in scenes_of(task, CLUTTER, options.scenes, options.seed)]
     shots = measure(scenes, options.size, options.moves)
     rows: dict[str, dict[str, float]] = {}
@@ -229,7 +229,7 @@ def show_pictures(report: dict[str, Any], size: int) -> None:
 
 @dataclass
 class Work:
-    """What one worker did."""
+    """The work of one process."""
 
     rollouts: int = 0
     passed: int = 0
@@ -240,7 +240,7 @@ class Work:
 
 
 def time_parts(spent: dict[str, float]) -> None:
-    """Add up from now on the seconds of each part, without the parts inside it."""
+    """From now on, add up the seconds of each part, without those of nested parts."""
     inner = [0.0]
 
     def timed(part: str, function: Callable[..., object]) -> Callable[..., object]:
@@ -261,7 +261,7 @@ def time_parts(spent: dict[str, float]) -> None:
 
 
 def roll_out(job: tuple[int, float, int]) -> Work:
-    """Rollouts for so many seconds, after one to warm up. Workers start the clock together."""
+    """Rollouts for ``seconds``, after a warm-up. All workers start the clock together."""
     worker, seconds, seed = job
     torch.set_num_threads(1)
     operators, catalogue = load_operators(), load_catalogue()
@@ -329,11 +329,13 @@ def show_rollouts(report: dict[str, Any]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--size", type=int, default=128, help="pixels of a picture's side")
-    parser.add_argument("--scenes", type=int, default=6, help="a task")
-    parser.add_argument("--moves", type=int, default=8, help="of the robot in each scene, one picture each")
-    parser.add_argument("--repetitions", type=int, default=3, help="of the start of a process")
-    parser.add_argument("--rollouts", action="store_true", help="measure rollouts instead of pictures")
+    parser.add_argument("--size", type=int, default=128, help="pixels of an image's side")
+    parser.add_argument("--scenes", type=int, default=6, help="per task")
+    parser.add_argument(
+        "--moves", type=int, default=8, help="of the robot in each scene, with one image each"
+    )
+    parser.add_argument("--repetitions", type=int, default=3, help="of the start-up")
+    parser.add_argument("--rollouts", action="store_true", help="measure rollouts instead of images")
     parser.add_argument("--workers", type=int, default=2, help="processes for rollouts")
     parser.add_argument("--seconds", type=float, default=60.0, help="of rollouts")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")

@@ -1,20 +1,21 @@
 #!/usr/bin/env python
-"""What does a server cost? `mini` behind one, asked by several clients, against `mini` without one.
+"""The cost of a policy server: `mini` behind a server with several clients, against `mini` in process.
 
-Two rates, each of them measured with and without the server by turns:
+Two rates, both measured alternately with and without the server:
 
-answers      observations answered in a second, without a simulator. In process: ``act`` of as many
-             observations at once as there are clients. Server: as many processes, each with a connection
-             of its own that sends an observation, waits for the actions and sends the next one. As other
-             work on the machine hides it, the CPU time of an answer is told, too: with the server, that of
-             server and clients together.
-simulators   control steps in a second of that many simulators, each in a process of its own, in the same
-             scenes. In process: one `mini` for all of them, which is asked for whatever they want at the
-             same time in one call (``shared``, see ``vlafuzz.policies.base.Policy``). Server: the same
-             through `vlafuzz serve`. Both must go through the same states.
+answers      observations answered per second, without a simulator. In process: ``act`` on a batch with one
+             observation per client. Server: one process per client, which sends an observation over its own
+             connection and waits for the actions before it sends the next. Since other load on the machine
+             affects the rates, the CPU time per answer is shown as well: with the server, that of server and
+             clients together.
+simulators   control steps per second of as many simulators, each in a process, in the same scenes. In
+process:
+             one `mini` for all of them, which gets the observations that are ready in one batch (``shared``,
+             see ``vlafuzz.policies.base.Policy``). Server: the same through `vlafuzz serve`. Both must go
+             through the same states.
 
-The server is `vlafuzz serve mini`, in a process of its own, on loopback; a chunk comes back as far as it is
-to be executed.
+The server is `vlafuzz serve mini`, in a process of its own, on loopback; it returns only the actions of a
+chunk that are executed.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ IN_PROCESS, SERVER = "in process", "server"
 
 
 class Shared(Mini):
-    """One mini for all simulators."""
+    """A mini that all simulators share."""
 
     shared = True
 
@@ -75,9 +76,9 @@ def begin(policy: Policy, episode: str) -> None:
 
 @contextmanager
 def server(protocol: str) -> Iterator[tuple[str, int]]:
-    """The name under which the server is found, and the number of its process."""
-    asked = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--protocol", protocol, "--port", "0"]
-    with single_threaded(), subprocess.Popen(asked, stdout=subprocess.PIPE, text=True) as running:
+    """A running server: its policy name, and its process id."""
+    command = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--protocol", protocol, "--port", "0"]
+    with single_threaded(), subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         try:
             assert running.stdout is not None
             yield running.stdout.readline().strip(), running.pid
@@ -86,42 +87,42 @@ def server(protocol: str) -> Iterator[tuple[str, int]]:
 
 
 def client(name: str, steps: int, rounds: int, together: Barrier) -> None:
-    """One of the processes that ask for answers."""
+    """One of the client processes."""
     with closing(make_policy(name)) as policy:
         for _ in range(rounds):
-            together.wait()  # until the other side of the comparison is done
-            begin(policy, "it")
-            policy.act([observation("it", 0)])  # the connection is open, and the rollout has begun
-            seen = [observation("it", step) for step in range(steps)]
+            together.wait()  # for the measurement in process
+            begin(policy, "episode")
+            policy.act([observation("episode", 0)])  # the connection is open, and the rollout has begun
+            seen = [observation("episode", step) for step in range(steps)]
             together.wait()
-            for each in seen:
-                policy.act([each])
+            for item in seen:
+                policy.act([item])
             together.wait()
 
 
 def cpu_seconds(processes: list[int]) -> float:
-    """That they have used so far, all together."""
-    told = (Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split() for number in processes)
-    return sum(int(fields[11]) + int(fields[12]) for fields in told) / os.sysconf("SC_CLK_TCK")
+    """CPU seconds that these processes have used so far, in total."""
+    stats = (Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split() for number in processes)
+    return sum(int(fields[11]) + int(fields[12]) for fields in stats) / os.sysconf("SC_CLK_TCK")
 
 
 def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measured, Measured]:
-    """Answers a second, and CPU seconds for one."""
+    """Answers per second, and CPU seconds per answer."""
     rates: Measured = {IN_PROCESS: [], SERVER: []}
     spent: Measured = {IN_PROCESS: [], SERVER: []}
     context, mini = get_context("spawn"), Mini()
     together = context.Barrier(options.clients + 1)
-    given = (name, options.steps, options.rounds, together)
-    clients = [context.Process(target=client, args=given) for _ in range(options.clients)]
+    arguments = (name, options.steps, options.rounds, together)
+    clients = [context.Process(target=client, args=arguments) for _ in range(options.clients)]
     with single_threaded():
-        for each in clients:
-            each.start()
-    others, total = [process, *(each.pid or 0 for each in clients)], options.steps * options.clients
+        for started in clients:
+            started.start()
+    others, total = [process, *(started.pid or 0 for started in clients)], options.steps * options.clients
     names = [str(number) for number in range(options.clients)]
     for _ in range(options.rounds):
-        batches = [[observation(name, step) for name in names] for step in range(options.steps)]
-        for each in names:
-            begin(mini, each)
+        batches = [[observation(episode, step) for episode in names] for step in range(options.steps)]
+        for episode in names:
+            begin(mini, episode)
         began, before = time.perf_counter(), time.process_time()
         for batch in batches:
             mini.act(batch)
@@ -133,8 +134,8 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
         together.wait()
         spent[SERVER].append((cpu_seconds(others) - before) / total)
         rates[SERVER].append(total / (time.perf_counter() - began))
-    for each in clients:
-        each.join()
+    for started in clients:
+        started.join()
     return rates, spent
 
 
@@ -149,21 +150,21 @@ def make_evaluator(name: str, policy: Policy | None = None) -> Evaluator:
 
 
 def workers(options: argparse.Namespace, name: str) -> Executor:
-    """Simulators, each in a process of its own."""
+    """An executor with one simulator per process."""
     place = Place(workers=options.clients, executor="processes")
     return executor_at(place, partial(make_evaluator, name), policy_at(place, name))
 
 
 def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:
-    """Control steps a second, and the hashes of all states."""
+    """Control steps per second, and the hashes of all states."""
     began = time.perf_counter()
-    found = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
+    results = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
     spent = time.perf_counter() - began
-    outcomes = [found[number][0] for number in range(len(scenes))]
-    if broken := [each.detail for each in outcomes if each.verdict is Verdict.ERROR]:
+    outcomes = [results[number][0] for number in range(len(scenes))]
+    if broken := [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]:
         raise RuntimeError(broken[0])
-    rolled = [rollout for outcome in outcomes for rollout in outcome.rollouts]
-    return sum(len(rollout.actions) for rollout in rolled) / spent, [each.states_hash for each in rolled]
+    done = [rollout for outcome in outcomes for rollout in outcome.rollouts]
+    return sum(len(rollout.actions) for rollout in done) / spent, [rollout.states_hash for rollout in done]
 
 
 def simulators(options: argparse.Namespace, name: str) -> Measured:
@@ -172,18 +173,18 @@ def simulators(options: argparse.Namespace, name: str) -> Measured:
     shared = f"python:{Path(__file__).stem}:{Shared.__name__}"
     rates: Measured = {IN_PROCESS: [], SERVER: []}
     with ExitStack() as stack:
-        crews = {
-            kind: stack.enter_context(closing(workers(options, each)))
-            for kind, each in ((IN_PROCESS, shared), (SERVER, name))
+        executors = {
+            kind: stack.enter_context(closing(workers(options, policy)))
+            for kind, policy in ((IN_PROCESS, shared), (SERVER, name))
         }
-        for each in crews.values():  # until all simulators are there
-            rollouts(each, [next(drawn) for _ in range(2 * options.clients)])
+        for executor in executors.values():  # starts all simulators
+            rollouts(executor, [next(drawn) for _ in range(2 * options.clients)])
         for number in range(options.rounds):
             scenes, states = [next(drawn) for _ in range(options.scenes)], {}
             for kind in (IN_PROCESS, SERVER) if number % 2 else (SERVER, IN_PROCESS):
-                rate, states[kind] = rollouts(crews[kind], scenes)
+                rate, states[kind] = rollouts(executors[kind], scenes)
                 rates[kind].append(rate)
-            assert states[IN_PROCESS] == states[SERVER], "with the server, mini went another way"
+            assert states[IN_PROCESS] == states[SERVER], "mini took another trajectory with the server"
     return rates
 
 
@@ -193,16 +194,18 @@ def summary(rates: Measured) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    found = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
-    name = found[0].partition(":")[2].strip() if found else platform.processor()
+    models = [
+        line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")
+    ]
+    name = models[0].partition(":")[2].strip() if models else platform.processor()
     return {"processor": name, "cores": os.cpu_count(), "load_before": os.getloadavg()[0]}
 
 
-def show(part: str, unit: str, found: dict[str, Any]) -> None:
-    here, there = (statistics.median(found["per_second"][kind]) for kind in (IN_PROCESS, SERVER))
+def show(part: str, unit: str, measured: dict[str, Any]) -> None:
+    here, there = (statistics.median(measured["per_second"][kind]) for kind in (IN_PROCESS, SERVER))
     rates = f"{here:7.1f} {unit} in process, {there:7.1f} through the server"
-    low, high = min(found["ratios"]), max(found["ratios"])
-    print(f"{part:11}{rates}: {found['ratio']:.2f} times ({low:.2f} to {high:.2f})", flush=True)
+    low, high = min(measured["ratios"]), max(measured["ratios"])
+    print(f"{part:11}{rates}: {measured['ratio']:.2f} times ({low:.2f} to {high:.2f})", flush=True)
 
 
 def main() -> None:
@@ -211,8 +214,8 @@ def main() -> None:
     parser.add_argument("--clients", type=int, default=8)
     parser.add_argument("--protocol", choices=list(PROTOCOLS), default="vla-eval")
     parser.add_argument("--rounds", type=int, default=12)
-    parser.add_argument("--steps", type=int, default=15, help="answers to each client in a round; 0 for none")
-    parser.add_argument("--scenes", type=int, default=16, help="in a round; 0 for no simulators")
+    parser.add_argument("--steps", type=int, default=15, help="answers per client and round; 0 to skip")
+    parser.add_argument("--scenes", type=int, default=16, help="per round; 0 to skip the simulators")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     options = parser.parse_args()
@@ -224,7 +227,7 @@ def main() -> None:
             rates, spent = answers(options, name, process)
             report["answers"] = summary(rates)
             show("answers", "answers/s", report["answers"])
-            report["cpu_ms"] = {kind: 1e3 * statistics.median(each) for kind, each in spent.items()}
+            report["cpu_ms"] = {kind: 1e3 * statistics.median(seconds) for kind, seconds in spent.items()}
             here, there = report["cpu_ms"].values()
             print(f"CPU time of an answer: {here:.2f} ms in process, {there:.2f} ms with server and client")
         if options.scenes:

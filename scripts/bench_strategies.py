@@ -1,13 +1,14 @@
 #!/usr/bin/env python
-"""Strategies side by side, at equal budget and with paired seeds, on four grounds.
+"""Compare strategies at equal budget and with paired seeds, on four benchmarks.
 
-    toy       planted failures in closed form, no physics
-    replay    published labels of real VLAs (VLATest's folder `data`) as oracle: choose 200 of 1,000 scenes
-    pinhole   the real simulator, a scripted policy that sees through a pinhole, physics only
-    mini      the real simulator, a learned policy, rendered
+    toy       planted failures in closed form, without physics
+    replay    published labels of real VLAs (VLATest's folder `data`) as the oracle: choose 200 of 1,000
+    scenes pinhole   the real simulator, a scripted policy with a pinhole camera model, physics only mini
+    the real simulator, a learned policy, with rendering
 
-Ratios are of means, with 95 % bootstrap intervals over paired runs; A12 says how often a run has more than
-one of random (Vargha and Delaney 2000), ties counted half; p is Mann and Whitney's, corrected after Holm.
+Ratios are of means, with 95 % bootstrap intervals over paired runs; A12 is the probability that a run has
+more than a run of random, with ties counted half (Vargha and Delaney 2000); p is by Mann and Whitney's test
+with Holm's correction.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ ALL = list(STRATEGIES)
 
 def planted(options: argparse.Namespace) -> dict[str, Any]:
     cases = toy.cases(options.shares, options.signals, options.seed)
-    found = _run(cases, options)
-    tables = {measure: results.rows(found, measure) for measure in ("cells", "failures")}
+    runs = _run(cases, options)
+    tables = {measure: results.rows(runs, measure) for measure in ("cells", "failures")}
     results.show(tables["cells"])
     return dict(tables)
 
@@ -46,26 +47,28 @@ def replayed(options: argparse.Namespace) -> dict[str, Any]:
     results.show(table)
     rare = [row for row in table if row["case"].endswith("passes")]
     pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}
-    print("\nof what is possible over random, and the rare outcome of all VLAs together beside random's:")
+    print(
+        "\nrare outcomes over all VLAs, relative to random; then the share of the possible gain over random:"
+    )
     for name, row in pooled.items():
         gains = ", ".join(
-            f"{each['case']} {each['gain']:.0%}"
-            for each in table
-            if each["strategy"] == name and "failures" in each["case"]
+            f"{other['case']} {other['gain']:.0%}"
+            for other in table
+            if other["strategy"] == name and "failures" in other["case"]
         )
         print(f"{name}: {results.times(row)}; {gains}")
     return {"pooled": pooled, "found": table}
 
 
 def _pooled(rare: list[results.Row], name: str) -> results.Row:
-    """The rare outcome over all VLAs: the n-th runs of all together are the n-th run."""
-    ours, theirs = (
-        np.sum([row["runs"] for row in rare if row["strategy"] == each], axis=0).tolist()
-        for each in (name, results.RANDOM)
+    """The rare outcome over all VLAs: the n-th runs of all VLAs together count as one run."""
+    runs, base = (
+        np.sum([row["runs"] for row in rare if row["strategy"] == strategy], axis=0).tolist()
+        for strategy in (name, results.RANDOM)
     )
-    interval = ratio_interval(ours, theirs)
+    interval = ratio_interval(runs, base)
     low, high = interval or (None, None)
-    return {"ratio": ratio(ours, theirs), "low": low, "high": high, "runs": ours}
+    return {"ratio": ratio(runs, base), "low": low, "high": high, "runs": runs}
 
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:
@@ -77,11 +80,11 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         budget=options.budget,
         witnesses=options.witnesses,
         workers=options.workers,
-        each=options.each,
+        processes=options.processes,
         folder=options.stores,
     )
-    for each in compared.values():
-        print_comparison(each)
+    for comparison in compared.values():
+        print_comparison(comparison)
     return simulated.contents(compared)
 
 
@@ -94,20 +97,24 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     grounds = parser.add_subparsers(dest="ground", required=True)
-    one = _ground(grounds, "toy", planted, strategies=ALL, budget=300, repeats=20)
-    one.add_argument("--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="that fail")
-    one.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
-    one = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
-    one.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
+    ground = _ground(grounds, "toy", planted, strategies=ALL, budget=300, repeats=20)
+    ground.add_argument(
+        "--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="of scenes that fail"
+    )
+    ground.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
+    ground = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
+    ground.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
     for name, repeats, tasks in (
         ("pinhole", 20, ["pick-up", "put-on"]),
         ("mini", 5, ["pick-up", "move-near"]),
     ):
-        one = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
-        one.add_argument("--tasks", nargs="+", default=tasks)
-        one.add_argument("--witnesses", type=int, default=5, help="failures of a run that the expert tries")
-        one.add_argument("--each", type=int, default=1, help="processes of one run: outcomes stay the same")
-        one.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
+        ground = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
+        ground.add_argument("--tasks", nargs="+", default=tasks)
+        ground.add_argument("--witnesses", type=int, default=5, help="failures per run that the expert tries")
+        ground.add_argument(
+            "--processes", type=int, default=1, help="processes per run; outcomes do not depend on it"
+        )
+        ground.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
     options = parser.parse_args()
     if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:
         options.strategies.insert(0, results.RANDOM)
@@ -116,15 +123,15 @@ def main() -> None:
 
 
 def _ground(grounds: Any, name: str, work: Any, *, strategies: list[str], budget: int, repeats: int) -> Any:
-    one = grounds.add_parser(name)
-    one.set_defaults(work=work)
-    one.add_argument("--strategies", nargs="+", default=strategies, metavar="NAME")
-    one.add_argument("--budget", type=int, default=budget, help="rollouts a run")
-    one.add_argument("--repeats", type=int, default=repeats, help="runs a strategy")
-    one.add_argument("--seed", type=int, default=1, help="of the first run; the others count on")
-    one.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="runs at a time")
-    one.add_argument("--out", type=Path, help="JSON file for the raw results")
-    return one
+    ground = grounds.add_parser(name)
+    ground.set_defaults(work=work)
+    ground.add_argument("--strategies", nargs="+", default=strategies, metavar="NAME")
+    ground.add_argument("--budget", type=int, default=budget, help="rollouts per run")
+    ground.add_argument("--repeats", type=int, default=repeats, help="runs per strategy")
+    ground.add_argument("--seed", type=int, default=1, help="of the first run; the others follow")
+    ground.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="runs at a time")
+    ground.add_argument("--out", type=Path, help="JSON file for the raw results")
+    return ground
 
 
 if __name__ == "__main__":

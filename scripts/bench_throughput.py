@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
 """Physics-only rollouts of the expert per second on one core.
 
-Scene by scene these take turns, so that whatever else the machine does slows all of them alike:
+These loops alternate scene by scene, so that other load on the machine affects all of them alike:
 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
-             ``gym.make``, ``reset`` and ``close`` for every scene. It is led along the TCP
-             positions and gripper commands of the expert's rollout in the same scene. It renders nothing.
+             ``gym.make``, ``reset`` and ``close`` for every scene. It follows the TCP positions and gripper
+             commands of the expert's rollout in the same scene, without rendering.
 ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
-bare PhysX   the same objects and robot, the drive targets of our rollout, and in the clock nothing but
-             physics steps. It must end where ours ended.
+bare PhysX   the same objects and robot with the drive targets of our rollout; only physics steps are timed.
+             It must end in the same state as ours.
 """
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy and torch look
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before the first import of NumPy and torch
 
 import argparse
 import gc
@@ -74,7 +74,7 @@ PARTS: dict[str, tuple[type, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A rollout of the expert for others to follow; an item for each control step."""
+    """A rollout of the expert for the other loops to follow, with one item per control step."""
 
     scene: Scene
     waypoints: list[NDArray[np.float64]] = field(default_factory=list)  # (3,) TCP, metres
@@ -85,7 +85,7 @@ class Course:
 
 @register_env(STOCK_ID, override=True)
 class StockEnv(BaseEnv):  # type: ignore[misc]
-    """A table with objects as ManiSkill's documentation has one write it."""
+    """A table with objects, written as in ManiSkill's documentation."""
 
     SUPPORTED_ROBOTS = ("panda",)
 
@@ -124,8 +124,8 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
         return {"grasped": self.agent.is_grasping(self._objects[0])}
 
 
-class Bench:
-    """All loops for one task. Each takes a course and returns what belongs into the clock."""
+class Loops:
+    """All loops for one task. A loop takes a course and returns the function to time."""
 
     def __init__(self, task: str, scenes: int, seed: int) -> None:
         catalogue = load_catalogue()
@@ -140,7 +140,7 @@ class Bench:
         self.courses = [next(recorded) for _ in range(scenes)]
         self._catalogue, self.renderer = catalogue, ""
         self.grasped: set[str] = set()
-        self.loops: dict[str, Callable[[Course], Callable[[], object]]] = {
+        self.by_name: dict[str, Callable[[Course], Callable[[], object]]] = {
             STOCK: self._play_stock,
             OURS: partial(self._play_ours, self._ours),
             CHECKED: partial(self._play_ours, self._checked),
@@ -149,11 +149,11 @@ class Bench:
 
     def _play_ours(self, evaluator: ManiSkillEvaluator, course: Course) -> Callable[[], object]:
         gc.collect()
-        gc.freeze()  # as the evaluator leaves it when it is alone in its process
+        gc.freeze()  # as in a process that only has this evaluator
         return lambda: evaluator.evaluate([course.scene])
 
     def _play_stock(self, course: Course) -> Callable[[], None]:
-        gc.unfreeze()  # the evaluator's doing, of which stock knows nothing
+        gc.unfreeze()  # stock does not freeze
 
         def run() -> None:
             env = self._make_stock(course.scene)
@@ -184,7 +184,7 @@ class Bench:
                     joint.set_drive_target(target)
                 for _ in range(SIM_HZ // HZ):
                     system.step()
-            assert np.array_equal(robot.qpos, course.ends[-1]), "bare PhysX went another way than ours"
+            assert np.array_equal(robot.qpos, course.ends[-1]), "bare PhysX ended in another state than ours"
 
         return run
 
@@ -208,14 +208,14 @@ class Bench:
         return None if outcome.verdict is Verdict.INVALID else course
 
 
-def measure(bench: Bench, repetitions: int) -> dict[str, list[float]]:
+def measure(loops: Loops, repetitions: int) -> dict[str, list[float]]:
     """Wall and CPU seconds of each loop: medians over a scene's repetitions, summed over the scenes."""
     shuffle = np.random.default_rng(0).permutation
-    spent = {name: np.zeros((1 + repetitions, len(bench.courses), 2)) for name in bench.loops}
+    spent = {name: np.zeros((1 + repetitions, len(loops.courses), 2)) for name in loops.by_name}
     for repetition in range(1 + repetitions):
-        for index, course in enumerate(bench.courses):
-            for name in shuffle(list(bench.loops)).tolist():  # nobody always follows the same one
-                run = bench.loops[name](course)
+        for index, course in enumerate(loops.courses):
+            for name in shuffle(list(loops.by_name)).tolist():  # so that no loop always follows the same one
+                run = loops.by_name[name](course)
                 wall, cpu = time.perf_counter(), time.process_time()
                 run()
                 spent[name][repetition, index] = time.perf_counter() - wall, time.process_time() - cpu
@@ -223,8 +223,8 @@ def measure(bench: Bench, repetitions: int) -> dict[str, list[float]]:
     return {name: np.median(times[1:], axis=0).sum(axis=0).tolist() for name, times in spent.items()}
 
 
-def breakdown(bench: Bench) -> dict[str, float]:
-    """CPU seconds of the checked evaluator in each part for all scenes, without the parts inside it."""
+def breakdown(loops: Loops) -> dict[str, float]:
+    """CPU seconds of the checked evaluator by part over all scenes, without those of nested parts."""
     spent, inner = dict.fromkeys(PARTS, 0.0), [0.0]
 
     def timed(part: str, function: Callable[..., object]) -> Callable[..., object]:
@@ -243,16 +243,16 @@ def breakdown(bench: Bench) -> dict[str, float]:
     with ExitStack() as patches:
         for part, (owner, name) in PARTS.items():
             patches.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
-        for course in bench.courses:
-            bench.loops[CHECKED](course)()
+        for course in loops.courses:
+            loops.by_name[CHECKED](course)()
     return spent
 
 
-def summarise(bench: Bench, repetitions: int) -> dict[str, Any]:
-    """What is printed. Ratios are of CPU time."""
-    rollouts, steps = len(bench.courses), sum(len(course.drives) for course in bench.courses)
-    spent = measure(bench, repetitions)
-    loops = {
+def summarise(loops: Loops, repetitions: int) -> dict[str, Any]:
+    """The printed report. Ratios are of CPU time."""
+    rollouts, steps = len(loops.courses), sum(len(course.drives) for course in loops.courses)
+    spent = measure(loops, repetitions)
+    rows = {
         name: {
             "rollouts_per_second": rollouts / wall,
             "wall_ms_per_rollout": 1e3 * wall / rollouts,
@@ -263,15 +263,15 @@ def summarise(bench: Bench, repetitions: int) -> dict[str, Any]:
         }
         for name, (wall, cpu) in spent.items()
     }
-    ours = loops[OURS]
+    ours = rows[OURS]
     return {
         "rollouts": rollouts,
         "steps": steps,
         "repetitions": repetitions,
-        "stock_renderer": bench.renderer,
-        "stock_grasped": len(bench.grasped),
-        "loops": loops,
-        "cpu_ms_per_step_in": {part: 1e3 * seconds / steps for part, seconds in breakdown(bench).items()},
+        "stock_renderer": loops.renderer,
+        "stock_grasped": len(loops.grasped),
+        "loops": rows,
+        "cpu_ms_per_step_in": {part: 1e3 * seconds / steps for part, seconds in breakdown(loops).items()},
         "goals_reached": ours["times_stock"] >= FASTER_THAN_STOCK and ours["times_bare"] <= SLOWER_THAN_BARE,
     }
 
@@ -295,7 +295,7 @@ def show(task: str, report: dict[str, Any]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="pick-up")
-    parser.add_argument("--scenes", type=int, default=16, help="how many different ones")
+    parser.add_argument("--scenes", type=int, default=16, help="number of scenes")
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead")
@@ -303,8 +303,8 @@ def main() -> None:
     torch.set_num_threads(1)
     reports = {}
     for task in TASKS if options.task == "all" else [options.task]:
-        bench = Bench(task, options.scenes, options.seed)
-        reports[task] = summarise(bench, options.repetitions)
+        loops = Loops(task, options.scenes, options.seed)
+        reports[task] = summarise(loops, options.repetitions)
         if not options.json:
             show(task, reports[task])
     if options.json:

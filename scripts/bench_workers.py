@@ -1,9 +1,9 @@
 #!/usr/bin/env python
-"""How much faster is a campaign with several workers? Pinhole on pick-up, physics only, as `vlafuzz run`.
+"""Speed-up of a campaign by several workers: pinhole on pick-up, physics only, as in `vlafuzz run`.
 
-Campaigns of the same seeds are run with one worker (in this process) and with several (processes of their
-own), by turns. Workers are started once, which is reported apart; what a campaign takes besides rollouts
-(strategy, checks, store) is in its time. Both must come to the same verdicts.
+Campaigns with the same seeds alternate between one worker (in this process) and several (processes). Workers
+are started once, and the start is reported separately; the time of a campaign includes strategy, checks and
+store. Both must give the same verdicts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from vlafuzz.campaign import config, launch
 from vlafuzz.execute.base import Executor
 from vlafuzz.store.store import Store
 
-GOAL = 1.6  # times one worker's rollouts a second, with two of them
+GOAL = 1.6  # speed-up by two workers
 
 
 def plan(options: argparse.Namespace, folder: str, workers: int, repetition: int) -> config.Plan:
@@ -38,17 +38,17 @@ def plan(options: argparse.Namespace, folder: str, workers: int, repetition: int
 
 
 def start(options: argparse.Namespace, folder: str, workers: int, stack: ExitStack) -> tuple[Executor, float]:
-    """An executor all of whose workers have evaluated a scene, and the seconds that it took."""
+    """An executor whose workers have all evaluated a scene, and the seconds that this took."""
     began, prepared = time.perf_counter(), plan(options, folder, workers, 0)
     executor = stack.enter_context(closing(launch.make_executor(prepared)))
-    scenes = [prepared.space.decode(each.genome) for each in prepared.strategy.ask(workers)]
+    scenes = [prepared.space.decode(proposal.genome) for proposal in prepared.strategy.ask(workers)]
     for _ in executor.run((number, [scene]) for number, scene in enumerate(scenes)):
         pass
     return executor, time.perf_counter() - began
 
 
 def campaign(prepared: config.Plan, executor: Executor) -> tuple[float, dict[str, int]]:
-    """Rollouts a second, and the verdicts."""
+    """Rollouts per second, and the verdicts."""
     with Store.open(prepared.store, "write") as store:
         summary = launch.fuzz(prepared, store, executor, lambda tally: None)
     return summary.rollouts / summary.seconds, summary.verdicts
@@ -72,7 +72,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
             {"workers": count, "start_seconds": started[count][1], "rollouts_per_second": speeds[count]}
             for count in counts
         ],
-        "ratios": [many / one for one, many in zip(*speeds.values(), strict=True)],
+        "ratios": [many / single for single, many in zip(*speeds.values(), strict=True)],
     }
 
 
@@ -80,9 +80,9 @@ def rows(report: dict[str, Any]) -> Iterator[str]:
     size = f"{report['repetitions']} campaigns of {report['rollouts']} rollouts each, medians [least, most]"
     yield f"pinhole on pick-up, physics only: {size}\n"
     yield "workers   rollouts/s            start-up"
-    for each in report["workers"]:
-        speeds = each["rollouts_per_second"]
-        yield f"{each['workers']:7}   {spread(speeds):22}{each['start_seconds']:6.1f} s"
+    for row in report["workers"]:
+        speeds = row["rollouts_per_second"]
+        yield f"{row['workers']:7}   {spread(speeds):22}{row['start_seconds']:6.1f} s"
     ratio = statistics.median(report["ratios"])
     yield f"\nratio     {spread(report['ratios'])}"
     if report["workers"][1]["workers"] == 2:
@@ -95,7 +95,7 @@ def spread(values: list[float]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--rollouts", type=int, default=100, help="of a campaign")
+    parser.add_argument("--rollouts", type=int, default=100, help="per campaign")
     parser.add_argument("--workers", type=int, default=2, help="to compare with one")
     parser.add_argument("--repetitions", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0, help="of the first campaign")

@@ -1,9 +1,9 @@
 #!/usr/bin/env python
-"""Do corpora hold? Runs every scene of some corpora in fresh processes.
+"""Check that corpora hold: run all of their scenes in fresh processes.
 
-A verdict holds when the policy fails at the stage where it did or before, a witness when it solves its
-scene, a counterpart (--counterparts) when the policy passes. Exits with 1 when fewer than 99 % of the
-verdicts hold or a witness fails.
+A verdict holds if the policy fails no later than at the recorded stage, a witness if it solves its scene, and
+a counterpart (--counterparts) if the policy passes. The exit code is 1 if fewer than 99 % of the verdicts
+hold, or if a witness fails.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ HOLDS = 0.99
 
 @dataclass(frozen=True)
 class Job:
-    """All corpora, once."""
+    """One check of all corpora."""
 
     number: int
     corpora: tuple[Path, ...]
     counterparts: bool
 
     def run(self) -> tuple[int, Counter[tuple[str, str, bool]], list[str]]:
-        """(corpus, kind, held) with counts, and what did not hold."""
+        """Counts by (corpus, kind, held), and the checks that did not hold."""
         os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
         counts: Counter[tuple[str, str, bool]] = Counter()
         broken = []
@@ -67,7 +67,9 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("corpora", type=Path, nargs="+", help="folders")
-    parser.add_argument("--processes", type=int, default=20, help="fresh ones, each runs everything")
+    parser.add_argument(
+        "--processes", type=int, default=20, help="fresh processes, each of which checks everything"
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes at a time")
     parser.add_argument("--counterparts", action="store_true", help="run the passing scenes as well")
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
@@ -76,10 +78,10 @@ def main() -> None:
     counts: Counter[tuple[str, str, bool]] = Counter()
     began = time.monotonic()
     with get_context("spawn").Pool(options.workers, maxtasksperchild=1) as pool:
-        for number, found, broken in pool.imap_unordered(Job.run, jobs, chunksize=1):
-            counts += found
-            told = f"process {number}: {sum(found.values())} checks, {len(broken)} broken {broken}"
-            print(f"{told}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+        for number, checks, broken in pool.imap_unordered(Job.run, jobs, chunksize=1):
+            counts += checks
+            summary = f"process {number}: {sum(checks.values())} checks, {len(broken)} broken {broken}"
+            print(f"{summary}, {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
     figures = summarise(counts)
     if options.out:
         options.out.write_text(json.dumps(figures, indent=1) + "\n")
@@ -91,7 +93,7 @@ def main() -> None:
 
 
 def summarise(counts: Counter[tuple[str, str, bool]]) -> list[dict[str, str | int | float]]:
-    """A row a corpus and kind of check; printed as well."""
+    """One row per corpus and kind of check; also printed."""
     rows: list[dict[str, str | int | float]] = []
     for name, kind in sorted({key[:2] for key in counts}):
         held = counts[name, kind, True]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Render every object of a catalogue in each of its rest poses, at one scale, onto one labelled picture."""
+"""Render every object of a catalogue in all its stable poses, at one scale, onto one labelled picture."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from vlafuzz.sim.maniskill.objects import looks
 
 CELL = 256
 COLUMNS = 6
-FINER = 2  # rendered that much larger, then scaled down
+FINER = 2  # supersampling factor
 
 
 class Studio:
-    """A table, lights and a camera, in front of which one object at a time is put."""
+    """A table, lights and a camera, for one object at a time."""
 
     def __init__(self) -> None:
         self.scene = sapien.Scene([sapien.render.RenderSystem()])
@@ -38,7 +38,7 @@ class Studio:
         self.camera.entity.pose = sapien.Pose([0.46, 0, 0.41]) * backwards * down
 
     def photograph(self, model: ObjectModel, pose: StablePose, yaw: float) -> Image.Image:
-        """A picture of ``CELL`` pixels, with the object turned by ``yaw`` degrees."""
+        """An image of ``CELL`` pixels, with the object turned by ``yaw`` degrees."""
         entity = sapien.Entity()
         visual = sapien.render.RenderBodyComponent()
         visual.attach(looks(model))
@@ -56,7 +56,7 @@ class Studio:
 
 
 def sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
-    """The pictures in rows, each with its words below."""
+    """The pictures in rows, with labels below."""
     line = 26
     rows = -(-len(pictures) // COLUMNS)
     page = Image.new("RGB", (COLUMNS * CELL, rows * (CELL + line)), (250, 250, 248))
@@ -74,12 +74,12 @@ def main() -> None:
     parser.add_argument(
         "--objects", type=Path, nargs="*", default=[], help="catalogue files instead of the built-in one"
     )
-    parser.add_argument("--pack", nargs="*", default=[], help="packs, of which only the objects are shown")
-    parser.add_argument("--yaw", type=float, default=15.0, help="turn every object by that many degrees")
+    parser.add_argument("--pack", nargs="*", default=[], help="show the objects of these packs only")
+    parser.add_argument("--yaw", type=float, default=15.0, help="degrees by which every object is turned")
     options = parser.parse_args()
     studio = Studio()
     catalogue = load_catalogue(
-        *options.objects, packs=[pack for given in options.pack for pack in open_packs(given)]
+        *options.objects, packs=[pack for path in options.pack for pack in open_packs(path)]
     )
     pictures = [
         (f"{model.spoken}, {pose.name.replace('_', ' ')}", studio.photograph(model, pose, options.yaw))

@@ -1,10 +1,10 @@
 #!/usr/bin/env python
-"""How good `mini` is, and what it minds: success on fresh valid scenes, with 95 % intervals.
+"""Success rates of `mini` on fresh valid scenes, with 95 % intervals.
 
-Sets: nominal (targets vary, nothing else), clutter (0 to 3 confounders too), random (all default ranges),
-black (clutter, black pictures), other (clutter, another object on the table is named instead: success still
-means the scene's target), and what mutations do to scenes passed at nominal: rerun (none), light, camera,
-confounders (4), wording (those that training left out). Seeds are below those of demonstrations.
+Sets: nominal (only targets vary), clutter (also 0 to 3 confounders), random (all default ranges), black
+(clutter, with black images), other (clutter, with an instruction that names another object on the table:
+success still means the scene's target), and mutations of nominal scenes that it passes: rerun (none), light,
+camera, confounders (4), wording (those not used in training). Seeds are below those of the demonstrations.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ TARGETS = ("target-type", "target-position", "target-orientation")
 CLUTTER = (*TARGETS, "confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
 MUTATED = ("rerun", "light", "camera", "confounders", "wording")
 SETS = ("nominal", "clutter", "random", "black", "other", *MUTATED)
-CHUNK = 10  # scenes a job
+CHUNK = 10  # scenes per job
 Row = tuple[str, str, bool, int, float]  # task, set, passed, steps, seconds
 
 
 class Blind(Mini):
-    """Sees black."""
+    """Sees black images."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         dark = [
@@ -96,9 +96,9 @@ def mutant(base: Scene, full: Scene, kind: str, seed: int) -> Scene:
         return replace(base, light=Light(float(2 ** rng.uniform(-np.log2(20), np.log2(20)))))
     if kind == "camera":
         roll, pitch, yaw = rng.uniform(-5, 5, 3)
-        way = rng.normal(size=3)
-        azimuth = np.degrees(np.arctan2(way[1], way[0]))
-        elevation = np.degrees(np.arcsin(way[2] / np.linalg.norm(way)))
+        direction = rng.normal(size=3)
+        azimuth = np.degrees(np.arctan2(direction[1], direction[0]))
+        elevation = np.degrees(np.arcsin(direction[2] / np.linalg.norm(direction)))
         return replace(
             base, camera=Camera(rng.uniform(0, 0.05), azimuth, elevation, roll=roll, pitch=pitch, yaw=yaw)
         )
@@ -113,14 +113,14 @@ def mutant(base: Scene, full: Scene, kind: str, seed: int) -> Scene:
 
 @cache
 def four(task: str) -> SearchSpace:
-    """Like clutter, always with four confounders."""
+    """The space of clutter with exactly four confounders."""
     operators = load_operators(str(Path(__file__).with_name("four.yaml")))
     return SearchSpace(operators, load_catalogue(), task)
 
 
 @dataclass(frozen=True)
 class Job:
-    """Some scenes of one task and set: until ``count`` valid ones were run."""
+    """Scenes of one task and set, until ``count`` valid ones were run."""
 
     task: str
     kind: str
@@ -129,17 +129,17 @@ class Job:
     weights: Path
 
     def run(self) -> list[Row]:
-        """One row a rollout that counts."""
+        """One row per counted rollout."""
         if self.kind == "mutated":
             return list(self._mutated())
-        found: list[Row] = []
+        rows: list[Row] = []
         seed = self.first
-        while len(found) < self.count:
+        while len(rows) < self.count:
             (outcome,) = self._evaluator().evaluate([draw(self.task, self.kind, seed)])
             if outcome.verdict >= Verdict.PASSED:
-                found.append(self._row(self.kind, outcome))
+                rows.append(self._row(self.kind, outcome))
             seed += 1
-        return found
+        return rows
 
     def _mutated(self) -> Iterator[Row]:
         evaluate: Callable[..., Any] = self._evaluator().evaluate
@@ -170,10 +170,10 @@ def main() -> None:
     parser.add_argument("--weights", type=Path, default=SHIPPED, help="folder of weights and card")
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
     parser.add_argument("--sets", nargs="+", default=list(SETS[:5]), choices=[*SETS[:5], "mutated"])
-    parser.add_argument("--scenes", type=int, default=200, help="a task and set")
+    parser.add_argument("--scenes", type=int, default=200, help="per task and set")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
-    parser.add_argument("--card", action="store_true", help="write them into the model card too")
+    parser.add_argument("--card", action="store_true", help="also write them into the model card")
     options = parser.parse_args()
     os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
     jobs = [
@@ -194,7 +194,7 @@ def main() -> None:
 
 
 def summarise(rows: Sequence[Row], tasks: Sequence[str]) -> list[dict[str, Any]]:
-    """Passed of how many, for each set and task; printed as well."""
+    """Passed rollouts of each set and task; also printed."""
     figures = []
     for kind in SETS:
         for task in tasks:
@@ -215,7 +215,7 @@ def summarise(rows: Sequence[Row], tasks: Sequence[str]) -> list[dict[str, Any]]
 
 
 def note(figures: Sequence[dict[str, Any]], path: Path) -> None:
-    """Put the figures into the card, in place of older ones of the same sets and tasks."""
+    """Write the figures into the card, replacing those of the same sets and tasks."""
     card = json.loads(path.read_text())
     known = {(row["set"], row["task"]): row for row in [*card.get("success", []), *figures]}
     kept = ("set", "task", "passed", "of", "low", "high")

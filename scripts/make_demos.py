@@ -1,14 +1,14 @@
 #!/usr/bin/env python
-"""Demonstrations of the expert for training `mini`: what it saw and what was right to do, step by step.
+"""Demonstrations of the expert for training `mini`: observations with the expert's actions as labels.
 
-Scenes are generated with the operators of demos.yaml and checked as always; wordings are the first few of
-each task. Most episodes are disturbed (noise on what is executed, random first steps, a gripper that slips),
-the label is always what the expert would do. Episodes that do not succeed are left out. Each worker writes
-one folder of arrays: frames (n, size, size, 3) uint8, and in steps.npz what belongs to each of them.
+Scenes are generated with the operators of demos.yaml and pass all validity checks; wordings are the first few
+of each task. Most episodes are disturbed (noise on the executed actions, random first steps, a gripper that
+slips); the label is always the expert's action. Failed episodes are left out. Every worker writes one folder
+of arrays: frames (n, size, size, 3) uint8, and the data of each step in steps.npz.
 
-With --driver, weights of an earlier round drive the first steps of most episodes, and the expert takes over
-from there (as in DAgger, Ross et al., 2011): what such a policy runs into is shown the way out of. Steps that
-were driven are kept, as the gripper's clock needs them, but not `taught`.
+With --driver, the weights of an earlier round drive the first steps of most episodes, and the expert takes
+over from there (as in DAgger, Ross et al., 2011), which shows how to recover from that policy's states.
+Driven steps are kept, since the gripper's clock needs them, but not `taught`.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 
 SIZE = 128
-WORDINGS = 4  # of each task's; the others stay unseen
+WORDINGS = 4  # of each task; the others stay unseen
 NOMINAL = 0.5  # share of episodes with the first wording
 DISTURBED = 0.75
-DRIVEN, LONGEST_DRIVE = 0.7, 45  # share of episodes that a driver begins, and its most steps
+DRIVEN, LONGEST_DRIVE = 0.7, 45  # share of episodes that a driver begins, and its maximum steps
 SEEDS = 10**6  # demonstrations have seeds from here on; smaller ones are for tests
 
 
 class Demonstrator:
-    """The expert, disturbed, with a notebook of what it saw and would have done."""
+    """The expert with disturbed actions; records its observations and undisturbed actions."""
 
     def __init__(self, driver: Path | None) -> None:
         self._expert = Expert(fluent=True)
@@ -121,7 +121,7 @@ def _note(seen: Observation, label: NDArray[np.float64]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Job:
-    """What one worker does."""
+    """The work of one process."""
 
     task: str
     number: int
@@ -175,7 +175,7 @@ class Job:
 
 
 def worded(scene: Scene, space: SearchSpace, seed: int) -> Scene:
-    """The scene, said in one of the wordings that are for training."""
+    """The scene with one of the wordings for training."""
     rng = np.random.default_rng([seed, 2])
     number = 0 if rng.random() < NOMINAL else int(rng.integers(1, WORDINGS))
     spoken = [space.catalogue[target.object].spoken for target in scene.targets]
@@ -186,12 +186,12 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument(
-        "--episodes", type=int, nargs=4, default=[4500, 4500, 5500, 5500], metavar="N", help="a task"
+        "--episodes", type=int, nargs=4, default=[4500, 4500, 5500, 5500], metavar="N", help="per task"
     )
-    parser.add_argument("--workers", type=int, nargs=4, default=[1, 1, 1, 1], metavar="N", help="a task")
-    parser.add_argument("--seconds", type=float, default=1e9, help="most that a job may take")
+    parser.add_argument("--workers", type=int, nargs=4, default=[1, 1, 1, 1], metavar="N", help="per task")
+    parser.add_argument("--seconds", type=float, default=1e9, help="time limit per job")
     parser.add_argument("--first", type=int, default=0, help="number of the first episode")
-    parser.add_argument("--driver", type=Path, help="folder of weights that begin most episodes")
+    parser.add_argument("--driver", type=Path, help="folder of weights that drive the first steps")
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args()
     began = time.monotonic()

@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Train `mini` on the demonstrations of make_demos.py; writes weights and the model card.
 
-Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and where a, b and the hand are
-as auxiliary tasks. A GPU takes minutes; --updates and --seconds bound it, whichever comes first ends the
-schedule. --init goes on from weights of an earlier round.
+Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and the positions of a, b and the
+hand as auxiliary tasks. A GPU takes minutes; the schedule ends at --updates or --seconds, whichever comes
+first. --init continues from the weights of an earlier round.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from vlafuzz.policies.mini.actions import BINS, HORIZON, LONG, decode, proprioce
 from vlafuzz.policies.mini.model import WATCHED, Network
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS
 
-HELD_OUT = 50  # one episode in so many is for validation
+HELD_OUT = 50  # every 50th episode is for validation
 SOFT = 1.0  # bins, standard deviation of a label
 LATER = 0.25  # weight of the later steps of a chunk
 RATE, DECAY, WARM_UP, AVERAGED = 1e-3, 0.05, 300, 0.999
@@ -55,9 +55,9 @@ class Data:
 
 
 def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
-    """Everything below a folder, chunked: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
+    """All demonstrations below a folder, in chunks: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
 
-    ``known``: the vocabulary of weights to go on from; by default that of the texts.
+    ``known``: the vocabulary of the weights to continue from; by default that of the texts.
     """
     parts = [dict(np.load(path)) for path in sorted(folder.glob("*/steps.npz"))]
     frames = [torch.from_numpy(np.load(path)) for path in sorted(folder.glob("*/frames.npy"))]
@@ -85,7 +85,7 @@ def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
 
 
 def tabulate(joined: dict[str, Any], episodes: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """What belongs to each step, as ``Data`` has it, but for frames and words."""
+    """The tables of ``Data`` with one row per step, without frames and words."""
     label, opening, pixels = joined["label"], joined["state"][:, 6], joined["pixels"]
     same = np.append(False, episodes[1:] == episodes[:-1])
     before = np.where(same, np.roll(opening, 1), opening)
@@ -106,7 +106,7 @@ def tabulate(joined: dict[str, Any], episodes: NDArray[np.int64]) -> dict[str, N
 
 
 def fingerprint(frames: Sequence[Tensor], label: NDArray[np.float32]) -> str:
-    """Of the demonstrations: all labels, and some fifty frames of each part."""
+    """Digest of the demonstrations: all labels, and about fifty frames of each part."""
     digest = hashlib.sha256()
     for part in frames:
         digest.update(part.numpy()[:: max(len(part) // 50, 1)].tobytes())
@@ -115,7 +115,7 @@ def fingerprint(frames: Sequence[Tensor], label: NDArray[np.float32]) -> str:
 
 
 def since_change(commands: NDArray[np.float32], same: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Steps since the gripper got another command, as `mini` counts them; ``same``: episode as one before."""
+    """Steps since the gripper command changed, as `mini` counts; ``same``: the episode did not change."""
     since, last = np.empty(len(commands), dtype=np.int64), 1.0
     for index, inside in enumerate(same):
         if not inside:
@@ -128,7 +128,7 @@ def since_change(commands: NDArray[np.float32], same: NDArray[np.bool_]) -> NDAr
 
 
 def jitter(pictures: Tensor) -> Tensor:
-    """Another brightness, contrast and saturation each, slightly."""
+    """Slightly vary brightness, contrast and saturation of each image."""
     count, device = len(pictures), pictures.device
     gain, contrast, colour = (1 + 0.2 * (torch.rand(3, count, 1, 1, 1, device=device) * 2 - 1)).unbind()
     grey = pictures.mean(1, keepdim=True)
@@ -137,18 +137,18 @@ def jitter(pictures: Tensor) -> Tensor:
     return ((mean + (pictures - mean) * contrast) * gain).clamp(0, 1)
 
 
-def loss_of(found: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
+def loss_of(predicted: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
     weights = data.weights[index]
     wanted = to_bins(data.moves[index])[..., None]
     soft = (-0.5 * ((torch.arange(BINS, device=wanted.device) - wanted) / SOFT) ** 2).softmax(-1)
-    moves = -(soft * found["moves"].float().log_softmax(-1)).sum(-1).mean(-1)
+    moves = -(soft * predicted["moves"].float().log_softmax(-1)).sum(-1).mean(-1)
     grip = functional.binary_cross_entropy_with_logits(
-        found["gripper"].float(), data.gripper[index], reduction="none"
+        predicted["gripper"].float(), data.gripper[index], reduction="none"
     )
     shown = data.shown[index]
-    points = (found["points"][:, :WATCHED].float() - data.pixels[index]).abs().sum(-1)
+    points = (predicted["points"][:, :WATCHED].float() - data.pixels[index]).abs().sum(-1)
     there = torch.stack([torch.ones_like(shown[:, 1]), shown[:, 1]], dim=1)
-    places = (found["places"].float() - data.places[index]).abs().sum(-1)
+    places = (predicted["places"].float() - data.places[index]).abs().sum(-1)
     parts = {
         "moves": (moves * weights).sum() / weights.sum(),
         "grip": (grip * weights).sum() / weights.sum(),
@@ -159,23 +159,23 @@ def loss_of(found: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor
 
 
 def validate(network: torch.nn.Module, data: Data) -> dict[str, float]:
-    """Mean figures over the held-out steps, and how far the first action is off, in millimetres."""
+    """Mean losses over the held-out steps, and the error of the first action in millimetres."""
     index = data.rest["held_out"].nonzero()[:, 0][:8192]
     sums: dict[str, float] = {}
     with torch.inference_mode():
         for part in index.split(1024):
             pictures = data.frames[part].permute(0, 3, 1, 2).float() / 255
-            found = network(pictures, data.tokens[part], data.state[part])
-            _, parts = loss_of(found, data, part)
-            off = (decode(found["moves"].float())[:, 0, :3] - data.moves[part][:, 0, :3]).norm(dim=-1)
-            right = ((found["gripper"][:, 0] > 0) == (data.gripper[part][:, 0] > 0)).float()
+            predicted = network(pictures, data.tokens[part], data.state[part])
+            _, parts = loss_of(predicted, data, part)
+            off = (decode(predicted["moves"].float())[:, 0, :3] - data.moves[part][:, 0, :3]).norm(dim=-1)
+            right = ((predicted["gripper"][:, 0] > 0) == (data.gripper[part][:, 0] > 0)).float()
             for name, value in {**parts, "off_mm": 1e3 * off.mean(), "gripper_right": right.mean()}.items():
                 sums[name] = sums.get(name, 0.0) + float(value) * len(part) / len(index)
     return {name: round(value, 4) for name, value in sums.items()}
 
 
 class Learner:
-    """A network, the mean of its weights over time, and what makes it learn."""
+    """A network, the moving average of its weights, and the optimiser."""
 
     def __init__(self, options: argparse.Namespace, device: str) -> None:
         self.options, self.device = options, device
@@ -189,14 +189,14 @@ class Learner:
         self.updates = 0
 
     def learn(self, data: Data, index: Tensor, done: float) -> None:
-        """One update from these steps; ``done`` in [0, 1] is how far the schedule is."""
+        """One update on these steps; ``done`` in [0, 1] is the progress of the schedule."""
         warm = min(1.0, (self.updates + 1) / WARM_UP)
         for group in self._optimizer.param_groups:
             group["lr"] = self.options.rate * warm * 0.5 * (1 + math.cos(math.pi * done))
         pictures = jitter(data.frames[index].permute(0, 3, 1, 2).float() / 255)
         with torch.autocast(self.device, dtype=torch.bfloat16, enabled=self.device == "cuda"):
-            found = self._fast(pictures, data.tokens[index], data.state[index])
-        loss, _ = loss_of(found, data, index)
+            predicted = self._fast(pictures, data.tokens[index], data.state[index])
+        loss, _ = loss_of(predicted, data, index)
         self._optimizer.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -210,7 +210,7 @@ class Learner:
 
     @contextmanager
     def averaged(self) -> Iterator[Network]:
-        """The network with its mean weights, for as long as the block lasts."""
+        """The network with its averaged weights, within the block."""
         own = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.network.load_state_dict(self.average)
         yield self.network.eval()
@@ -219,7 +219,7 @@ class Learner:
 
 
 def train(data: Data, options: argparse.Namespace, device: str) -> None:
-    """Learn until the budget is spent; writes at every validation, so that a stop loses little."""
+    """Train until the budget is spent; writes at every validation, so that a stop loses little."""
     torch.manual_seed(options.seed)
     torch.set_float32_matmul_precision("high")
     learner = Learner(options, device)
@@ -259,7 +259,7 @@ def write(network: Network, data: Data, curve: list[dict[str, float]], options: 
 
 
 def _round(data: Data, curve: list[dict[str, float]], options: argparse.Namespace) -> dict[str, Any]:
-    """One training: on what, how, and how it went."""
+    """The record of one training: data, recipe, learning curve."""
     return {
         "data": {key: data.rest[key] for key in ("hash", "episodes", "frames")},
         "recipe": {
@@ -279,7 +279,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("demos", type=Path, help="folder that make_demos.py wrote")
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
-    parser.add_argument("--init", type=Path, help="folder of weights and card to go on from")
+    parser.add_argument("--init", type=Path, help="folder of weights and card to continue from")
     parser.add_argument("--rate", type=float, default=RATE, help="learning rate")
     parser.add_argument("--updates", type=int, default=7500)
     parser.add_argument("--seconds", type=float, default=1e9)

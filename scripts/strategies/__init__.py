@@ -1,1 +1,1 @@
-"""The parts of bench_strategies.py: a file a benchmark, and what they share."""
+"""The benchmarks of bench_strategies.py, and their results."""

@@ -1,7 +1,7 @@
-"""Replay: published labels of real VLAs as oracle; strategies choose among scenes that were run before.
+"""Replay: published labels of real VLAs as the oracle; strategies choose among scenes that were run before.
 
-VLATest (FSE 2025) published which of its generated scenes each VLA passed. Wanted is either outcome: the
-failures, and the *rare* one, which for these VLAs are the passes.
+VLATest (FSE 2025) published which of its generated scenes each VLA passed. A strategy searches for either
+outcome: the failures, or the *rare* outcome, which for these VLAs is a pass.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from vlafuzz.search.selection import Selection
 from vlafuzz.space import SearchSpace, load_operators
 
 LABELS = "all-correct-task.json"
-LEAST = 50  # passes that a VLA has, to be looked at
+LEAST = 50  # passes of a VLA, to be included
 BATCH = 16
-HIT = Score(Verdict.FAILED, progress=0.0, severity=0.0)  # nothing but the label is known
+HIT = Score(Verdict.FAILED, progress=0.0, severity=0.0)  # only the label is known
 MISS = Score(Verdict.PASSED, progress=1.0, severity=0.0)
 
 
 @dataclass(frozen=True)
 class Labels:
-    """What a VLA passed of a file of scenes; ``rare`` when that is what is wanted, else the failures."""
+    """The scenes of a file that a VLA passed; ``rare``: search for these, else for the failures."""
 
     folder: Path
     file: str
@@ -45,9 +45,9 @@ class Labels:
         return f"{self.model} on {self.file}: {'passes' if self.rare else 'failures'}"
 
     def most(self, budget: int) -> int:
-        """That any strategy can find."""
-        there = len(self.passed) if self.rare else len(_scenes(self.folder / self.file)) - len(self.passed)
-        return min(budget, there)
+        """The most that any strategy can find."""
+        passes, scenes = len(self.passed), len(_scenes(self.folder / self.file))
+        return min(budget, passes if self.rare else scenes - passes)
 
     def play(self, strategy: str, seed: int, budget: int) -> dict[str, float]:
         scenes = _scenes(self.folder / self.file)
@@ -55,22 +55,22 @@ class Labels:
         wanted = passed if self.rare else ~passed
         space = _space(scenes[0].task)
         selection = Selection(strategy_factory(strategy), space, scenes, seed, budget)
-        found = spent = 0
+        hit_count = spent = 0
         while spent < budget:
             proposals = selection.ask(min(BATCH, budget - spent))
             if not proposals:
                 break
             hits = [bool(wanted[int(proposal.genome[0])]) for proposal in proposals]
             selection.tell(proposals, [HIT if hit else MISS for hit in hits])
-            found, spent = found + sum(hits), spent + len(hits)
-        return {"found": found}
+            hit_count, spent = hit_count + sum(hits), spent + len(hits)
+        return {"found": hit_count}
 
 
 def cases(folder: Path) -> list[Labels]:
-    """Every VLA and file with enough passes, and both outcomes of each.
+    """Every VLA and file with enough passes, for both outcomes.
 
     Raises:
-        SceneError: the folder has no such labels.
+        SceneError: the folder has no labels.
     """
     path = folder / LABELS
     try:
@@ -88,9 +88,9 @@ def cases(folder: Path) -> list[Labels]:
 
 @cache
 def _scenes(path: Path) -> tuple[Scene, ...]:
-    read = read_vlatest(path, load_catalogue())
-    assert not read.missing, f"{path}: labels go by index, and scenes are left out: {read.missing}"
-    return read.scenes
+    imported = read_vlatest(path, load_catalogue())
+    assert not imported.missing, f"{path}: labels go by index, and scenes are left out: {imported.missing}"
+    return imported.scenes
 
 
 @cache

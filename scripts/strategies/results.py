@@ -1,4 +1,4 @@
-"""Runs of one case side by side: ratios, A12 and p-values against random, as rows, tables and JSON."""
+"""Runs of strategies on cases, compared with random: ratios, A12 and p-values, as rows, tables and JSON."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ Row = dict[str, Any]
 
 
 class Case(Protocol):
-    """Where strategies are sent; picklable."""
+    """A benchmark case; picklable."""
 
     @property
     def name(self) -> str: ...
 
     def play(self, strategy: str, seed: int, budget: int) -> dict[str, float]:
-        """One run; its figures by name."""
+        """One run of a strategy; its figures by name."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Job:
 
 
 def side_by_side(jobs: Sequence[Any], work: Callable[[Any], Any], workers: int) -> list[Any]:
-    """What comes of each job, in order, with a bar; each worker has one thread."""
+    """The results of the jobs, in order, with a progress bar; every worker has one thread."""
     os.environ.update(ONE_THREAD)
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return list(track(pool.map(work, jobs), total=len(jobs), description="runs", console=_stderr()))
@@ -54,25 +54,25 @@ def side_by_side(jobs: Sequence[Any], work: Callable[[Any], Any], workers: int) 
 def run(
     cases: Sequence[Case], strategies: Sequence[str], *, seeds: Iterable[int], budget: int, workers: int
 ) -> dict[str, dict[str, list[dict[str, float]]]]:
-    """By case and strategy, the figures of each run, in the order of the seeds."""
+    """The figures of all runs in the order of the seeds, by case and strategy."""
     seeds = list(seeds)
     jobs = [Job(case, name, seed, budget) for case, seed, name in product(cases, seeds, strategies)]
     played = side_by_side(jobs, Job.play, workers)
-    found: dict[str, dict[str, list[dict[str, float]]]] = {
+    figures_of: dict[str, dict[str, list[dict[str, float]]]] = {
         case.name: {name: [] for name in strategies} for case in cases
     }
     for job, figures in zip(jobs, played, strict=True):
-        found[job.case.name][job.strategy].append(figures)
-    return found
+        figures_of[job.case.name][job.strategy].append(figures)
+    return figures_of
 
 
-def rows(found: dict[str, dict[str, list[dict[str, float]]]], measure: str) -> list[Row]:
-    """One a case and strategy, beside random; p-values are corrected over all of them (Holm)."""
+def rows(figures_of: dict[str, dict[str, list[dict[str, float]]]], measure: str) -> list[Row]:
+    """One per case and strategy, compared with random; p-values are corrected over all rows (Holm)."""
     table = []
-    for case, runs in found.items():
+    for case, runs in figures_of.items():
         base = [figures[measure] for figures in runs[RANDOM]]
-        for name, its in runs.items():
-            values = [figures[measure] for figures in its]
+        for name, played in runs.items():
+            values = [figures[measure] for figures in played]
             interval = ratio_interval(values, base)
             row: Row = {"case": case, "strategy": name, "measure": measure, "runs": values}
             row |= {"median": median(values), "mean": mean(values), "ratio": ratio(values, base)}
@@ -85,7 +85,7 @@ def rows(found: dict[str, dict[str, list[dict[str, float]]]], measure: str) -> l
 
 
 def show(table: Sequence[Row]) -> None:
-    """As text."""
+    """Print the rows as tables."""
     case = None
     for row in table:
         if row["case"] != case:
@@ -98,7 +98,7 @@ def show(table: Sequence[Row]) -> None:
 
 
 def times(row: Row) -> str:
-    """A ratio and its interval."""
+    """A ratio with its interval."""
     if row["ratio"] is None:
         return "–"
     between = f"{row['low']:.2f}-{row['high']:.2f}" if row["low"] is not None else "no bound"
@@ -106,7 +106,7 @@ def times(row: Row) -> str:
 
 
 def write(path: Path | None, content: dict[str, Any]) -> None:
-    """As JSON, a list of numbers on one line."""
+    """Write JSON with lists of numbers on one line."""
     if path:
         path.parent.mkdir(parents=True, exist_ok=True)
         text = "\n".join(_lines(content, ""))
@@ -114,17 +114,17 @@ def write(path: Path | None, content: dict[str, Any]) -> None:
 
 
 def _lines(value: Any, indent: str) -> list[str]:
-    """Of JSON: what has nothing but numbers, texts and lists of these in it stays on one line."""
-    if isinstance(value, dict) and any(isinstance(each, dict | list) for each in value.values()):
-        parts = [(f"{json.dumps(key)}: ", each) for key, each in value.items()]
-    elif isinstance(value, list) and any(isinstance(each, dict) for each in value):
-        parts = [("", each) for each in value]
+    """JSON in which numbers, texts and lists of these stay on one line."""
+    if isinstance(value, dict) and any(isinstance(item, dict | list) for item in value.values()):
+        parts = [(f"{json.dumps(key)}: ", item) for key, item in value.items()]
+    elif isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        parts = [("", item) for item in value]
     else:
         return [json.dumps(_short(value))]
     opening, closing = "{}" if isinstance(value, dict) else "[]"
     lines = [opening]
-    for number, (key, each) in enumerate(parts, start=1):
-        first, *rest = _lines(each, indent + " ")
+    for number, (key, item) in enumerate(parts, start=1):
+        first, *rest = _lines(item, indent + " ")
         comma = "," if number < len(parts) else ""
         lines += [f" {key}{first}", *(f" {line}" for line in rest)]
         lines[-1] += comma
@@ -132,12 +132,12 @@ def _lines(value: Any, indent: str) -> list[str]:
 
 
 def _short(value: Any) -> Any:
-    """Numbers with six digits are enough."""
+    """Numbers with six significant digits."""
     if isinstance(value, float):
         return int(value) if value == int(value) else float(f"{value:.6g}")
     if isinstance(value, dict):
-        return {key: _short(each) for key, each in value.items()}
-    return [_short(each) for each in value] if isinstance(value, list | tuple) else value
+        return {key: _short(item) for key, item in value.items()}
+    return [_short(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _stderr() -> Any:

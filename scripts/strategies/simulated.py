@@ -1,8 +1,7 @@
-"""Simulated: strategies on the real simulator. Each run has a store of its own, so that they go side by side.
+"""Strategies on the real simulator. Every run has a store of its own, so that runs can be parallel.
 
-The n-th runs of all strategies have the same seed and the same budget. Runs that a store in the folder has
-already are not run again: a second call goes on, or only counts. What is counted is what `vlafuzz compare`
-counts.
+The n-th runs of all strategies have the same seed and budget. Runs whose store exists are not repeated: a
+second call resumes them, or only counts. The measures are those of `vlafuzz compare`.
 """
 
 from __future__ import annotations
@@ -31,21 +30,23 @@ from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 @dataclass(frozen=True)
 class Ran:
-    """A run, counted; of a sample of its failures, those that the expert solves."""
+    """The measures of a run, and which of a sample of its failures the expert solves."""
 
-    found: CountedRun
+    counted: CountedRun
     sampled: tuple[Sampled, ...]
     solved: dict[str, bool]
 
     def numbered(self, number: int) -> Ran:
-        """With another number of the run: in a store of its own each is the first."""
-        found = replace(self.found, run=replace(self.found.run, id=number))
-        return replace(self, found=found, sampled=tuple(each._replace(run=number) for each in self.sampled))
+        """With another run number: in a store of its own, every run is the first."""
+        counted = replace(self.counted, run=replace(self.counted.run, id=number))
+        return replace(
+            self, counted=counted, sampled=tuple(sampled._replace(run=number) for sampled in self.sampled)
+        )
 
 
 @dataclass(frozen=True)
 class Job:
-    """One run. ``witnesses`` is how many of its failures the expert tries, ``workers`` its processes."""
+    """One run. ``witnesses``: how many failures the expert tries; ``workers``: processes of the run."""
 
     task: str
     strategy: str
@@ -57,7 +58,7 @@ class Job:
     store: Path
 
     def play(self) -> Ran:
-        """Run it, go on with it, or only count."""
+        """Run, resume, or only count."""
         flags = {
             name: getattr(self, name)
             for name in ("task", "strategy", "seed", "policy", "budget", "workers", "store")
@@ -76,12 +77,12 @@ class Job:
         with Store.open(self.store) as store:
             (run,) = store.runs()
             if run.manifest.budget != self.budget:
-                told = f"{self.store}: has a budget of {run.manifest.budget}, not {self.budget}"
-                raise UsageError(told, hint="give another --stores")
+                message = f"{self.store}: has a budget of {run.manifest.budget}, not {self.budget}"
+                raise UsageError(message, hint="give another --stores")
             operators = stored_operators(self.store, run.manifest)
             counted = count_run(store, run, SearchSpace(operators, load_catalogue(), self.task).embed)
         sampled = sample([counted], self.witnesses)
-        scenes = [each.scene for each in sampled]
+        scenes = [failure.scene for failure in sampled]
         witnesses = Witnesses(self.store.with_suffix(".witnesses.jsonl"), run.manifest)
         if witnesses.missing(scenes):
             with closing(SimulatorSceneRunner(self.store, run.manifest)) as runner:
@@ -98,44 +99,53 @@ def simulate(
     budget: int,
     witnesses: int,
     workers: int,
-    each: int,
+    processes: int,
     folder: Path,
 ) -> dict[str, Comparison]:
-    """Do what is missing, ``workers`` runs at a time of ``each`` processes; a comparison a task.
+    """Play missing runs, ``workers`` at a time with ``processes`` each; returns one comparison per task.
 
     ``strategies[0]`` is the reference.
     """
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
-        Job(task, name, seed, policy, budget, witnesses, each, folder / f"{task}-{policy}-{name}-{seed}.db")
+        Job(
+            task,
+            name,
+            seed,
+            policy,
+            budget,
+            witnesses,
+            processes,
+            folder / f"{task}-{policy}-{name}-{seed}.db",
+        )
         for seed in seeds
         for task in tasks
         for name in strategies
     ]
     played = side_by_side(jobs, Job.play, workers)
-    ran = {job: its.numbered(number) for number, (job, its) in enumerate(zip(jobs, played, strict=True))}
+    ran = {job: run.numbered(number) for number, (job, run) in enumerate(zip(jobs, played, strict=True))}
     compared = {}
     for task in tasks:
         of = {
-            name: [its for job, its in ran.items() if (job.task, job.strategy) == (task, name)]
+            name: [run for job, run in ran.items() if (job.task, job.strategy) == (task, name)]
             for name in strategies
         }
         compared[task] = compare_runs(
-            {name: [each.found for each in its] for name, its in of.items()},
+            {name: [run.counted for run in runs] for name, runs in of.items()},
             strategies[0],
             store=str(folder),
-            solvable={name: _solvable(its) for name, its in of.items()},
+            solvable={name: _solvable(runs) for name, runs in of.items()},
         )
         (folder / task).mkdir(exist_ok=True)
         plot(compared[task], folder / task)
     return compared
 
 
-def _solvable(its: Sequence[Ran]) -> Solvable | None:
-    sampled = list(chain.from_iterable(each.sampled for each in its))
-    return solvable(sampled, {digest: so for each in its for digest, so in each.solved.items()})
+def _solvable(runs: Sequence[Ran]) -> Solvable | None:
+    sampled = list(chain.from_iterable(run.sampled for run in runs))
+    return solvable(sampled, {digest: solved for run in runs for digest, solved in run.solved.items()})
 
 
 def contents(compared: dict[str, Comparison]) -> dict[str, Any]:
-    """For a file."""
-    return {task: asdict(each) for task, each in compared.items()}
+    """The comparisons as JSON values."""
+    return {task: asdict(comparison) for task, comparison in compared.items()}

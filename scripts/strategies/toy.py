@@ -1,4 +1,4 @@
-"""Toy: planted failures in closed form. It is known what there is to find; no strategy knows it."""
+"""Toy: planted failures in closed form, with known ground truth."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vlafuzz.space import SearchSpace, load_operators
 
 TASK = "pick-up"
 BATCH = 16
-SAMPLES = 20_000  # scenes by which a region's share is found: 100 of them in a region of 0.5 %
+SAMPLES = 20_000  # scenes to measure a region's share with: 100 of them are in a region of 0.5 %
 SHAPES = {
     "box of 3 genes": Region(
         (
@@ -61,7 +61,7 @@ SHAPES = {
 
 @dataclass(frozen=True)
 class Planted:
-    """A region of a shape and a share of the random scenes, and what passes and failures tell of it."""
+    """A region of a shape that holds a share of the random scenes, and the signal near the region."""
 
     shape: str
     share: float
@@ -73,7 +73,7 @@ class Planted:
         return f"{self.shape}, {self.share:.1%}, {self.signal}"
 
     def play(self, strategy: str, seed: int, budget: int) -> dict[str, float]:
-        """A campaign without a store: known scenes and invalid ones cost nothing."""
+        """A campaign without a store; known and invalid scenes cost nothing."""
         space = _space()
         region = replace(SHAPES[self.shape], width=self.width)
         toy = Toy(region, space.catalogue, min_distance=space.operators.min_distance, signal=self.signal)
@@ -89,13 +89,13 @@ class Planted:
                     known[scene.digest] = score(scene, outcome, space)
                     failures += known[scene.digest].failed
                 scores.append(known[scene.digest])
-            cells |= {each.cell for each in scores if each.failed}
+            cells |= {judged.cell for judged in scores if judged.failed}
             searching.tell(proposals, scores)
         return {"cells": len(cells), "failures": failures}
 
 
 def cases(shares: Sequence[float], signals: Sequence[Signal], seed: int) -> list[Planted]:
-    """All shapes, as wide as each share needs, found by sampling."""
+    """All shapes, scaled by sampling so that they hold each share."""
     scenes = _samples(seed)
     return [
         Planted(shape, share, signal, region.calibrated(scenes, share).width)

@@ -140,7 +140,7 @@ def corpus_envs(
     processes: bool = False,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
 ) -> VectorEnv[Any, Any, Any]:
-    """Several ``CorpusEnv`` as a vector environment: the i-th begins with case i and advances by ``num_envs``.
+    """A vector of ``CorpusEnv``: the i-th begins with case i and advances by ``num_envs`` cases.
 
     Together, the environments cover all cases. After an episode, ``step`` begins the next one according to
     gymnasium's ``autoreset_mode``. The environments do not influence each other.
