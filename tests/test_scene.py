@@ -1,16 +1,20 @@
 """A scene is a value: written, read and compared without loss."""
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from vlafuzz.errors import SceneError
 from vlafuzz.formats.scene_lines import load_scenes, read_scenes, write_scenes
+from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene
+from vlafuzz.space import SearchSpace, load_operators
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 PLACEMENTS = st.builds(
@@ -118,6 +122,20 @@ def test_a_digest_is_a_constant_of_the_file_format():
     )
     assert len(plain.digest) == 32
     assert plain.digest == Scene.from_json(plain.to_json()).digest
+
+
+@pytest.mark.parametrize(
+    ("task", "first", "all_twenty"),
+    [
+        ("pick-up", "9590ffad21ac7f3edcc428c1f41e3e57", "a3a51155779bad8709ed297720d04e17"),
+        ("put-in", "930e0ed434fd5eb139216ee5224d8aac", "d1686796e6ff76b6d601716914d9fa95"),
+    ],
+)
+def test_generated_scenes_and_their_digests_stay_the_same(task: str, first: str, all_twenty: str):
+    space = SearchSpace(load_operators(), load_catalogue(), task)
+    digests = [space.sample(np.random.default_rng([3, number])).digest for number in range(20)]
+    assert digests[0] == first
+    assert hashlib.blake2b("".join(digests).encode(), digest_size=16).hexdigest() == all_twenty
 
 
 def test_what_is_left_out_is_nominal():

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.scene import in_words
+
 BASE = "base"  # in a signature: even the nominal scene fails
 
 Actions = NDArray[np.float32]
@@ -28,7 +30,7 @@ class Threshold:
     share: float
 
     def __str__(self) -> str:
-        values = ", ".join(_said(path, value) for path, value in self.at)
+        values = ", ".join(in_words(path, value) for path, value in self.at)
         way = "" if len(self.at) == 1 else f" ({self.share:.0%} of the way)"
         return f"{self.operator}: fails from {values}{way} on"
 
@@ -65,11 +67,3 @@ class Witness:
 def signature(task: str, lost: str, operators: Iterable[str]) -> str:
     """Which bug it is, readable: ``pick-up|grasp|camera-orientation+light``."""
     return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
-
-
-def _said(path: str, value: float) -> str:
-    slot, _, name = path.rpartition(".")
-    of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-    if name == "intensity":
-        return f"{name} × {value:.3g}"
-    return f"{name}{of} {value:g}{' m' if name in ('x', 'y', 'distance') else '°'}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import KW_ONLY, asdict, dataclass
+from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,10 +14,21 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
-# Added after the first digests: left out of the canonical JSON at these values.
-_LATER = {"listed": None, "frame": "", "then": ()}
-_COUNTS = ("schema", "listed")  # written as whole numbers
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+def _quantity(unit: str, default: Any = MISSING) -> Any:
+    """A field with a unit, as written behind its value."""
+    return field(default=default, metadata={"unit": unit})
+
+
+def _later(default: Any, *, extra: bool = False) -> Any:
+    """A field younger than the first digests: at its default, the canonical JSON leaves it out.
+
+    Args:
+        extra: the field is the part of the scene that an extra operator varies.
+    """
+    return field(default=default, metadata={"later": True, "extra": extra})
 
 
 @dataclass(frozen=True)
@@ -32,13 +43,13 @@ class Placement:
     __pydantic_config__ = _STRICT
     object: str
     rest: str
-    x: float
-    y: float
-    yaw: float = 0.0
+    x: float = _quantity(" m")
+    y: float = _quantity(" m")
+    yaw: float = _quantity("°", 0.0)
     _: KW_ONLY
     quaternion: tuple[float, float, float, float] | None = None
     scale: float = 1.0
-    listed: int | None = None
+    listed: int | None = _later(None)
 
 
 @dataclass(frozen=True)
@@ -46,7 +57,7 @@ class Light:
     """``intensity`` multiplies all lights of the nominal scene, ambient light included."""
 
     __pydantic_config__ = _STRICT
-    intensity: float = 1.0
+    intensity: float = _quantity("×", 1.0)
 
 
 @dataclass(frozen=True)
@@ -59,13 +70,13 @@ class Camera:
     """
 
     __pydantic_config__ = _STRICT
-    distance: float = 0.0
-    azimuth: float = 0.0
-    elevation: float = 0.0
+    distance: float = _quantity(" m", 0.0)
+    azimuth: float = _quantity("°", 0.0)
+    elevation: float = _quantity("°", 0.0)
     _: KW_ONLY
-    roll: float = 0.0
-    pitch: float = 0.0
-    yaw: float = 0.0
+    roll: float = _quantity("°", 0.0)
+    pitch: float = _quantity("°", 0.0)
+    yaw: float = _quantity("°", 0.0)
 
     @property
     def offset(self) -> tuple[float, float, float]:
@@ -94,8 +105,8 @@ class Scene:
     camera: Camera = Camera()
     robot: str = "panda"
     schema: int = SCHEMA
-    frame: str = ""
-    then: tuple[str, ...] = ()
+    frame: str = _later("")
+    then: tuple[str, ...] = _later(())
 
     @property
     def instructions(self) -> tuple[str, ...]:
@@ -127,7 +138,7 @@ class Scene:
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no whitespace, floats as written by ``repr``."""
-        return json.dumps(_canonical(asdict(self)), sort_keys=True, separators=(",", ":"))
+        return json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
 
     @staticmethod
     def from_json(text: str | bytes) -> Scene:
@@ -150,14 +161,36 @@ class Scene:
 
 
 _ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
+EXTRAS: dict[str, Any] = {part.name: part.default for part in fields(Scene) if part.metadata.get("extra")}
+"""The parts of a scene that extra operators vary, by field name, with their nominal values."""
+_UNITS: dict[str, str] = {
+    part.name: part.metadata["unit"]
+    for kind in (Placement, Light, Camera, *map(type, EXTRAS.values()))
+    for part in fields(kind)
+    if "unit" in part.metadata
+}
+
+
+def in_words(path: str, value: float | str) -> str:
+    """A value of a scene by its path, with its unit: ``camera.yaw`` as ``yaw 2.5°``."""
+    slot, _, name = path.rpartition(".")
+    owner = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
+    unit = _UNITS.get(name, "")
+    if isinstance(value, str):
+        return f"{name}{owner} {value}"
+    return f"{name}{owner} × {value:.3g}" if unit == "×" else f"{name}{owner} {value:g}{unit}"
 
 
 def _canonical(value: Any) -> Any:
     if isinstance(value, (int, float)):
         return float(value) + 0.0  # 1 equals 1.0, and -0.0 equals 0.0
-    if isinstance(value, dict):
-        kept = {key: item for key, item in value.items() if key not in _LATER or item != _LATER[key]}
-        return {key: item if key in _COUNTS else _canonical(item) for key, item in kept.items()}
+    if is_dataclass(value):
+        shown = {part: getattr(value, part.name) for part in fields(value)}
+        return {
+            part.name: item if str(part.type).startswith("int") else _canonical(item)
+            for part, item in shown.items()
+            if not (part.metadata.get("later") and item == part.default)
+        }
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]
     return value

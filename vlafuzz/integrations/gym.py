@@ -129,7 +129,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
             "state": proprioception(state, self._env.rig.opening),
             "instruction": self._case.scene.instruction,
         }
-        return seen | ({"image": self.render()} if self._camera else {})
+        return seen | ({"image": self._env.seen(self._camera.name)} if self._camera else {})
 
 
 def corpus_envs(

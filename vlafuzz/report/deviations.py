@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.report.view import Deviation
-from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space import SearchSpace
+from vlafuzz.space.base import Extra
 from vlafuzz.space.operators import (
+    OPERATORS,
     CameraOrientation,
     CameraPosition,
     Light,
@@ -52,10 +55,14 @@ def _value(operator: str, scene: Scene, other: Scene) -> str:
         same = scene.camera.offset == other.camera.offset
         return "" if same else _offset(scene.camera)
     if operator == CameraOrientation.name:
-        return _angles(scene.camera, other.camera)
+        return _fields(scene.camera, other.camera, ("roll", "pitch", "yaw"))
     if operator == Wording.name:
         same = scene.instructions == other.instructions
         return "" if same else f"“{' / '.join(scene.instructions)}”"
+    kind = OPERATORS[operator]
+    if issubclass(kind, Extra):
+        shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
+        return _fields(shown, usual, [field.name for field in fields(shown)])
     return _targets(operator, scene.targets, other.targets)
 
 
@@ -94,7 +101,7 @@ def _offset(camera: Camera) -> str:
     return f"{camera.distance:g} m off, azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°"
 
 
-def _angles(camera: Camera, other: Camera) -> str:
-    axes = ("roll", "pitch", "yaw")
-    differing = [axis for axis in axes if getattr(camera, axis) != getattr(other, axis)]
-    return ", ".join(f"{axis} {getattr(camera, axis):g}°" for axis in differing)
+def _fields(part: object, other: object, names: Sequence[str]) -> str:
+    """The fields of a part of a scene that differ from another's."""
+    differing = [name for name in names if getattr(part, name) != getattr(other, name)]
+    return ", ".join(in_words(name, getattr(part, name)) for name in differing)

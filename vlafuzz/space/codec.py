@@ -34,11 +34,9 @@ class Codec:
         self.operators = operators.in_task(task)
         self.catalogue, self.task, self.rig = catalogue, task_named(task), rig(robot)
         self.composer = Composer(self.operators, catalogue, self.task, robot)
-        layout = self.composer.layout
-        genes = [gene for name in OPERATORS for gene in self.operators.operators[name].genes(layout)]
-        self.by_path = {gene.path: gene for gene in genes}
-        self.genes = tuple(gene for gene in genes if self.varies(gene))
-        self._nominal: Values = {gene.path: gene.grid.nominal for gene in genes}
+        self.by_path = {gene.path: gene for gene in self.composer.genes}
+        self.genes = tuple(gene for gene in self.composer.genes if self.varies(gene))
+        self._nominal: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
         self._embedding = SceneEmbedding(self.genes)
 
     @property
@@ -129,14 +127,19 @@ class Codec:
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
 
-        An unused slot counts as nominal, so that removing a confounder is never more severe.
+        An unused slot counts as nominal, so that removing a confounder is never more severe. Extras that are
+        nominal and do not vary are left out.
         """
         values = self.values(scene)
         squares: dict[str, list[float]] = {name: [] for name in OPERATORS}
         for path, gene in self.by_path.items():
             if not gene.neutral:
                 squares[gene.operator].append(gene.distance(values[path]) ** 2)
-        return {name: math.sqrt(sum(terms) / len(terms)) if terms else 0.0 for name, terms in squares.items()}
+        return {
+            name: math.sqrt(sum(terms) / len(terms)) if terms else 0.0
+            for name, terms in squares.items()
+            if name in self.operators.decisive or any(terms)
+        }
 
     def severity(self, scene: Scene) -> float:
         """The sum of the severities of all operators."""

@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand
 from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.scene import EXTRAS, Camera, Light, Placement, Scene
+from vlafuzz.space.base import Layout
 from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import (
+    OPERATORS,
     ConfounderCount,
     ConfounderOrientation,
     ConfounderType,
-    Layout,
     TargetOrientation,
     TargetType,
 )
+from vlafuzz.space.params import Gene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.instructions import load_wordings, say
 
 Values = dict[str, float]  # by path in a scene; a category by its index
+_PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with one gene per field
 
 
 class Composer:
@@ -31,6 +36,7 @@ class Composer:
 
     Attributes:
         layout: the slots of a scene.
+        genes: of all operators, in their order.
     """
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
@@ -40,9 +46,12 @@ class Composer:
             "targets": operators.get(TargetOrientation).fixed,
             "confounders": operators.get(ConfounderOrientation).fixed,
         }
-        slots = _slots(operators, catalogue, task, rig(robot).hand)
+        setup = rig(robot)
+        slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
-        self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings))
+        self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
+        self.genes = [gene for name in OPERATORS for gene in operators.operators[name].genes(self.layout)]
+        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in _PARTS}
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         """The scene with these values. A name that is taken is replaced by the next free one."""
@@ -58,9 +67,9 @@ class Composer:
             targets=targets,
             instruction=say(self._wordings[int(values["instruction"])], spoken),
             confounders=placed[self._task.targets :],
-            light=Light(values["light.intensity"]),
             camera=camera(values),
             robot=self._robot,
+            **{part: self._composed(part, values) for part in _PARTS},
         )
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
@@ -72,7 +81,9 @@ class Composer:
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
-        values: Values = {"confounders": len(scene.confounders), "light.intensity": scene.light.intensity}
+        values: Values = {"confounders": len(scene.confounders)}
+        for part, genes in self._fields.items():
+            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self._placed(slot, placement)
@@ -86,6 +97,17 @@ class Composer:
         wordings = [say(wording, spoken) for wording in self._wordings]
         values["instruction"] = math.nan if scene.then else _index(wordings, scene.instruction)
         return values
+
+    def _composed(self, part: str, values: Mapping[str, float]) -> Any:
+        """A part of the scene that has one gene per field."""
+        nominal, changed = _PARTS[part], dict[str, object]()
+        for gene in self._fields[part]:
+            field, value = gene.path.rpartition(".")[2], values[gene.path]
+            usual = getattr(nominal, field)
+            shown = gene.options[int(value)] if gene.options else type(usual)(value)
+            if shown != usual:
+                changed[field] = shown
+        return replace(nominal, **changed) if changed else nominal
 
     def _placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None
@@ -103,6 +125,12 @@ class Composer:
         spoken = {self._catalogue[name].spoken for name in taken}
         free = (name for name in names[index:] + names[:index] if self._catalogue[name].spoken not in spoken)
         return next(free, names[index])
+
+
+def _value(gene: Gene, part: Any) -> float:
+    """The value of a gene in a part of a scene."""
+    shown = getattr(part, gene.path.rpartition(".")[2])
+    return _index(gene.options, shown) if gene.options else float(shown)
 
 
 def camera(values: Mapping[str, float]) -> Camera:

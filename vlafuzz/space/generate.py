@@ -24,7 +24,6 @@ from vlafuzz.validity.semantic import ambiguous, cannot_grasp, cannot_place
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
-_ONCE = ("light.intensity", "instruction")
 
 
 def generate(space: Codec, rng: np.random.Generator) -> Scene:
@@ -62,10 +61,10 @@ class Attempt:
         """The values of a scene with ``count`` confounders; None if the draws leave no room."""
         space = self._space
         values = {path: gene.grid.nominal for path, gene in space.by_path.items()} | {"confounders": count}
-        for path in values:
-            if path in _ONCE or path.startswith("camera."):
-                values[path] = _draw(space, self._rng, path)
         layout = space.composer.layout
+        for path, gene in space.by_path.items():
+            if gene.slot not in layout.slots and path != "confounders":
+                values[path] = _draw(space, self._rng, path)
         self._placed = []
         for slot in [*layout.of("targets"), *layout.of("confounders")[: int(count)]]:
             name = self._choose(slot, values)

@@ -14,7 +14,8 @@ from pydantic import BaseModel, Field, ValidationError
 
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
 from vlafuzz.shipped import operators_dir
-from vlafuzz.space.operators import OPERATORS, ConfounderCount, Operator
+from vlafuzz.space.base import Extra, Operator
+from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
 from vlafuzz.space.ranges import Strict
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -83,10 +84,19 @@ class OperatorSet:
         return operator
 
     @cached_property
+    def decisive(self) -> dict[str, Operator]:
+        """The operators without extras that do not vary: those decide nothing."""
+        return {
+            name: operator
+            for name, operator in self.operators.items()
+            if name in self.varied or not isinstance(operator, Extra)
+        }
+
+    @cached_property
     def digest(self) -> str:
         """32 hexadecimal digits: equal for sets that vary the same operators in the same ranges."""
         parts = [f"{task}={part.digest}" for task, part in sorted(self.tasks.items())]
-        ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.operators.items())]
+        ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.decisive.items())]
         text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts])
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -98,7 +108,7 @@ def load_operators(source: str | Path | None = None) -> OperatorSet:
         CatalogueError: the file is wrong; the message names file and key.
     """
     path = _find(str(source or DEFAULT), beside=None)
-    return _make(path, _read(path, ()))
+    return _make(path, _with_extras(_read(path, ())))
 
 
 def _find(source: str, beside: Path | None) -> Path:
@@ -127,6 +137,13 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
     if file.extends is None:
         return file
     return _merged(_read(_find(file.extends, beside=path), (*extended, path)), file)
+
+
+def _with_extras(file: _File) -> _File:
+    """A file, with the shipped ranges of the extras that it leaves out."""
+    shipped = _read(_find(DEFAULT, beside=None), ()) if EXTRAS - file.operators.keys() else file
+    extras = {name: keys for name, keys in shipped.operators.items() if name in EXTRAS}
+    return file.model_copy(update={"operators": extras | file.operators})
 
 
 def _merged(base: _File, file: _File) -> _File:
@@ -158,7 +175,7 @@ def _make(path: Path, file: _File) -> OperatorSet:
             f"{path}: operators.{missing[0]}: missing",
             hint="`extends: tabletop` fills in what a file leaves out",
         )
-    vary = list(OPERATORS) if file.vary is None else file.vary
+    vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
     _known(path, "vary", vary, OPERATORS)
     _known(path, "tasks", file.tasks, TASKS)
     operators = _operators(path, "operators", file.operators)

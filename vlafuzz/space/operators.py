@@ -2,60 +2,17 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from vlafuzz.space.params import Gene, Grid, Kind
-from vlafuzz.space.ranges import Box, Point, Range, Span, Step, Strict
+from vlafuzz.space import extras
+from vlafuzz.space.base import Layout, Operator
+from vlafuzz.space.params import Gene, Grid
+from vlafuzz.space.ranges import Box, Point, Range, Span, Step
 
 MOST_CONFOUNDERS = 4
-
-
-@dataclass(frozen=True)
-class Layout:
-    """The slots of a task's scenes.
-
-    Attributes:
-        slots: the allowed object names of each slot, such as ``targets.0``.
-        nominal: the index of each slot's nominal name.
-        stable_poses: the largest number of stable poses of one object.
-        wordings: the number of wordings of the instruction.
-    """
-
-    slots: dict[str, tuple[str, ...]]
-    nominal: dict[str, int]
-    stable_poses: int
-    wordings: int
-
-    def of(self, part: str) -> list[str]:
-        """The slots of the ``targets`` or the ``confounders``."""
-        return [slot for slot in self.slots if slot.startswith(part)]
-
-
-class Operator(Strict):
-    """One way in which a scene can vary. ``name`` is for users to refer to it, ``says`` describes it."""
-
-    name: ClassVar[str]
-    says: ClassVar[str]
-
-    @abstractmethod
-    def genes(self, layout: Layout) -> Iterator[Gene]:
-        """The operator's genes, slot by slot."""
-
-    @abstractmethod
-    def ranges(self) -> str:
-        """The ranges in words."""
-
-    @abstractmethod
-    def nominally(self) -> str:
-        """The nominal value in words."""
-
-    def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
-        return Gene(self.name, path, kind, grid)
 
 
 class _Type(Operator):
@@ -288,19 +245,19 @@ def _span(span: Span) -> str:
     return f"{span.low:g} to {span.high:g}"
 
 
-OPERATORS: dict[str, type[Operator]] = {
-    kind.name: kind
-    for kind in (
-        TargetType,
-        TargetPosition,
-        TargetOrientation,
-        ConfounderType,
-        ConfounderPosition,
-        ConfounderOrientation,
-        ConfounderCount,
-        Light,
-        CameraPosition,
-        CameraOrientation,
-        Wording,
-    )
-}
+_ALL: tuple[type[Operator], ...] = (
+    TargetType,
+    TargetPosition,
+    TargetOrientation,
+    ConfounderType,
+    ConfounderPosition,
+    ConfounderOrientation,
+    ConfounderCount,
+    Light,
+    CameraPosition,
+    CameraOrientation,
+    Wording,
+    *extras.ALL,
+)
+OPERATORS = {kind.name: kind for kind in _ALL}
+EXTRAS = frozenset(kind.name for kind in extras.ALL)

@@ -111,6 +111,7 @@ class Gene:
         operator: the name of its operator.
         path: where its value stands in a scene, such as ``targets.0.x``.
         neutral: no value is more severe than another, as for a direction.
+        options: of a category whose values are strings in the scene.
         spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below
             or above 1, then linearly (the paper's light); ``sphere``, the elevation of a uniform direction.
     """
@@ -121,6 +122,7 @@ class Gene:
     grid: Grid
     _: KW_ONLY
     neutral: bool = False
+    options: tuple[str, ...] = ()
     spread: Spread = "even"
 
     @property

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.operators import (
+    EXTRAS,
+    OPERATORS,
     CameraOrientation,
     CameraPosition,
     ConfounderCount,
@@ -34,6 +36,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         kind.name: (kind.name,)
         for kind in (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
     },
+    **{name: (name,) for name in OPERATORS if name in EXTRAS},
 }
 
 

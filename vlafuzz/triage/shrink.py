@@ -10,14 +10,13 @@ from typing import TypeVar
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.space.operators import ConfounderCount, ConfounderPosition, TargetPosition
+from vlafuzz.space.operators import EXTRAS, ConfounderCount, ConfounderPosition, TargetPosition
 from vlafuzz.space.params import Gene
 from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, PathToNominal, deviating, free_genes
 
 K = TypeVar("K")
 BEYOND = 2  # grid steps past its threshold at which a value stops, so that no finding sits on an edge
-KEPT = len(GROUPS)  # scenes for the last step, that shows each operator to be necessary
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
@@ -67,6 +66,11 @@ class _Shrinker:
     space: SearchSpace
     oracle: BudgetedOracle
     best: Scene
+
+    def __post_init__(self) -> None:
+        """Keep scenes for the last step, which shows each operator to be necessary."""
+        extras = EXTRAS - set(deviating(self.space, self.best))
+        self.kept = len(GROUPS.keys() - extras)
 
     def run(self) -> None:
         while self._drop_operators() and self._is_blocked():
@@ -135,7 +139,7 @@ class _Shrinker:
         if gene.kind == "count" or path.length <= 1:
             return
         passes, fails = 0, path.length
-        while fails - passes > 1 and self.oracle.room > KEPT:
+        while fails - passes > 1 and self.oracle.room > self.kept:
             middle = (passes + fails) // 2
             if self._fails([path.at(middle)])[0]:
                 fails = middle
@@ -169,7 +173,7 @@ class _Shrinker:
         """Whether each still fails and is no more severe than the best so far."""
         severity = self.space.severity(self.best) + _ROUNDING
         milder = [scene for scene in scenes if self.space.severity(scene) <= severity]
-        failing = dict(zip(milder, self.oracle.fails(milder, KEPT), strict=True))
+        failing = dict(zip(milder, self.oracle.fails(milder, self.kept), strict=True))
         return [failing.get(scene, False) for scene in scenes]
 
     def _reset(self, operators: Sequence[str]) -> Scene:

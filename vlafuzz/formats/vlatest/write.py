@@ -21,7 +21,7 @@ from vlafuzz.formats.vlatest.original import (
 from vlafuzz.formats.vlatest.read import quaternion
 from vlafuzz.formats.vlatest.table import Counterpart, Table, our_box, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.scene import EXTRAS, Camera, Light, Placement, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
 NOT_IN_FORMAT = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
@@ -85,11 +85,12 @@ def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
 
 
 def _refuse(scene: Scene, instruction: str) -> None:
-    """Refuse light, camera and wording, which VLATest's files do not have."""
+    """Refuse light, camera, wording and extras, which VLATest's files do not have."""
     differs = {
         "light": scene.light != Light(),
         "camera": scene.camera != Camera(),
         "wording": scene.instructions != (instruction,),
+        **{part.replace("_", " "): getattr(scene, part) != nominal for part, nominal in EXTRAS.items()},
     }
     for name, not_nominal in differs.items():
         if not_nominal:

@@ -6,8 +6,9 @@ error.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ import sapien
 from vlafuzz.errors import SimulatorError
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.scene import Scene
+from vlafuzz.scene import EXTRAS, Scene
 
 METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
@@ -24,13 +25,19 @@ TURN = 1e-4  # of a quaternion's components
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """What the simulator contains. ``light`` is the factor on the nominal lights."""
+    """What the simulator contains, read back from it.
+
+    Attributes:
+        light: factor on the nominal lights.
+        extras: the parts of the scene that extra operators vary, by field name, as far as they are in effect.
+    """
 
     instruction: str
     objects: tuple[str, ...]
     poses: tuple[sapien.Pose, ...]
     light: float
     camera: sapien.Pose
+    extras: Mapping[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, for ``info``."""
@@ -42,6 +49,7 @@ class Applied:
             ],
             "light": self.light,
             "camera": {"position": self.camera.p.tolist(), "quaternion": self.camera.q.tolist()},
+            **{part: asdict(value) for part, value in self.extras.items()},
         }
 
     def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
@@ -63,6 +71,20 @@ class Applied:
         _check_pose("camera", sapien.Pose(view.position, view.quaternion), self.camera)
         if self.instruction != scene.instruction:
             _fail("instruction", scene.instruction, self.instruction)
+        for part in EXTRAS:
+            expected, actual = getattr(scene, part), self.extras.get(part)
+            if actual is None or not _alike(asdict(expected), asdict(actual)):
+                _fail(part.replace("_", " "), expected, actual)
+
+
+def _alike(expected: Mapping[str, Any], actual: Mapping[str, Any]) -> bool:
+    """Whether two parts of scenes are equal up to the simulator's single precision."""
+    return all(
+        actual[field] == value
+        if isinstance(value, str)
+        else math.isclose(actual[field], value, rel_tol=1e-5, abs_tol=1e-4)
+        for field, value in expected.items()
+    )
 
 
 def _check_pose(name: str, expected: sapien.Pose, actual: sapien.Pose) -> None:

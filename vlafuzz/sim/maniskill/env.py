@@ -35,7 +35,7 @@ from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
-from vlafuzz.sim.maniskill.table import add_table
+from vlafuzz.sim.maniskill.table import COLOUR, add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.tasks.base import Monitor
 from vlafuzz.tasks.instructions import load_wordings, say
@@ -84,8 +84,8 @@ class TabletopEnv(BaseEnv):
         kwargs.setdefault("reward_mode", "sparse")
         super().__init__(**kwargs)
 
-    def begin(self, scene: Scene) -> State:
-        """Build a scene; the state at its start."""
+    def begin(self, scene: Scene, seed: int = 0) -> State:
+        """Build a scene for a rollout with this seed; the state at its start."""
         self._scene_shown = scene
         self._models = models_of(scene.placements, self.catalogue)
         self.poses = start_poses(scene, self._models, self.rig, dropped=self._dropped)
@@ -93,7 +93,7 @@ class TabletopEnv(BaseEnv):
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
-        self.light = scene.light.intensity
+        self.light, self.table_colour = scene.light.intensity, COLOUR
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self._aim()
@@ -105,6 +105,10 @@ class TabletopEnv(BaseEnv):
         state = self.world.step(action, relative_to)
         self.monitor.observe(state)
         return state
+
+    def seen(self, camera: str) -> NDArray[np.uint8]:
+        """``(height, width, 3)``: what a policy sees through a camera at present."""
+        return self.picture(camera)
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
@@ -122,6 +126,7 @@ class TabletopEnv(BaseEnv):
             camera=self._render_camera(third_person[0]).local_pose
             if third_person
             else sapien_pose(self.view),
+            extras={},
         )
 
     @property

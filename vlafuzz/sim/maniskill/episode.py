@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Rollout
-from vlafuzz.policies.base import EpisodeStart, Observation, PolicySpec, Privileged
+from vlafuzz.policies.base import EpisodeStart, Observation, Outlines, PolicySpec, Privileged
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.outlines import outlines
@@ -39,7 +39,7 @@ class Episode:
         self.env, self._spec, self._scene = env, spec, scene
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
         self._published = conditions.criteria == "published"
-        self._state = env.begin(scene)
+        self._state = env.begin(scene, seed)
         env.applied().check(scene, env.poses, env.rig)
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         self.actions: list[NDArray[np.float64]] = []
@@ -68,13 +68,17 @@ class Episode:
             episode=self.start.episode,
             step=len(self.actions),
             instruction=self.instruction,
-            images={camera.name: env.picture(camera.name) for camera in spec.cameras},
+            images={camera.name: env.seen(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
-            outlines=outlines(env.models, state, env.view, env.light) if spec.silhouettes else None,
+            outlines=self._outlines() if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now)
             if spec.privileged
             else None,
         )
+
+    def _outlines(self) -> Outlines:
+        env = self.env
+        return outlines(env.models, self._state, env.view, env.light, env.table_colour)
 
     def advance(self, action: NDArray[np.float64]) -> None:
         """Execute a metric action for one control step."""

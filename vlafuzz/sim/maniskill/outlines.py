@@ -30,11 +30,18 @@ _FINGER_BOXES = [
 ]
 
 
-def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, light: float) -> Outlines:
+def outlines(
+    models: Sequence[ObjectModel],
+    state: State,
+    view: CameraPose,
+    light: float,
+    table: Sequence[float] = COLOUR,
+) -> Outlines:
     """Outlines of objects and hand, and the table's colour, in a view.
 
     Args:
         light: factor on all lights; an apparent colour saturates at 1.
+        table: mean colour of the table top.
     """
     height = round(WIDTH / view.aspect)
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
@@ -56,7 +63,7 @@ def outlines(models: Sequence[ObjectModel], state: State, view: CameraPose, ligh
     )
     hand, distance = view.project(state.tcp[None])
     visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
-    return Outlines(_sorted(things), hand[0] if visible else None, np.minimum(np.array(COLOUR) * light, 1.0))
+    return Outlines(_sorted(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))
 
 
 def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:
