@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.files import write_whole
 from vlafuzz.scene import Scene
 
 _EXPECTED = "expected JSON lines with one scene per line"
@@ -78,6 +79,4 @@ def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
     """
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")
-    beside = path.with_name(path.name + ".tmp")
-    beside.write_text("".join(scene.to_json() + "\n" for scene in scenes), encoding="utf-8")
-    beside.replace(path)
+    write_whole(path, "".join(scene.to_json() + "\n" for scene in scenes))

@@ -136,10 +136,10 @@ def _of_corpus(folder: Path, run: int | None) -> list[Proof]:
 def _of_store(store: Path, run: int | None) -> list[Proof]:
     with Store.open(store) as opened:
         manifests = {begun.id: begun.manifest for begun in opened.runs()}
-        runs = {(row.scene.digest, row.policy_key): manifests[row.run] for row in opened.findings(run)}
+        runs = {row.key: manifests[row.run] for row in opened.findings(run)}
         proofs: dict[Scene, Proof] = {}
         for row in opened.triaged():
-            manifest = runs.get((row.scene.digest, row.policy_key))
+            manifest = runs.get(row.key)
             if manifest and row.witness:
                 scene = row.shrunk if row.bucket == "minimal" and row.shrunk else row.scene
                 proofs.setdefault(scene, Proof(scene, row.witness, manifest))

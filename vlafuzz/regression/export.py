@@ -105,12 +105,13 @@ def export(
 
 def _choose(store: Store, run: int | None) -> list[_Chosen]:
     """The minimal findings, ordered by run; of several with the same minimal scene, the first."""
-    findings = {(each.scene.digest, each.policy_key): each for each in store.findings(run)}
+    findings = {finding.key: finding for finding in store.findings(run)}
     chosen: dict[Scene, _Chosen] = {}
-    for each in store.triaged():
-        finding = findings.get((each.scene.digest, each.policy_key))
-        if finding and each.bucket == "minimal" and each.shrunk and each.witness:
-            chosen.setdefault(each.shrunk, _Chosen(finding, each, each.shrunk, each.witness))
+    for triaged in store.triaged():
+        finding = findings.get(triaged.key)
+        if finding and triaged.bucket == "minimal" and triaged.shrunk and triaged.witness:
+            choice = _Chosen(finding, triaged, triaged.shrunk, triaged.witness)
+            chosen.setdefault(choice.shrunk, choice)
     if not chosen:
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
     return sorted(chosen.values(), key=lambda choice: choice.finding.run)

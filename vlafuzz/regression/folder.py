@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -16,6 +15,7 @@ import numpy as np
 
 from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Witness
+from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
 from vlafuzz.regression.corpus import SCHEMA, Case, Corpus
 from vlafuzz.regression.manifest import EXPORT_AGAIN, CaseRow, CorpusManifest, WitnessRow, read_manifest
@@ -70,37 +70,31 @@ def whole(folder: Path) -> Iterator[Path]:
     Raises:
         CorpusError: the folder exists already, or cannot be written.
     """
-    unfinished = check_new(folder)
+    check_new(folder)
     try:
-        yield unfinished
-        unfinished.rename(folder)
+        with replacing(folder) as unfinished:
+            yield unfinished
     except OSError as error:
         raise _unwritable(folder, error) from None
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def check_new(folder: Path) -> Path:
-    """Check that a folder does not exist and can be created; returns the temporary folder to write first.
+def check_new(folder: Path) -> None:
+    """Check that a folder does not exist and can be created.
 
     Raises:
         CorpusError: the folder exists already, or cannot be written.
     """
     if folder.exists():
         raise CorpusError(f"{folder}: exists already", hint="give --out a new folder")
-    unfinished = folder.with_name(f".{folder.name}.part")
     try:
-        shutil.rmtree(unfinished, ignore_errors=True)  # of an export that was killed
-        unfinished.mkdir(parents=True)
-        unfinished.rmdir()
+        folder.mkdir(parents=True)
+        folder.rmdir()
     except OSError as error:
         raise _unwritable(folder, error) from None
-    return unfinished
 
 
 def _unwritable(folder: Path, error: OSError) -> CorpusError:
-    reason = (error.strerror or "unknown reason").lower()
-    return CorpusError(f"{folder}: cannot be written: {reason}", hint="give --out elsewhere")
+    return CorpusError(f"{folder}: cannot be written: {reason(error)}", hint="give --out elsewhere")
 
 
 def _write(corpus: Corpus, folder: Path) -> None:
@@ -187,8 +181,7 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise CorpusError(f"{path}: cannot be read: {reason}", hint=EXPORT_AGAIN) from None
+        raise CorpusError(f"{path}: cannot be read: {reason(error)}", hint=EXPORT_AGAIN) from None
 
 
 def _npy(actions: Actions) -> bytes:

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from vlafuzz.errors import UsageError
+from vlafuzz.files import reason, replacing
 from vlafuzz.regression.pairs import GROUPS, Compared, Group
 from vlafuzz.regression.regress import Comparison
 
@@ -32,15 +33,12 @@ def write_junit(comparison: Comparison, path: Path) -> None:
     Raises:
         UsageError: the file cannot be written.
     """
-    unfinished = path.with_name(f".{path.name}.part")
     try:
-        unfinished.write_bytes(Xml.tostring(_report(comparison), encoding="utf-8", xml_declaration=True))
-        unfinished.replace(path)
+        with replacing(path) as unfinished:
+            unfinished.write_bytes(Xml.tostring(_report(comparison), encoding="utf-8", xml_declaration=True))
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise UsageError(f"{path}: cannot be written: {reason}", hint="give --junit elsewhere") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
+        message = f"{path}: cannot be written: {reason(error)}"
+        raise UsageError(message, hint="give --junit another place") from None
 
 
 def _report(comparison: Comparison) -> Xml.Element:

@@ -12,6 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.errors import CorpusError
 from vlafuzz.evidence import Causes
+from vlafuzz.files import reason
 from vlafuzz.regression.corpus import SCHEMA, Evidence
 from vlafuzz.store.records import Manifest
 
@@ -83,8 +84,8 @@ def read_manifest(path: Path) -> CorpusManifest:
             raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
         manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
     except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise CorpusError(f"{path}: cannot be read: {reason}", hint="expected an exported corpus") from None
+        message = f"{path}: cannot be read: {reason(error)}"
+        raise CorpusError(message, hint="expected an exported corpus") from None
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         where = ".".join(map(str, problem["loc"]))

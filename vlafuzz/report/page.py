@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
+from vlafuzz.files import reason, write_whole
 from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import BUCKETS, View
 from vlafuzz.sim.base import FILM_SPEED
@@ -43,42 +47,33 @@ def _data(content: bytes, kind: str) -> str:
 
 
 def check_place(out: Path) -> None:
-    """Whether a page can be written there.
+    """Check that a page can be written there.
 
     Raises:
         UsageError: it cannot.
     """
     if out.is_dir():
         raise UsageError(f"{out}: is a folder", hint="give --out a file, such as page.html")
-    _write(out, "").unlink()
+    with _folder_of(out):
+        TemporaryFile(dir=out.parent).close()
 
 
 def write_page(out: Path, page: str) -> None:
-    """Write it whole or not at all.
+    """Write atomically.
 
     Raises:
-        UsageError: it cannot be written there.
+        UsageError: the page cannot be written there.
     """
-    beside = _write(out, page)
-    try:
-        beside.replace(out)
-    except OSError as error:
-        raise _complaint(out, error) from None
-    finally:
-        beside.unlink(missing_ok=True)
+    with _folder_of(out):
+        write_whole(out, page)
 
 
-def _write(out: Path, page: str) -> Path:
-    """Beside its place: where that is."""
-    beside = out.with_name(f".{out.name}.part")
+@contextmanager
+def _folder_of(out: Path) -> Iterator[None]:
+    """Creates the folder; system errors become usage errors."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_text(page, encoding="utf-8")
+        yield
     except OSError as error:
-        raise _complaint(out, error) from None
-    return beside
-
-
-def _complaint(out: Path, error: OSError) -> UsageError:
-    reason = (error.strerror or "unknown reason").lower()
-    return UsageError(f"{out}: cannot be written: {reason}", hint="name a file in a folder of yours")
+        message = f"{out}: cannot be written: {reason(error)}"
+        raise UsageError(message, hint="name a file in a folder of yours") from None

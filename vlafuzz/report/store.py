@@ -120,10 +120,10 @@ def _operators(triaged: Iterable[Triaged]) -> tuple[OperatorRow, ...]:
 def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
     manifests = {run.id: run.manifest for run in runs}
     spaces = Spaces(store.path)
-    rows = {(row.scene.digest, row.policy_key): row for row in triaged}
+    rows = {row.key: row for row in triaged}
     for finding in store.findings():
         run = manifests[finding.run]
-        row = rows.get((finding.scene.digest, finding.policy_key))
+        row = rows.get(finding.key)
         if row is None:
             yield card_of_finding(store.path, finding, run, spaces.of(run))
         else:

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from vlafuzz.errors import SceneError
+from vlafuzz.files import write_whole
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 Quaternion = tuple[_Number, _Number, _Number, _Number]  # w, x, y, z
@@ -89,9 +90,7 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> None:
     seed = re.search(r"_s-(\d+)$", path.stem)
     scenes = {str(number): _to_json(entry) for number, entry in enumerate(entries)}
     content = {**scenes, "seed": int(seed[1]) if seed else 0, "num": len(entries)}
-    beside = path.with_name(path.name + ".tmp")
-    beside.write_text(json.dumps(content), encoding="utf-8")
-    beside.replace(path)
+    write_whole(path, json.dumps(content))
 
 
 def _scenes(path: Path) -> dict[str, object]:
