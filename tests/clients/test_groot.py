@@ -246,7 +246,7 @@ class TestRefused:
     def test_a_model_that_wants_the_past(self):
         told = config(MODALITIES)
         told["video"]["as_json"]["delta_indices"] = [-1, 0]
-        with served(told=told) as (name, _), pytest.raises(UsageError, match="wants 2 moments of video"):
+        with served(told=told) as (name, _), pytest.raises(UsageError, match="wants 2 time steps of video"):
             make_policy(name)
 
     @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -27,7 +28,8 @@ from vlafuzz.policies.registry import check_policy_name, is_shared, make_policy
 THERE = os.environ.get("VLAFUZZ_LEROBOT")
 ROOT = Path(__file__).parents[2]
 FRONT, WRIST = "observation.images.image", "observation.images.image2"
-ACT = Card("act", {FRONT: (96, 64), WRIST: (32, 32)}, state=8, actions=7, execute=5)
+ACT = Card(kind="act", pictures={FRONT: (96, 64), WRIST: (32, 32)}, state=8, actions=7, execute=5)
+STEPWISE = replace(ACT, kind="diffusion", execute=8, stepwise=True)
 
 
 def options(query: str) -> LeRobotOptions:
@@ -91,19 +93,20 @@ class TestFitting:
         assert (found.image_key, found.wrist_key) == (WRIST, FRONT)
 
     def test_an_only_picture_needs_no_name(self):
-        one = Card("act", {"observation.image": (96, 96)}, state=0, actions=7, execute=5)
+        one = Card(kind="act", pictures={"observation.image": (96, 96)}, state=0, actions=7, execute=5)
         assert fit("hz=10", one).image_key == "observation.image"
 
     def test_empty_cameras_are_not_asked_for(self):
-        card = Card("smolvla", {FRONT: (9, 9), "observation.images.empty_camera_0": (9, 9)}, 0, 7, 5)
+        pictures = {FRONT: (9, 9), "observation.images.empty_camera_0": (9, 9)}
+        card = Card(kind="smolvla", pictures=pictures, state=0, actions=7, execute=5)
         assert fit("hz=10", card).image_key == FRONT
 
     def test_a_policy_that_remembers_sees_every_step(self):
-        assert fit("profile=libero", Card("diffusion", ACT.pictures, 8, 7, 8, stepwise=True)).execute == 1
+        assert fit("profile=libero", STEPWISE).execute == 1
 
     @pytest.mark.parametrize(("device", "same"), [("cpu", True), ("cuda", False)])
     def test_on_a_cpu_it_repeats_itself(self, device, same):
-        card = Card("act", ACT.pictures, 8, 7, 8, device=device)
+        card = replace(ACT, execute=8, device=device)
         assert fit("profile=libero", card).deterministic is same
 
     @pytest.mark.parametrize(
@@ -121,10 +124,10 @@ class TestFitting:
                 ACT,
                 "its actions have 7 numbers, a hand's have 10 with rot6d",
             ),
-            ("profile=libero", Card("act", ACT.pictures, 8, 14, 8), "its actions have 14 numbers"),
+            ("profile=libero", replace(ACT, actions=14), "its actions have 14 numbers"),
             (
                 "profile=libero&execute=4",
-                Card("diffusion", ACT.pictures, 8, 7, 8, stepwise=True),
+                STEPWISE,
                 "remembers past",
             ),
         ],
@@ -143,7 +146,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.utils import prepare_observation_for_inference
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.clients.layouts import LAYOUTS
+from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.policies.registry import make_policy
 
 folder, stepwise = sys.argv[1], sys.argv[2] == "diffusion"

@@ -11,7 +11,7 @@ from vlafuzz.clients.groot import GrootOptions
 from vlafuzz.clients.lerobot import LeRobotOptions
 from vlafuzz.clients.openpi import OpenPi, OpenPiOptions
 from vlafuzz.clients.openvla import ActOptions, OpenVla
-from vlafuzz.clients.profiled import Model, Profiled
+from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.profiles import known_profiles
 from vlafuzz.clients.remote import parse
 from vlafuzz.clients.vla_eval import VlaEval
@@ -30,11 +30,11 @@ EXECUTABLE = [
 ]
 
 
-def openpi(query: str) -> Profiled:
+def openpi(query: str) -> ProfiledOptions:
     return parse(f"openpi:ws://gpu:8000?{query}", OpenPi).options
 
 
-def act(query: str) -> Profiled:
+def act(query: str) -> ProfiledOptions:
     return parse(f"http://gpu:8000/act?{query}", OpenVla).options
 
 
@@ -141,7 +141,7 @@ class TestRefused:
         [
             ("profile=droid", "its actions are of joints (joint velocity), which cannot be executed"),
             ("action=joint_position", "its actions are of joints (joint position)"),
-            ("state=joint_positions", "joints cannot be sent as proprioception"),
+            ("state=joint_positions", "joint positions cannot be sent as proprioception"),
             ("hz=15", "hz: expected a divisor of 100, got 15"),
             ("action=eef_pose&execute=4", "executed one at a time"),
             ("frame=tool", "executed one at a time"),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz.clients.layouts import LAYOUTS
-from vlafuzz.clients.remote import Options, parse
+from vlafuzz.clients.conventions import LAYOUTS
+from vlafuzz.clients.remote import VlaEvalOptions, parse
 from vlafuzz.clients.vla_eval import VlaEval
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.policies.registry import check_policy_name, known_policies, make_policy
@@ -15,7 +15,7 @@ from vlafuzz.policies.registry import check_policy_name, known_policies, make_po
 README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
-def options(query: str) -> Options:
+def options(query: str) -> VlaEvalOptions:
     return parse(f"vla-eval:ws://gpu:8000?{query}", VlaEval).options
 
 
@@ -29,7 +29,7 @@ def test_an_address_is_split_into_name_url_and_options():
 
 
 def test_without_options_the_defaults_hold():
-    assert parse("vla-eval:ws://gpu:8000", VlaEval).options == Options()
+    assert parse("vla-eval:ws://gpu:8000", VlaEval).options == VlaEvalOptions()
 
 
 @pytest.mark.parametrize(
@@ -135,11 +135,11 @@ def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
     assert caught.value.hint == "pip install 'vlafuzz[remote]'"
 
 
-@pytest.mark.parametrize("name", Options.model_fields)
+@pytest.mark.parametrize("name", VlaEvalOptions.model_fields)
 def test_readme_has_a_row_for_every_option(name):
     assert re.search(rf"^\| .*`{name}`", README, flags=re.MULTILINE)
 
 
 def test_every_layout_can_be_asked_for():
-    asked = Options.model_fields["state"].annotation
+    asked = VlaEvalOptions.model_fields["state"].annotation
     assert all(name in str(asked) for name in LAYOUTS)

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.clients.served import HELLO, STATE
-from vlafuzz.clients.layouts import LAYOUTS, OWN
-from vlafuzz.clients.remote import Options
+from vlafuzz.clients.conventions import LAYOUTS, OWN
+from vlafuzz.clients.remote import VlaEvalOptions
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
@@ -28,7 +28,7 @@ def hello(**declared: dict) -> Hello:
 
 
 def spec(said: Hello, **options: object) -> PolicySpec:
-    return spec_of("it", said, Options.model_validate(options))
+    return spec_of("it", said, VlaEvalOptions.model_validate(options))
 
 
 class TestSpec:
@@ -134,7 +134,7 @@ class TestSpec:
         ],
     )
     def test_proprioception(self, said, option, layout):
-        options = Options.model_validate({"state": option})
+        options = VlaEvalOptions.model_validate({"state": option})
         assert layout_of("it", said, options) == layout
         assert spec_of("it", said, options).state is (layout is not None)
 
@@ -187,7 +187,7 @@ def test_servers_of_known_models_are_understood(module, name, model, expected):
         params=server.get_observation_params(),
     )
     found = spec(said)
-    layout = layout_of("it", said, Options())
+    layout = layout_of("it", said, VlaEvalOptions())
     assert (found.action.rotation, found.action.gripper, len(found.cameras), layout) == expected
 
 

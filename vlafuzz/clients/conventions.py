@@ -1,4 +1,4 @@
-"""Actions as models write them, turned into moves along and turns about the axes of the robot's base."""
+"""How models write poses: conventions of actions, and layouts of proprioception by vla-eval's names."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
+State = NDArray[np.float32]
+Layout = Callable[[State], State]
 
 
 def _two_columns(numbers: Array) -> Rotation:
-    """The first two columns of the matrix, one after the other (Zhou et al., 2019), made orthonormal."""
+    """From the first two columns of the matrix (Zhou et al., 2019), which are made orthonormal."""
     first = _unit(numbers[:, :3])
     second = _unit(numbers[:, 3:] - np.sum(first * numbers[:, 3:], axis=1, keepdims=True) * first)
     return Rotation.from_matrix(np.stack([first, second, np.cross(first, second)], axis=-1))
@@ -29,11 +31,11 @@ def _unit(vectors: Array) -> Array:
 
 
 def _interleaved(numbers: Array) -> Rotation:
-    """The same columns row by row, as vla-eval's ``rot6d_interleaved``."""
+    """The same two columns in row-major order, as in vla-eval's ``rot6d_interleaved``."""
     return _two_columns(numbers[:, [0, 2, 4, 1, 3, 5]])
 
 
-# How a rotation is written: of how many numbers, and what they mean.
+# Representations of rotations: how many numbers, and how to read them.
 ROTATIONS: dict[str, tuple[int, Callable[[Array], Rotation]]] = {
     "axis_angle": (3, Rotation.from_rotvec),
     "rpy": (3, lambda numbers: Rotation.from_euler("xyz", numbers)),
@@ -48,13 +50,13 @@ SCALED = tuple(name for name, (width, _) in ROTATIONS.items() if width == 3)
 
 @dataclass(frozen=True)
 class Convention:
-    """What the numbers of a model's action are: a position, a rotation, the gripper.
+    """What the numbers of a model's action mean: a position, a rotation and the gripper.
 
     Attributes:
-        pose: they say where the hand is to be, in the frame of the proprioception; else how it is to move.
-        tool: a move is along and about the hand's own axes.
+        pose: the action is a target pose in the frame of the proprioception, instead of a delta.
+        tool: deltas are in the hand's frame, instead of the robot's base.
         rotation: a name of ``ROTATIONS``.
-        position_scale: metres a unit; ``rotation_scale``: radians a unit, for those of ``SCALED``.
+        position_scale: metres per unit; ``rotation_scale``: radians per unit, only for ``SCALED``.
     """
 
     pose: bool
@@ -65,21 +67,21 @@ class Convention:
 
     @property
     def plain(self) -> bool:
-        """The harness understands it as it is."""
+        """Whether an ``ActionSpec`` can express it."""
         return not self.measured and self.rotation in SCALED
 
     @property
     def measured(self) -> bool:
-        """What an action means depends on where the hand is."""
+        """Whether the meaning of an action depends on the hand's current pose."""
         return self.pose or self.tool
 
     def moves(self, actions: Array, hand: Array) -> Array:
-        """``(steps, n)`` as ``(steps, 7)``: metres, rotation vector, gripper.
+        """Convert ``(steps, n)`` to ``(steps, 7)``: metres, rotation vector, gripper.
 
-        ``hand``: ``(6,)`` where it is now, position and rotation vector.
+        ``hand``: ``(6,)`` its current position and rotation vector.
 
         Raises:
-            ValueError: not so many numbers, not finite, or no rotation.
+            ValueError: wrong number of values, not finite, or not a rotation.
         """
         width, read = ROTATIONS[self.rotation]
         if actions.ndim != 2 or actions.shape[1] != 4 + width:
@@ -96,3 +98,37 @@ class Convention:
         elif self.tool:
             shifts, turns = now.apply(shifts), now * turns * now.inv()
         return np.hstack([shifts, turns.as_rotvec(), actions[:, -1:]])
+
+
+def _two_fingers(state: State) -> State:
+    finger = state[6] * 0.04
+    return np.concatenate([state[:6], [finger, -finger]], dtype=np.float32)
+
+
+def _quaternion(state: State) -> State:
+    x, y, z, w = Rotation.from_rotvec(state[3:6]).as_quat(canonical=True)
+    return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)
+
+
+def _bridge(state: State) -> State:
+    """Angles relative to a hand that points down; the fingers are alike, so the smaller turn counts."""
+    now = Rotation.from_rotvec(state[3:6])
+    turn = min((now * down for down in DOWN), key=lambda turned: float(turned.magnitude()))
+    return np.concatenate([state[:3], turn.as_euler("xyz"), [0.0], state[6:]], dtype=np.float32)
+
+
+def layout_width(layout: str) -> int:
+    """The number of values in a layout."""
+    return len(LAYOUTS[layout](np.zeros(7, dtype=np.float32)))
+
+
+DOWN = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
+OWN = "eef_pos3_axisangle3_gripper1"  # as in ``PolicySpec.state``
+# How our seven numbers are sent: as vla-eval's LIBERO (fingers in metres) and SimplerEnv (quaternion w x y z,
+# opening in [0, 1]) send them, and as GR00T's WidowX, whose angles are zero for a hand that points down.
+LAYOUTS: dict[str, Layout] = {
+    OWN: lambda state: state,
+    "eef_pos3_axisangle3_gripper2": _two_fingers,
+    "eef_pos3_quat4_gripper1": _quaternion,
+    "eef_pos3_rpy3_pad1_gripper1": _bridge,
+}

@@ -1,4 +1,4 @@
-"""Groot: a model behind GR00T's policy server."""
+"""Models behind GR00T's policy server."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from vlafuzz.clients.layouts import width
-from vlafuzz.clients.profiled import Model, Profiled
-from vlafuzz.clients.remote import Address, Common, needed
-from vlafuzz.clients.wire import failure, persistently, required, short
+from vlafuzz.clients.conventions import layout_width
+from vlafuzz.clients.profiled import Model, ProfiledOptions
+from vlafuzz.clients.remote import Address, CommonOptions, needed
+from vlafuzz.clients.wire import failure, required, short, with_retries
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.harness import check_chunks
 
 
 def parts_of(text: str) -> dict[str, int]:
-    """``x,gripper:2`` as names, and how many numbers each of them has."""
-    found: dict[str, int] = {}
+    """Parse ``x,gripper:2`` to names and their numbers of values."""
+    parts: dict[str, int] = {}
     for part in text.split(","):
         name, _, count = part.partition(":")
-        if not name or name in found or (count and not 0 < int(count) < 100):
+        if not name or name in parts or (count and not 0 < int(count) < 100):
             raise ValueError(f"expected names as x,y,gripper:2, each of them once, got {text!r}")
-        found[name] = int(count or 1)
-    return found
+        parts[name] = int(count or 1)
+    return parts
 
 
 def _checked(text: str) -> str:
@@ -37,13 +37,13 @@ def _checked(text: str) -> str:
 Parts = Annotated[str, AfterValidator(_checked)]
 
 
-class GrootOptions(Profiled):
-    """What the user says about the model. The keys are those of its SimplerEnv and LIBERO models.
+class GrootOptions(ProfiledOptions):
+    """The user's options for the model. The default keys are those of its SimplerEnv and LIBERO models.
 
     Attributes:
-        state_key: in which parts proprioception is sent: their names, in the layout's order.
-        action_key: in which parts actions come: position, rotation, gripper.
-        flat: the server was started with --use-sim-policy-wrapper.
+        state_key: the parts in which proprioception is sent, in the layout's order.
+        action_key: the parts in which actions are received: position, rotation, gripper.
+        flat: whether the server was started with --use-sim-policy-wrapper.
     """
 
     protocol: ClassVar[str] = "groot"
@@ -54,17 +54,17 @@ class GrootOptions(Profiled):
     flat: bool = False
 
     def refusals(self) -> list[tuple[str, str]]:
-        """Also parts that are not the layout's."""
-        found, layout = super().refusals(), self.layout
-        named, there = sum(parts_of(self.state_key).values()), width(layout) if layout else 0
-        if layout and named != there:
-            told = f"state_key: its parts have {named} numbers, {layout} has {there}"
-            found.append((told, "such as state_key=x,y,z,roll,pitch,yaw,gripper:2"))
-        return found
+        """Also refuse parts that do not fit the layout."""
+        problems, layout = super().refusals(), self.layout
+        total, expected = sum(parts_of(self.state_key).values()), layout_width(layout) if layout else 0
+        if layout and total != expected:
+            message = f"state_key: its parts have {total} numbers, {layout} has {expected}"
+            problems.append((message, "such as state_key=x,y,z,roll,pitch,yaw,gripper:2"))
+        return problems
 
 
 class Modality(BaseModel):
-    """One kind of what a model takes or gives. ``delta_indices``: a moment each, 0 for now."""
+    """One kind of input or output of a model. ``delta_indices``: its time steps, 0 for the current one."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -76,7 +76,7 @@ NONE = Modality(delta_indices=(0,), modality_keys=())
 
 
 class Modalities(BaseModel):
-    """What a model takes and gives, as its server says."""
+    """A model's inputs and outputs, as its server declares them."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -89,47 +89,47 @@ class Modalities(BaseModel):
 class Groot:
     """A model behind GR00T's policy server, of N1.6 or N1.7; name a profile: ?profile=libero.
 
-    The server keeps nothing of a rollout: all observations go in one request, and once more when the
+    The server keeps no state of rollouts, so all observations go into one request, which is repeated when the
     connection breaks.
     """
 
     form: ClassVar[str] = "groot:tcp://host:port"
     schemes: ClassVar[Sequence[str]] = ("tcp",)
-    options: ClassVar[type[Common]] = GrootOptions
+    options: ClassVar[type[CommonOptions]] = GrootOptions
 
     def __init__(self, address: Address[GrootOptions]) -> None:
         with needed(address.name):
-            from vlafuzz.clients import groot_wire
-            from vlafuzz.clients import zmq_connection as zmq_line
-        self._address, self._options, self._wire, self._zmq = address, address.options, groot_wire, zmq_line
-        self._line: zmq_line.ZmqLine | None = None
+            from vlafuzz.clients import groot_wire, zmq_connection
+        self._address, self._options = address, address.options
+        self._wire, self._connect = groot_wire, zmq_connection.ZmqConnection
+        self._connection: zmq_connection.ZmqConnection | None = None
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
-            self._modalities = self._asked_for_modalities()
+            self._modalities = self._get_modalities()
         try:
-            _check_modalities(address.name, self._modalities, self._sent())
+            _check_modalities(address.name, self._modalities, self._keys())
         except BaseException:
             self.close()
             raise
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin, with the model that it was at first."""
-        if self._asked_for_modalities() != self._modalities:
-            told = f"{self._address.name}: another server answers than at the beginning of the run"
-            raise PolicyError(told, cause="protocol")
+        """Begin these rollouts, after checking that the server still has the same model."""
+        if self._get_modalities() != self._modalities:
+            message = f"{self._address.name}: another server answers than at the beginning of the run"
+            raise PolicyError(message, cause="protocol")
         self._ask("reset", {"options": None})
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """All of them in one request."""
+        """Answer all observations by one request."""
         if not observations:
             return []
-        found = self._ask("get_action", {"observation": self._message(observations), "options": None})
-        if not isinstance(found, list) or not found or not isinstance(found[0], dict):
-            raise failure(self._address.url, f"no actions, but {short(found)}", "protocol")
+        reply = self._ask("get_action", {"observation": self._message(observations), "options": None})
+        if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
+            raise failure(self._address.url, f"no actions, but {short(reply)}", "protocol")
         try:
-            together = self._joined(found[0], len(observations))
-            pairs = zip(together, observations, strict=True)
+            joined = self._joined(reply[0], len(observations))
+            pairs = zip(joined, observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
         except ValueError as error:
             raise PolicyError(f"{self._address.name}: {error}", cause="bad_action") from None
@@ -137,73 +137,76 @@ class Groot:
         return chunks
 
     def close(self) -> None:
-        """Let go of the connection."""
-        if self._line is not None:
-            self._line.close()
-        self._line = None
+        """Close the connection."""
+        if self._connection is not None:
+            self._connection.close()
+        self._connection = None
 
-    def _asked_for_modalities(self) -> Modalities:
+    def _get_modalities(self) -> Modalities:
         try:
             return Modalities.model_validate(self._ask("get_modality_config"))
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(str(step) for step in first["loc"]) or "all of it"
             self.close()
-            told = f"its modality config: {where}: {first['msg']}"
-            raise failure(self._address.url, told, "protocol") from None
+            message = f"its modality config: {where}: {first['msg']}"
+            raise failure(self._address.url, message, "protocol") from None
 
-    def _sent(self) -> dict[str, tuple[str, ...]]:
-        """The keys that the options name, by kind."""
+    def _keys(self) -> dict[str, tuple[str, ...]]:
+        """The keys that the options name, by modality."""
         options = self._options
-        named = {"front": options.image_key, "wrist": options.wrist_key}
+        key_of = {"front": options.image_key, "wrist": options.wrist_key}
         return {
-            "video": tuple(named[camera.name] for camera in self.spec.cameras),
+            "video": tuple(key_of[camera.name] for camera in self.spec.cameras),
             "state": tuple(parts_of(options.state_key)) if options.layout else (),
             "language": (options.instruction_key,),
             "action": tuple(parts_of(options.action_key)),
         }
 
     def _message(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """By kind and key, of all observations, each at one moment: (count, 1, …)."""
-        told, sent, options = list(map(self._model.message, observations)), self._sent(), self._options
-        found: dict[str, dict[str, Any]] = {"state": {}, "language": {}}
-        found["video"] = {key: np.stack([each[key] for each in told])[:, None] for key in sent["video"]}
+        """All observations by modality and key, with one time step each: (count, 1, …)."""
+        messages, keys, options = list(map(self._model.message, observations)), self._keys(), self._options
+        batch: dict[str, dict[str, Any]] = {"state": {}, "language": {}}
+        batch["video"] = {
+            key: np.stack([message[key] for message in messages])[:, None] for key in keys["video"]
+        }
         if options.layout:
             ends = np.cumsum([*parts_of(options.state_key).values()])[:-1]
-            parts = np.split(np.stack([each[options.state_key] for each in told]), ends, axis=1)
-            found["state"] = {key: part[:, None] for key, part in zip(sent["state"], parts, strict=True)}
-        said = [each[options.instruction_key] for each in told]
+            states = np.stack([message[options.state_key] for message in messages])
+            parts = zip(keys["state"], np.split(states, ends, axis=1), strict=True)
+            batch["state"] = {key: part[:, None] for key, part in parts}
+        texts = [message[options.instruction_key] for message in messages]
         if options.flat:
-            flat = {f"{kind}.{key}": value for kind, by_key in found.items() for key, value in by_key.items()}
-            return flat | {options.instruction_key: said}
-        return found | {"language": {options.instruction_key: [[text] for text in said]}}
+            flat = {f"{kind}.{key}": value for kind, by_key in batch.items() for key, value in by_key.items()}
+            return flat | {options.instruction_key: texts}
+        return batch | {"language": {options.instruction_key: [[text] for text in texts]}}
 
-    def _joined(self, found: Mapping[str, Any], count: int) -> NDArray[np.float64]:
-        """``(count, steps, n)`` of the parts of the actions."""
+    def _joined(self, reply: Mapping[str, Any], count: int) -> NDArray[np.float64]:
+        """The parts of the actions, joined to ``(count, steps, n)``."""
         parts = []
-        for key, numbers in parts_of(self._options.action_key).items():
-            part = found.get(key, found.get(f"action.{key}"))
+        for key, width in parts_of(self._options.action_key).items():
+            part = reply.get(key, reply.get(f"action.{key}"))
             if not isinstance(part, np.ndarray) or part.dtype.kind not in "iuf":
-                raise ValueError(f"a reply without the action {key!r}, but {short(sorted(map(str, found)))}")
-            if part.ndim != 3 or (len(part), part.shape[2]) != (count, numbers):
-                told = f"the action {key!r} has shape {part.shape}"
-                raise ValueError(f"{told}, expected ({count}, steps, {numbers})")
+                raise ValueError(f"a reply without the action {key!r}, but {short(sorted(map(str, reply)))}")
+            if part.ndim != 3 or (len(part), part.shape[2]) != (count, width):
+                problem = f"the action {key!r} has shape {part.shape}"
+                raise ValueError(f"{problem}, expected ({count}, steps, {width})")
             parts.append(part.astype(np.float64))
         return np.concatenate(parts, axis=2)
 
     def _ask(self, endpoint: str, data: Mapping[str, Any] | None = None) -> Any:
         message = {"endpoint": endpoint} | ({} if data is None else {"data": data})
-        found = persistently(lambda: self._attempt(message))
-        if isinstance(found, dict) and "error" in found:
-            raise failure(self._address.url, short(found["error"]), "remote")
-        return found
+        reply = with_retries(lambda: self._attempt(message))
+        if isinstance(reply, dict) and "error" in reply:
+            raise failure(self._address.url, short(reply["error"]), "remote")
+        return reply
 
     def _attempt(self, message: object) -> Any:
-        """The connection is opened where there is none, and let go of when it breaks."""
+        """One request; the connection is opened when there is none, and closed when it breaks."""
         try:
-            if self._line is None:
-                self._line = self._zmq.ZmqLine(self._address.url, self._options.timeout)
-            return self._wire.unpack(self._line.ask(self._wire.pack(message)))
+            if self._connection is None:
+                self._connection = self._connect(self._address.url, self._options.timeout)
+            return self._wire.unpack(self._connection.ask(self._wire.pack(message)))
         except BaseException as error:
             self.close()
             if isinstance(error, ValueError):
@@ -211,15 +214,15 @@ class Groot:
             raise
 
 
-def _check_modalities(name: str, there: Modalities, sent: Mapping[str, tuple[str, ...]]) -> None:
-    """Whether every key of the model is named, and no other."""
-    named = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
-    for kind, keys in sent.items():
-        modality: Modality = getattr(there, kind)
+def _check_modalities(name: str, declared: Modalities, named: Mapping[str, tuple[str, ...]]) -> None:
+    """Check that the options name exactly the keys of the model."""
+    prefixes = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
+    for kind, keys in named.items():
+        modality: Modality = getattr(declared, kind)
         if set(keys) != set(modality.modality_keys):
-            asked, given = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
-            told = f"{name}: the model's keys of {kind} are {asked}, and the options name {given}"
-            raise UsageError(told, hint=f"a profile, or the option {named[kind]}_key=…")
+            wanted, ours = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
+            message = f"{name}: the model's keys of {kind} are {wanted}, and the options name {ours}"
+            raise UsageError(message, hint=f"a profile, or the option {prefixes[kind]}_key=…")
         if kind != "action" and len(modality.delta_indices) != 1:
-            told = f"{name}: the model wants {len(modality.delta_indices)} moments of {kind}"
-            raise UsageError(told, hint="supported: one, the present")
+            message = f"{name}: the model wants {len(modality.delta_indices)} time steps of {kind}"
+            raise UsageError(message, hint="supported: one, the current step")

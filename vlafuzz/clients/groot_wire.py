@@ -1,7 +1,7 @@
-"""GR00T's wire: dictionaries in msgpack, arrays as the bytes of an .npy file or as msgpack-numpy writes them.
+"""GR00T's wire format: msgpack dictionaries, with arrays as .npy bytes or as msgpack-numpy writes them.
 
-Written to Isaac-GR00T's ``gr00t/policy/server_client.py``. N1.6 writes .npy files; N1.7 writes as
-msgpack-numpy 0.4.8 does, and reads both: so .npy files are what is sent.
+It follows Isaac-GR00T's ``gr00t/policy/server_client.py``. N1.6 writes .npy bytes; N1.7 writes like
+msgpack-numpy 0.4.8 and reads both, so we send .npy bytes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.clients.wire import KINDS, array_of, short
 
-# What marks a model's keys, and under which names they come: N1.6, N1.7, and the copy in N1.7's examples.
+# The marks of a modality config and the keys of its content: N1.6, N1.7, and the copy in N1.7's examples.
 MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "as_dict")
 
 
@@ -26,14 +26,14 @@ def pack(message: object) -> bytes:
 
 
 def unpack(frame: bytes) -> Any:
-    """A message; a model's keys come as plain dictionaries.
+    """A message from its bytes; modality configs become plain dictionaries.
 
     Raises:
-        ValueError: it is none.
+        ValueError: they are not a message.
     """
     try:
         return msgpack.unpackb(frame, object_hook=_decode)
-    except Exception as error:  # msgpack and NumPy raise many kinds over what they cannot read
+    except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
 
 
@@ -45,20 +45,20 @@ def _encode(value: Any) -> Any:
     return {"__ndarray_class__": True, "as_npy": file.getvalue()}
 
 
-def _decode(found: dict[Any, Any]) -> Any:
-    if "__ndarray_class__" in found:
-        return _npy(found["as_npy"])
-    if b"nd" in found:
-        shape = found[b"shape"] if found[b"nd"] else ()  # else a single number
-        return array_of(found[b"data"], found[b"type"], shape)
-    if any(mark in found for mark in MARKS):
-        told = next(found[key] for key in UNDER if key in found)
-        return json.loads(told) if isinstance(told, str) else told
-    return found
+def _decode(value: dict[Any, Any]) -> Any:
+    if "__ndarray_class__" in value:
+        return _npy(value["as_npy"])
+    if b"nd" in value:
+        shape = value[b"shape"] if value[b"nd"] else ()  # else a single number
+        return array_of(value[b"data"], value[b"type"], shape)
+    if any(mark in value for mark in MARKS):
+        config = next(value[key] for key in UNDER if key in value)
+        return json.loads(config) if isinstance(config, str) else config
+    return value
 
 
 def _npy(data: bytes) -> NDArray[Any]:
-    """The header is read here, so that an array is never larger than what came."""
+    """An array from .npy bytes; reading the header here ensures that it is no larger than the data."""
     file = io.BytesIO(data)
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, by_columns, kind = read[np.lib.format.read_magic(file)](file)

@@ -1,4 +1,4 @@
-"""A connection for HTTP requests, one at a time. Whatever breaks is the policy's error, with its cause."""
+"""An HTTP connection for one request at a time. All failures are PolicyErrors with their cause."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from urllib.parse import urlsplit
 
-from vlafuzz.clients.wire import MOST_BYTES, OPENING, failure, late, short, too_large
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short, too_large
 
 
-class HttpLine:
-    """Kept open between requests, and opened anew where the server has closed it meanwhile."""
+class HttpConnection:
+    """A connection that stays open between requests, and is reopened when the server has closed it."""
 
     def __init__(self, url: str, timeout: float) -> None:
         self.url, self._timeout = url, timeout
@@ -34,7 +34,7 @@ class HttpLine:
             self._line.request("POST", self._path, body, {"Content-Type": "application/json", **headers})
 
     def reply(self, wait: float) -> tuple[int, bytes]:
-        """Status and body of its response; waits ``wait`` seconds."""
+        """Status and body of the response, within ``wait`` seconds."""
         until = time.monotonic() + wait
         with self._blamed(wait):
             sock = self._line.sock
@@ -43,13 +43,13 @@ class HttpLine:
                 body = b""
                 while more := response.read1(1 << 16):
                     body += more
-                    if len(body) > MOST_BYTES:
+                    if len(body) > MAX_BYTES:
                         raise too_large(self.url)
                     sock.settimeout(max(until - time.monotonic(), 0.001))
         return response.status, body
 
     def close(self) -> None:
-        """No more requests."""
+        """Close the connection."""
         self._line.close()
 
     @contextmanager
@@ -58,14 +58,14 @@ class HttpLine:
             yield
         except TimeoutError:
             raise late(self.url, wait) from None
-        except (OSError, UnicodeError) as error:  # a host's name may be none
+        except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
             raise failure(self.url, short(getattr(error, "strerror", None) or error), "connect") from None
         except HTTPException as error:
             raise failure(self.url, f"not HTTP: {type(error).__name__}: {short(error)}", "protocol") from None
 
 
 def _closed(line: HTTPConnection) -> bool:
-    """Nothing is awaited, so whatever can be read is the end: servers close what is idle for seconds."""
+    """Whether the server closed an idle connection: no reply is pending, so readable data means its end."""
     poll = select.poll()
     poll.register(line.sock, select.POLLIN)
     return bool(poll.poll(0))

@@ -1,4 +1,4 @@
-"""LeRobot: a policy in a folder, in the user's own installation of lerobot, in this process."""
+"""LeRobot policies from a folder, which run in this process on the user's own installation of lerobot."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from vlafuzz.clients.conventions import ROTATIONS
-from vlafuzz.clients.layouts import width
-from vlafuzz.clients.profiled import Model, Profiled
-from vlafuzz.clients.remote import Address, Common, needed
+from vlafuzz.clients.conventions import ROTATIONS, layout_width
+from vlafuzz.clients.profiled import Model, ProfiledOptions
+from vlafuzz.clients.remote import Address, CommonOptions, needed
 from vlafuzz.clients.wire import numbers, short
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
@@ -25,20 +24,16 @@ from vlafuzz.policies.harness import check_chunks
 
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
-EMPTY = "empty_camera"  # of SmolVLA: a picture that it does without
-REMEMBERED = (
-    "_queues",
-    "_action_queue",
-    "temporal_ensembler",
-)  # what policies of lerobot 0.4 keep of a rollout
+EMPTY = "empty_camera"  # of SmolVLA: a placeholder that needs no picture
+REMEMBERED = ("_queues", "_action_queue", "temporal_ensembler")  # rollout state of policies in lerobot 0.4
 
 
-class LeRobotOptions(Profiled):
-    """What the user says about the policy. Its own card says which pictures and how many numbers it takes.
+class LeRobotOptions(ProfiledOptions):
+    """The user's options for the policy; its own config declares its pictures and dimensions.
 
     Attributes:
-        image_key: which of its pictures is the third person's; its only one needs no name.
-        device: as torch calls it; None for lerobot's choice.
+        image_key: which of its pictures is the third-person view; a single picture needs no name.
+        device: of torch; None for lerobot's choice.
     """
 
     protocol: ClassVar[str] = "lerobot"
@@ -48,16 +43,16 @@ class LeRobotOptions(Profiled):
     device: str | None = Field(default=None, pattern=r"^(cpu|mps|cuda(:\d+)?)$")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a policy says about itself.
+    """What a policy declares about itself.
 
     Attributes:
         pictures: width and height in pixels by key.
-        state: how many numbers of proprioception it takes, 0 for none; ``actions``: how many an action has.
+        state: dimensions of the proprioception, 0 for none; ``actions``: dimensions of an action.
         execute: actions of a chunk to execute.
-        stepwise: it wants to see every step, for it remembers some.
-        device: on which it runs; on a CPU it repeats itself.
+        stepwise: it must see every step, since it keeps a history.
+        device: on which it runs; on a CPU it is deterministic.
     """
 
     kind: str
@@ -70,15 +65,15 @@ class Card:
 
 
 class LeRobot:
-    """A policy in a folder, as lerobot saves it, in this process: ?profile=libero&device=cuda.
+    """A policy from a folder, as lerobot saves it, run in this process: ?profile=libero&device=cuda.
 
-    It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise comes from
-    the rollout's seed and step, an observation at a time: in a batch it would depend on the company.
+    It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise is seeded by
+    the rollout's seed and step, one observation at a time: in a batch it would depend on the other ones.
     """
 
     form: ClassVar[str] = "lerobot:FOLDER"
-    schemes: ClassVar[Sequence[str]] = ()  # no server: a folder
-    options: ClassVar[type[Common]] = LeRobotOptions
+    schemes: ClassVar[Sequence[str]] = ()  # a folder instead of a server
+    options: ClassVar[type[CommonOptions]] = LeRobotOptions
     shared: ClassVar[bool] = True
 
     def __init__(self, address: Address[LeRobotOptions]) -> None:
@@ -87,7 +82,7 @@ class LeRobot:
             hint = "name the folder that lerobot saved"
             missing = "no config.json there" if folder.is_dir() else "no such folder"
             raise UsageError(f"{address.name}: {missing}", hint)
-        with needed(address.name, INSTALL), _told(address.name):
+        with needed(address.name, INSTALL), _loading(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
         card = _card(address.name, self._policy.config)
         options = fitted(address.name, address.options, card)
@@ -96,18 +91,18 @@ class LeRobot:
         self._live: dict[str, tuple[EpisodeStart, dict[str, Any]]] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """These rollouts begin, each with a memory of its own."""
+        """Begin these rollouts, each with its own memory."""
         for start in episodes:
             self._policy.reset()
-            made = vars(self._policy)
-            self._live[start.episode] = start, {key: copy(made[key]) for key in REMEMBERED if key in made}
+            state = vars(self._policy)
+            self._live[start.episode] = start, {key: copy(state[key]) for key in REMEMBERED if key in state}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One after the other; when one of them breaks, it has gone on with none."""
+        """Answer one observation after the other; an error in one rolls back the memory of all."""
         several = self._card.stepwise and len(observations) > 1
         before = deepcopy({name: memory for name, (_, memory) in self._live.items()}) if several else {}
         try:
-            chunks = [ActionChunk(self._decided(seen)) for seen in observations]
+            chunks = [ActionChunk(self._act(seen)) for seen in observations]
             check_chunks(chunks, len(observations), self._name)
         except BaseException:
             for name, memory in before.items():
@@ -116,54 +111,54 @@ class LeRobot:
         return chunks
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Forget them."""
+        """Forget these rollouts."""
         for start in episodes:
             self._live.pop(start.episode, None)
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Forget all rollouts."""
         self._live.clear()
 
-    def _decided(self, seen: Observation) -> NDArray[np.float64]:
+    def _act(self, seen: Observation) -> NDArray[np.float64]:
         import torch
         from lerobot.policies.utils import prepare_observation_for_inference
 
         if seen.episode not in self._live:
             raise PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
         start, memory = self._live[seen.episode]
-        device, told = torch.device(self._policy.config.device), self._model.message(seen)
-        task = told.pop("task")
+        device, message = torch.device(self._policy.config.device), self._model.message(seen)
+        task = message.pop("task")
         vars(self._policy).update(memory)
         seed = np.random.SeedSequence([start.seed, seen.step]).generate_state(1)[0]
         with torch.no_grad(), torch.random.fork_rng([device] if device.type == "cuda" else []):
             torch.manual_seed(int(seed))
-            told = {key: np.array(value) for key, value in told.items()}  # lerobot keeps them
-            batch = self._before(prepare_observation_for_inference(told, device, task=task))
+            message = {key: np.array(value) for key, value in message.items()}  # lerobot keeps them
+            batch = self._before(prepare_observation_for_inference(message, device, task=task))
             choose = self._policy.select_action if self._card.stepwise else self._policy.predict_action_chunk
-            found = self._after(choose(batch))
+            actions = self._after(choose(batch))
         memory.update({key: vars(self._policy)[key] for key in memory})
         try:
-            return self._model.actions(numbers(found.reshape(-1, found.shape[-1]).cpu().numpy()), seen)
+            return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
         except ValueError as error:
             raise PolicyError(f"{self._name}: {error}", cause="bad_action") from None
 
 
 def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
-    """The options with what the policy says about itself.
+    """The options, completed by what the policy declares.
 
     Raises:
-        UsageError: they do not say what its pictures, its state or its actions are.
+        UsageError: they do not fit its pictures, state or actions.
     """
     front, wrist = _pictures(name, options, card)
     layout = options.layout
-    there = width(layout) if layout else 0
-    if card.state != there:
-        told = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {there}"
-        raise UsageError(told, hint="name their layout: state=…")
+    width = layout_width(layout) if layout else 0
+    if card.state != width:
+        message = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {width}"
+        raise UsageError(message, hint="name their layout: state=…")
     expected = 4 + ROTATIONS[options.rotation][0]
     if card.actions != expected:
-        told = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
-        raise UsageError(f"{name}: {told}", hint="joints cannot be executed; another rotation=…, perhaps")
+        message = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
+        raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")
     if card.stepwise and options.execute not in (None, 1):
         raise UsageError(f"{name}: {card.kind} remembers past steps, so it sees each", hint="leave execute")
     changes: dict[str, Any] = {"camera": (0, 0), "wrist": wrist is not None}
@@ -177,41 +172,42 @@ def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
 
 
 def _pictures(name: str, options: LeRobotOptions, card: Card) -> tuple[str | None, str | None]:
-    """The keys of the third person's picture and of the wrist's."""
-    there = {key.removeprefix(PICTURES): key for key in card.pictures if EMPTY not in key}
-    if len(there) == 1 and not options.wrist and "image_key" not in options.model_fields_set:
-        return next(iter(there.values())), None
+    """The keys of the third-person and of the wrist picture."""
+    known = {key.removeprefix(PICTURES): key for key in card.pictures if EMPTY not in key}
+    if len(known) == 1 and not options.wrist and "image_key" not in options.model_fields_set:
+        return next(iter(known.values())), None
     named = [] if options.camera == (0, 0) else [options.image_key]
     named += [options.wrist_key] if options.wrist else []
-    if {key.removeprefix(PICTURES) for key in named} != set(there):
-        takes, given = ", ".join(there) or "none", ", ".join(named) or "none"
-        told = f"{name}: the policy takes the pictures {takes}, the options name {given}"
-        raise UsageError(told, hint="say which is which: image_key=…&wrist=1&wrist_key=…")
-    found = [there[key.removeprefix(PICTURES)] for key in named]
-    return (found.pop(0) if options.camera != (0, 0) else None), (found.pop() if found else None)
+    if {key.removeprefix(PICTURES) for key in named} != set(known):
+        takes, ours = ", ".join(known) or "none", ", ".join(named) or "none"
+        message = f"{name}: the policy takes the pictures {takes}, the options name {ours}"
+        raise UsageError(message, hint="say which is which: image_key=…&wrist=1&wrist_key=…")
+    keys = [known[key.removeprefix(PICTURES)] for key in named]
+    return (keys.pop(0) if options.camera != (0, 0) else None), (keys.pop() if keys else None)
 
 
 def _card(name: str, config: Any) -> Card:
-    """From lerobot's ``PreTrainedConfig``, whose pictures have the shape (3, height, width)."""
+    """The card from lerobot's ``PreTrainedConfig``, whose pictures have the shape (3, height, width)."""
     if config.env_state_feature is not None:
-        told = f"{name}: the policy wants the state of its environment"
-        raise UsageError(told, hint="name one that sees pictures only")
+        message = f"{name}: the policy wants the state of its environment"
+        raise UsageError(message, hint="name one that sees pictures only")
     state, actions = config.robot_state_feature, config.action_feature
     if actions is None:
         raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
+    sizes = {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()}
     return Card(
-        config.type,
-        {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()},
-        int(state.shape[0]) if state else 0,
-        int(actions.shape[0]),
-        int(getattr(config, "n_action_steps", 1)),
-        config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None,
-        str(config.device),
+        kind=config.type,
+        pictures=sizes,
+        state=int(state.shape[0]) if state else 0,
+        actions=int(actions.shape[0]),
+        execute=int(getattr(config, "n_action_steps", 1)),
+        stepwise=config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None,
+        device=str(config.device),
     )
 
 
 def _load(folder: Path, device: str | None) -> tuple[Any, Any, Any]:
-    """The policy, and what comes before and after it."""
+    """The policy with its preprocessor and postprocessor."""
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
@@ -223,13 +219,13 @@ def _load(folder: Path, device: str | None) -> tuple[Any, Any, Any]:
 
 
 @contextmanager
-def _told(name: str) -> Iterator[None]:
-    """Whatever lerobot says goes to stderr, and whatever it stumbles over is told in a sentence."""
+def _loading(name: str) -> Iterator[None]:
+    """Redirect lerobot's output to stderr, and report its exceptions as usage errors."""
     try:
         with redirect_stdout(sys.stderr):
             yield
     except (ModuleNotFoundError, UsageError):
         raise
     except Exception as error:
-        told = f"{name}: lerobot cannot load it: {type(error).__name__}: {short(error)}"
-        raise UsageError(told, hint="load it in lerobot itself first") from None
+        message = f"{name}: lerobot cannot load it: {type(error).__name__}: {short(error)}"
+        raise UsageError(message, hint="load it in lerobot itself first") from None

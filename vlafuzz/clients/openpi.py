@@ -1,4 +1,4 @@
-"""OpenPi: a model behind openpi's policy server."""
+"""Models behind openpi's policy server."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.clients.profiled import Model, Profiled
-from vlafuzz.clients.remote import Address, Common, needed
+from vlafuzz.clients.profiled import Model, ProfiledOptions
+from vlafuzz.clients.remote import Address, CommonOptions, needed
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.wire import actions_of, failure, persistently, required, rollout_header, short
+from vlafuzz.clients.wire import actions_of, failure, required, rollout_header, short, with_retries
 from vlafuzz.policies.base import EpisodeStart, Observation
 
 if TYPE_CHECKING:
-    from vlafuzz.clients.websocket_connection import Socket
+    from vlafuzz.clients.websocket_connection import WebSocketConnection
 
 
-class OpenPiOptions(Profiled):
-    """What the user says about the model. The keys are those of openpi's LIBERO models."""
+class OpenPiOptions(ProfiledOptions):
+    """The user's options for the model. The default keys are those of openpi's LIBERO models."""
 
     protocol: ClassVar[str] = "openpi"
 
@@ -34,32 +34,32 @@ class OpenPiOptions(Profiled):
 class OpenPi(Sessions):
     """A model behind openpi's policy server; it declares nothing, so name a profile: ?profile=libero.
 
-    A live rollout has a connection of its own, which a header names: our own server reads it, others do not.
+    Every live rollout has its own connection, identified by a header that only our own server reads.
     """
 
     form: ClassVar[str] = "openpi:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
-    options: ClassVar[type[Common]] = OpenPiOptions
+    options: ClassVar[type[CommonOptions]] = OpenPiOptions
 
     def __init__(self, address: Address[OpenPiOptions]) -> None:
         super().__init__(address.name, address.options.timeout)
         with needed(address.name):
-            from vlafuzz.clients import openpi_wire
-            from vlafuzz.clients import websocket_connection as sockets
-        self._address, self._wire, self._sockets = address, openpi_wire, sockets
+            from vlafuzz.clients import openpi_wire, websocket_connection
+        self._address, self._wire, self._sockets = address, openpi_wire, websocket_connection
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
             self._begin(None).close()
 
     def _begin(self, start: EpisodeStart | None) -> OpenPiSession:
-        return persistently(lambda: self._open(rollout_header(start) if start else {}))
+        return with_retries(lambda: self._open(rollout_header(start) if start else {}))
 
     def _open(self, headers: dict[str, str]) -> OpenPiSession:
-        socket = self._sockets.Socket(self._address.url, self._address.options.timeout, headers)
+        url, timeout = self._address.url, self._address.options.timeout
+        socket = self._sockets.WebSocketConnection(url, timeout, headers)
         session = OpenPiSession(socket, self._wire, self._model)
         try:
-            session.receive()  # what the server says about itself: nothing that we could rely on
+            session.receive()  # the server's metadata, which is arbitrary
         except BaseException:
             socket.close()
             raise
@@ -69,32 +69,32 @@ class OpenPi(Sessions):
 class OpenPiSession:
     """One rollout at such a server."""
 
-    def __init__(self, socket: Socket, wire: ModuleType, model: Model) -> None:
+    def __init__(self, socket: WebSocketConnection, wire: ModuleType, model: Model) -> None:
         self._socket, self._wire, self._model = socket, wire, model
-        self._asked: deque[Observation] = deque()
+        self._pending: deque[Observation] = deque()
         self.close = socket.close
 
     def ask(self, seen: Observation) -> None:
-        """Under the model's keys."""
+        """Send it under the model's keys."""
         self._socket.send(self._wire.pack(self._model.message(seen)))
-        self._asked.append(seen)
+        self._pending.append(seen)
 
     def answer(self, wait: float) -> NDArray[np.float64]:
         """The actions."""
-        found = actions_of(self.receive(wait))
-        return self._model.actions(found, self._asked.popleft())
+        actions = actions_of(self.receive(wait))
+        return self._model.actions(actions, self._pending.popleft())
 
     def end(self) -> None:
-        """The protocol has no word for it."""
+        """The protocol cannot express it."""
 
     def receive(self, wait: float | None = None) -> dict[object, object]:
         """The next message.
 
         Raises:
-            PolicyError: none in time, not one of this protocol, or the text of an error.
+            PolicyError: no message in time, a malformed one, or the text of an error.
         """
         frame = self._socket.receive(wait)
-        if isinstance(frame, str):  # a traceback, whose last line says most
+        if isinstance(frame, str):  # a traceback, whose last line is the error
             raise failure(self._socket.url, short(frame.strip().rpartition("\n")[2] or frame), "remote")
         try:
             message: dict[object, object] = self._wire.unpack(frame)

@@ -1,7 +1,7 @@
-"""openpi's wire: one WebSocket, dictionaries in msgpack, arrays under keys that are bytes.
+"""openpi's wire format: a WebSocket with msgpack dictionaries, in which arrays are marked by bytes keys.
 
-Written to openpi-client 0.1.2, whose frames ours equal byte by byte. The server speaks first: it says what it
-likes about itself. Then each observation has one reply; an error is text, and ends the connection.
+It follows openpi-client 0.1.2, with frames equal byte by byte. The server first sends arbitrary metadata.
+Then every observation gets one reply; an error is sent as text, and ends the connection.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ def pack(message: Mapping[str, Any]) -> bytes:
 
 
 def unpack(frame: bytes) -> dict[Any, Any]:
-    """A message.
+    """A message from its bytes.
 
     Raises:
-        ValueError: it is none.
+        ValueError: they are not a message.
     """
     try:
         message = msgpack.unpackb(frame, object_hook=_decode)
-    except Exception as error:  # msgpack and NumPy raise many kinds over what they cannot read
+    except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
     if not isinstance(message, dict):
         raise ValueError(f"no dictionary, but {short(message)}")
@@ -48,9 +48,9 @@ def _encode(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
-def _decode(found: dict[Any, Any]) -> Any:
-    if b"__ndarray__" in found:
-        return array_of(found[b"data"], found[b"dtype"], found[b"shape"])
-    if b"__npgeneric__" in found:
-        return np.asarray(found[b"data"], np.dtype(found[b"dtype"]))[()]
-    return found
+def _decode(value: dict[Any, Any]) -> Any:
+    if b"__ndarray__" in value:
+        return array_of(value[b"data"], value[b"dtype"], value[b"shape"])
+    if b"__npgeneric__" in value:
+        return np.asarray(value[b"data"], np.dtype(value[b"dtype"]))[()]
+    return value

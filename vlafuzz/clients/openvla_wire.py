@@ -1,6 +1,6 @@
-"""The wire of OpenVLA's and OpenVLA-OFT's ``POST /act``: JSON, arrays as json-numpy writes them.
+"""Wire format of OpenVLA's and OpenVLA-OFT's ``POST /act``: JSON, with arrays as json-numpy writes them.
 
-Equal to json-numpy 2.1.1. Some clients put the JSON into a string once more, and servers answer them alike.
+Equal to json-numpy 2.1.1. Some clients encode the JSON as a string once more, which servers accept, too.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from vlafuzz.clients.wire import array_of, short
 
 
 def encode(value: object, *, twice: bool = False) -> bytes:
-    """A value as JSON; ``twice``: as a string that holds it."""
+    """A value as JSON; ``twice``: as a JSON string that holds the JSON."""
     once = json.dumps(value, default=_encode)
     return (json.dumps(once) if twice else once).encode()
 
 
 def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
-    """An observation; ``twice``: as a string under the key ``encoded``."""
+    """The request with an observation; ``twice``: as a string under the key ``encoded``."""
     return encode({"encoded": encode(message).decode()} if twice else message)
 
 
 def decode(body: bytes | str) -> Any:
-    """What was encoded, once or twice.
+    """The value, whether it was encoded once or twice.
 
     Raises:
-        ValueError: no JSON, or an array in it that is none; the text of an error is no JSON either.
+        ValueError: the body is not JSON, as for the text of an error, or has an invalid array.
     """
     try:
-        found = json.loads(body, object_hook=_decode)
-        return json.loads(found, object_hook=_decode) if isinstance(found, str) else found
-    except Exception as error:  # NumPy raises many kinds over what it cannot read
+        value = json.loads(body, object_hook=_decode)
+        return json.loads(value, object_hook=_decode) if isinstance(value, str) else value
+    except Exception as error:  # NumPy raises many types on malformed data
         text = body if isinstance(body, str) else body.decode("utf-8", "replace")
         raise ValueError(f"{short(text)}: {type(error).__name__}: {short(error)}") from None
 
@@ -50,8 +50,8 @@ def _encode(value: Any) -> Any:
     }
 
 
-def _decode(found: dict[str, Any]) -> Any:
-    if "__numpy__" not in found:
-        return found
-    array = array_of(base64.b64decode(found["__numpy__"]), found["dtype"], found["shape"])
+def _decode(value: dict[str, Any]) -> Any:
+    if "__numpy__" not in value:
+        return value
+    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
     return array if array.shape else array[()]

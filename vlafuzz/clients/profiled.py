@@ -1,4 +1,4 @@
-"""Models whose servers declare nothing: what their options say, and what that is in our words."""
+"""Models whose servers declare nothing: options describe them, and are translated to a policy's spec."""
 
 from __future__ import annotations
 
@@ -10,32 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from vlafuzz.clients.conventions import SCALED, Convention
-from vlafuzz.clients.layouts import LAYOUTS, OWN
-from vlafuzz.clients.remote import SIDE, Common, Size, State, divisor
+from vlafuzz.clients.conventions import LAYOUTS, OWN, SCALED, Convention
+from vlafuzz.clients.remote import SIDE, CommonOptions, Size, State, divisor
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 
 
 def _scale(number: float) -> float:
-    """Below zero for models that learned with a controller which turns the wrong way."""
+    """A scale may be negative, for models trained with a controller that turns the wrong way."""
     if not math.isfinite(number) or number == 0:
         raise ValueError(f"expected a number other than 0, got {number}")
     return number
 
 
-class Profiled(Common):
-    """What the user, or a profile, says about a model.
+class ProfiledOptions(CommonOptions):
+    """A model's options, from a profile or from the user.
 
     Attributes:
-        state: ``0``, ``1`` (in our own layout) or the name of a layout.
-        action: how the hand is to move, or where it is to be; of joints nothing can be executed.
-        frame: a move is along and about the axes of the robot's base, or of the hand.
+        state: ``0``, ``1`` (our own layout) or the name of a layout.
+        action: deltas or target poses of the end effector; actions of joints are refused.
+        frame: of deltas: the robot's base, or the hand (tool).
         rotation: a name of ``conventions.ROTATIONS``.
         hz: control rate, a divisor of 100.
-        chunk: actions in every reply; None for whatever comes.
-        wrist_camera: width and height of the wrist's picture; None for the same as ``camera``.
-        image_key: what the picture is called on the wire; so are the other keys.
+        chunk: actions in every reply; None to accept any number.
+        wrist_camera: width and height of the wrist picture; None for those of ``camera``.
+        image_key: key of the third-person picture in messages; ``wrist_key`` and the others likewise.
     """
 
     state: Literal[State, "joint_positions"] = "0"
@@ -61,51 +60,53 @@ class Profiled(Common):
 
     @property
     def convention(self) -> Convention:
-        """What the numbers of an action are."""
+        """The convention of the actions."""
         pose, tool = self.action == "eef_pose", self.frame == "tool"
         return Convention(pose, tool, self.rotation, self.position_scale, self.rotation_scale)
 
     @property
     def layout(self) -> str | None:
-        """In which layout proprioception is sent; None for not at all."""
-        told = OWN if self.state == "1" else self.state
-        return told if told in LAYOUTS else None
+        """The layout in which proprioception is sent; None when it is not sent."""
+        layout = OWN if self.state == "1" else self.state
+        return layout if layout in LAYOUTS else None
 
     def check(self, name: str) -> None:
-        """Refuse what cannot be executed.
+        """Refuse options that cannot be executed.
 
         Raises:
-            UsageError: with what it is.
+            UsageError: for the first of the refusals.
         """
-        for told, hint in self.refusals():
-            raise UsageError(f"{name!r}: {told}", hint=hint)
+        for problem, hint in self.refusals():
+            raise UsageError(f"{name!r}: {problem}", hint=hint)
 
     def refusals(self) -> list[tuple[str, str]]:
-        """What cannot be executed or sent, each with a hint."""
-        found = []
+        """Options that cannot be executed or sent, each as a message and a hint."""
+        problems = []
         if self.action.startswith("joint"):
-            what = self.action.replace("_", " ")
-            found.append((f"its actions are of joints ({what}), which cannot be executed",
-                          "supported: action=eef_delta and action=eef_pose"))  # fmt: skip
+            kind = self.action.replace("_", " ")
+            problems.append((f"its actions are of joints ({kind}), which cannot be executed",
+                             "supported: action=eef_delta and action=eef_pose"))  # fmt: skip
         if self.state == "joint_positions":
-            found.append(("joints cannot be sent as proprioception", f"supported: {', '.join(LAYOUTS)}, 0"))
+            message = "joint positions cannot be sent as proprioception"
+            problems.append((message, f"supported: {', '.join(LAYOUTS)}, 0"))
         try:
             divisor(self.hz)
         except ValueError as error:
-            found.append((f"hz: {error}", "such as hz=5, hz=10 or hz=20"))
+            problems.append((f"hz: {error}", "such as hz=5, hz=10 or hz=20"))
         if self.convention.measured and self.execute != 1:
-            found.append(("poses and moves in the hand's frame are executed one at a time", "execute=1"))
+            problems.append(("poses and moves in the hand's frame are executed one at a time", "execute=1"))
         if self.rotation not in SCALED and self.rotation_scale != 1:
-            found.append((f"rotation_scale: {self.rotation} has no scale", "leave it"))
+            problems.append((f"rotation_scale: {self.rotation} has no scale", "leave it out"))
         if self.chunk and (self.execute or 0) > self.chunk:
-            found.append((f"execute={self.execute} of a chunk of {self.chunk}", "execute as many or fewer"))
-        return found
+            message = f"execute={self.execute} of a chunk of {self.chunk}"
+            problems.append((message, f"execute at most {self.chunk}"))
+        return problems
 
 
 class Model:
-    """A model by its options: the spec, what is sent for an observation, and what the reply means."""
+    """A model as its options describe it: its spec, and the translation of observations and actions."""
 
-    def __init__(self, name: str, options: Profiled) -> None:
+    def __init__(self, name: str, options: ProfiledOptions) -> None:
         self._name, self._options, self._convention = name, options, options.convention
         self._layout = LAYOUTS.get(options.layout or "")
         self.spec = PolicySpec(
@@ -127,35 +128,37 @@ class Model:
         """An observation under the model's own keys, third-person picture first."""
         options = self._options
         keys = {"front": options.image_key, "wrist": options.wrist_key}
-        told: dict[str, Any] = {keys[camera.name]: seen.images[camera.name] for camera in self.spec.cameras}
+        message: dict[str, Any] = {
+            keys[camera.name]: seen.images[camera.name] for camera in self.spec.cameras
+        }
         if self._layout is not None and seen.state is not None:
-            told[options.state_key] = self._layout(seen.state)
-        return told | {options.instruction_key: seen.instruction}
+            message[options.state_key] = self._layout(seen.state)
+        return message | {options.instruction_key: seen.instruction}
 
-    def actions(self, found: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:
-        """What the model answered, as the spec says it.
+    def actions(self, chunk: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:
+        """The model's answer in the units of the spec.
 
         Raises:
-            ValueError: not a chunk as the options say.
+            ValueError: it is not a chunk as the options describe it.
         """
         expected = self._options.chunk
-        if expected is not None and len(found) != expected:
-            raise ValueError(f"a chunk of {len(found)} actions, expected chunk={expected}")
+        if expected is not None and len(chunk) != expected:
+            raise ValueError(f"a chunk of {len(chunk)} actions, expected chunk={expected}")
         if self._convention.plain:
-            return found
+            return chunk
         hand = np.zeros(6) if seen.state is None else seen.state[:6].astype(np.float64)
-        return self._convention.moves(found, hand)
+        return self._convention.moves(chunk, hand)
 
 
-def _action(options: Profiled) -> ActionSpec:
+def _action(options: ProfiledOptions) -> ActionSpec:
     plain, measured = options.convention.plain, options.convention.measured
-    said: Mapping[str, Any] = {
+    units: Mapping[str, Any] = {
         "rotation": options.rotation,
         "position_scale": options.position_scale,
         "rotation_scale": options.rotation_scale,
     }
     return ActionSpec(
-        **said if plain else {},  # else they are metric before they get there
+        **units if plain else {},  # else ``Model.actions`` makes them metric
         relative_to="current" if measured else options.relative_to,
         gripper=options.gripper or "open_positive",
         sticky=options.sticky,
@@ -163,7 +166,7 @@ def _action(options: Profiled) -> ActionSpec:
     )
 
 
-def _cameras(options: Profiled) -> tuple[CameraRequest, ...]:
+def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
     size = options.camera or (SIDE, SIDE)
     cameras = [CameraRequest("front", *size)] if size != (0, 0) else []
     if options.wrist:

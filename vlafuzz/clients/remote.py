@@ -1,4 +1,4 @@
-"""Model servers: where one is, ``protocol:scheme://host:port``, and options that say what its model is."""
+"""Addresses of model servers, ``protocol:scheme://host:port``, with options that describe the model."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 from vlafuzz.policies.base import Policy
 
 INSTALL = "pip install 'vlafuzz[remote]'"
-SIDE = 224  # pixels: what nearly all VLAs resize their pictures to
+SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
 SIM_HZ = 100
 
 
 def size(text: object) -> object:
-    """``224`` and ``320x240`` in pixels; ``0`` for no picture."""
-    found = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4}))?", str(text))
-    pixels = (int(found[1]), int(found[2] or found[1])) if found else (0, 1)
+    """Parse ``224`` or ``320x240`` in pixels; ``0`` for no picture."""
+    match = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4}))?", str(text))
+    pixels = (int(match[1]), int(match[2] or match[1])) if match else (0, 1)
     if pixels != (0, 0) and min(pixels) < 16:
         raise ValueError(f"expected pixels as 224 or 320x240, or 0 for none, got {text!r}")
     return pixels
 
 
 def divisor(hz: int) -> int:
-    """``hz``, when the simulator's rate is a multiple of it; else ValueError."""
+    """``hz`` if it divides the simulator's rate, else ValueError."""
     if hz < 1 or SIM_HZ % hz:
         raise ValueError(f"expected a divisor of {SIM_HZ}, got {hz}")
     return hz
@@ -40,7 +40,7 @@ def _all(text: object) -> object:
     return None if text == "all" else text
 
 
-# Layouts of proprioception, in vla-eval's words.
+# Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
 State = Literal[
     "0",
     "1",
@@ -50,22 +50,20 @@ State = Literal[
     "eef_pos3_rpy3_pad1_gripper1",
 ]
 Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
 Size = Annotated[tuple[int, int], BeforeValidator(size)]
 
 
-class Common(BaseModel):
-    """What can be said of any server's model. Words as in ``ActionSpec`` and ``PolicySpec``.
+class CommonOptions(BaseModel):
+    """The options of every server's model; see ``ActionSpec`` and ``PolicySpec``.
 
     Attributes:
-        profile: what says the same for a known model.
+        profile: name or file of a profile, which sets the options of a known model.
         camera: width and height of the third-person picture; (0, 0) for none.
-        wrist: whether a picture from the wrist comes second.
-        execute: actions of a chunk to execute before asking again; None for all of them.
-        deterministic: same observations and seed, same actions: no server can be trusted to say so.
-        batch: most observations that are sent at once.
-        timeout: seconds to wait for a reply; for n replies to what was sent at once, n times that.
+        wrist: whether a wrist picture comes second.
+        execute: actions of a chunk to execute before the next request; None for all of them.
+        deterministic: the same observations and seed give the same actions; servers do not declare this.
+        batch: the largest number of observations sent at once.
+        timeout: seconds to wait for a reply, times the number of observations sent at once.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -84,23 +82,23 @@ class Common(BaseModel):
     timeout: float = Field(default=60.0, gt=0, le=86400)
 
     @classmethod
-    def completed(cls, given: Mapping[str, str]) -> Mapping[str, object]:
-        """What the profile says, unless the user says otherwise."""
-        if "profile" not in given:
-            return given
-        return {**options_of(given["profile"], cls.protocol), **given}
+    def completed(cls, options: Mapping[str, str]) -> Mapping[str, object]:
+        """The user's options, with those of the profile as defaults."""
+        if "profile" not in options:
+            return options
+        return {**options_of(options["profile"], cls.protocol), **options}
 
     def check(self, name: str) -> None:
-        """Refuse what cannot be executed."""
+        """Refuse options that cannot be executed."""
 
 
-class Options(Common):
-    """What the user says about a model that declares itself. None: as declared, else the default.
+class VlaEvalOptions(CommonOptions):
+    """Options of a model that declares itself. None means as declared, or else the default.
 
     Attributes:
-        state: ``0``, ``1`` (in the layout that the server declares) or the name of a layout.
-        action: how the hand is to move; the protocol has words for more, which cannot be executed.
-        frame: along and about the axes of the robot's base.
+        state: ``0``, ``1`` (the layout that the server declares) or the name of a layout.
+        action: the only kind of vla-eval's actions that can be executed.
+        frame: of deltas: the robot's base.
     """
 
     protocol: ClassVar[str] = "vla-eval"
@@ -113,38 +111,42 @@ class Options(Common):
     hz: Annotated[int, AfterValidator(divisor)] = 5
 
 
-Said = TypeVar("Said", bound=Common)
+Options = TypeVar("Options", bound=CommonOptions)
 
 
 @dataclass(frozen=True)
-class Address(Generic[Said]):
-    """A model server by address. ``name`` is what the user wrote, up to the options."""
+class Address(Generic[Options]):
+    """The address of a model server. ``name`` is what the user wrote, without the options."""
 
     name: str
     url: str
-    options: Said
+    options: Options
 
 
 class Remote(Policy, Protocol):
-    """A policy behind a model server. ``form`` is how it is named; making it connects, naming it does not.
+    """A policy behind a model server. ``form`` shows how users name it; creating the policy connects to it.
 
-    Without ``schemes`` it is in a folder in place of at an address.
+    An empty ``schemes`` means that the policy is in a folder instead of at an address.
 
     Raises:
-        PrerequisiteError: no server, or a package to install.
-        UsageError: the server declares what is not supported.
+        PrerequisiteError: no server answers, or a package must be installed.
+        UsageError: the server declares something that is not supported.
     """
 
     form: ClassVar[str]
     schemes: ClassVar[Sequence[str]]
-    options: ClassVar[type[Common]]
+    options: ClassVar[type[CommonOptions]]
 
     def __init__(self, address: Address[Any]) -> None: ...
 
 
 @contextmanager
 def needed(name: str, install: str = INSTALL) -> Iterator[None]:
-    """Packages that only these policies need are imported in here. ``install``: how to get them."""
+    """Import optional packages in this block. ``install``: the hint on how to get them.
+
+    Raises:
+        PrerequisiteError: a package is missing.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
@@ -152,10 +154,10 @@ def needed(name: str, install: str = INSTALL) -> Iterator[None]:
 
 
 def parse(name: str, kind: type[Remote]) -> Address[Any]:
-    """An address, all of it checked; nothing is connected, and no folder opened.
+    """Parse and validate an address; connects to nothing, and opens no folder.
 
     Raises:
-        UsageError: not of that form, an unknown option, or a value that an option does not have.
+        UsageError: the address is malformed, or an option or its value is unknown.
     """
     protocol, _, rest = name.partition(":")
     if not kind.schemes:
@@ -174,30 +176,30 @@ def parse(name: str, kind: type[Remote]) -> Address[Any]:
         raise UsageError(f"{name!r} is no address of a server", hint=f"expected {kind.form}?option=value&…")
     if parts.username is not None or parts.password is not None:
         raise UsageError(
-            f"the address of {parts.hostname!r} has a password", hint="stores keep names: leave it"
+            f"the address of {parts.hostname!r} has a password", hint="leave it out: stores keep names"
         )
     url = rest.partition("?")[0]
     return Address(f"{prefix}{url}", url, _options(name, kind, parts.query))
 
 
-def _options(name: str, kind: type[Remote], query: str) -> Common:
+def _options(name: str, kind: type[Remote], query: str) -> CommonOptions:
     try:
-        given = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
     except ValueError as error:
         raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
-    keys = [key for key, _ in given]
+    keys = [key for key, _ in pairs]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     try:
-        options = kind.options.model_validate(kind.options.completed(dict(given)))
+        options = kind.options.model_validate(kind.options.completed(dict(pairs)))
     except ValidationError as error:
         raise _explain(name, kind.options, error) from None
     options.check(name)
     return options
 
 
-def _explain(name: str, kind: type[Common], error: ValidationError) -> UsageError:
-    """Pydantic's first complaint as one sentence with the option and its value."""
+def _explain(name: str, kind: type[CommonOptions], error: ValidationError) -> UsageError:
+    """Pydantic's first error as one sentence with the option and its value."""
     first: Any = error.errors(include_url=False)[0]
     option, value = str(first["loc"][0]), first["input"]
     if first["type"] == "extra_forbidden":
@@ -207,5 +209,5 @@ def _explain(name: str, kind: type[Common], error: ValidationError) -> UsageErro
         return UsageError(f"{name!r}: unknown {option} {value!r}", suggestion(str(value), known))
     if first["type"] == "value_error":
         return UsageError(f"{name!r}: {option}: {first['ctx']['error']}")
-    told = first["msg"].partition(",")[0]
-    return UsageError(f"{name!r}: {option}: {told[0].lower()}{told[1:]}, got {value!r}")
+    message = first["msg"].partition(",")[0]
+    return UsageError(f"{name!r}: {option}: {message[0].lower()}{message[1:]}, got {value!r}")

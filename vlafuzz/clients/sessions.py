@@ -1,4 +1,4 @@
-"""Rollouts at a model server: a session each, asked together, and broken together."""
+"""Rollouts at a model server, with one session each. Simultaneous requests succeed or fail together."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from vlafuzz.policies.harness import check_chunks
 
 
 class Session(Protocol):
-    """One rollout at a server, on a connection of its own. All but ``close`` raise PolicyError."""
+    """One rollout at a server, on its own connection. All methods but ``close`` may raise PolicyError."""
 
     def ask(self, seen: Observation) -> None:
         """Send an observation."""
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        """The actions for the first observation that has none yet; ValueError when they are none."""
+        """The actions for the first unanswered observation; ValueError when the reply has no valid ones."""
 
     def end(self) -> None:
-        """Tell the server that the rollout is over, where the protocol has a word for it."""
+        """Tell the server that the rollout is over, if the protocol can express it."""
 
     def close(self) -> None:
-        """Let go of the connection; it may be broken already."""
+        """Close the connection, which may be broken already."""
 
 
 class Sessions(ABC):
-    """A policy by its live rollouts. When a session breaks, its rollout cannot be gone on with.
+    """A policy with one session per live rollout. A rollout cannot continue after its session broke.
 
-    ``timeout`` in seconds is for one reply.
+    ``timeout`` is for one reply, in seconds.
     """
 
     def __init__(self, name: str, timeout: float) -> None:
@@ -43,7 +43,7 @@ class Sessions(ABC):
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Open a session for each."""
+        """Open a session for each rollout."""
         names = [start.episode for start in episodes]
         self._drop(names)
         try:
@@ -54,33 +54,33 @@ class Sessions(ABC):
             raise
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all, then receive all, so that a server can batch. They break together."""
+        """Send all observations, then receive all replies, so that the server can batch."""
         try:
-            asked = [self._ask(seen) for seen in observations]
-            until = time.monotonic() + self._timeout * len(asked)
-            chunks = [self._answer(session, until) for session in asked]
-            check_chunks(chunks, len(asked), self._name)
-        except BaseException:  # replies may be under way that nobody will fetch
+            sessions = [self._ask(seen) for seen in observations]
+            until = time.monotonic() + self._timeout * len(sessions)
+            chunks = [self._answer(session, until) for session in sessions]
+            check_chunks(chunks, len(sessions), self._name)
+        except BaseException:  # the other sessions may hold replies that nobody will read
             self._drop([seen.episode for seen in observations])
             raise
         return chunks
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Tell the server, and close their connections."""
+        """Tell the server, and close the connections of these rollouts."""
         for start in episodes:
             begun, session = self._live.get(start.episode, (None, None))
-            if session and begun is start:  # else it has begun anew under that name
-                with suppress(PolicyError):  # over is over
+            if session and begun is start:  # else another rollout has begun under that name
+                with suppress(PolicyError):  # the rollout is over in any case
                     session.end()
                 self._drop([start.episode])
 
     def close(self) -> None:
-        """No more rollouts."""
+        """Finish all rollouts."""
         self.finish([start for start, _ in self._live.values()])
 
     @abstractmethod
     def _begin(self, start: EpisodeStart) -> Session:
-        """Open a session, on a connection of its own."""
+        """Open a session on a new connection."""
 
     def _ask(self, seen: Observation) -> Session:
         if seen.episode not in self._live:

@@ -1,4 +1,4 @@
-"""VlaEval: a model behind a server of vla-eval's protocol."""
+"""Models behind servers of vla-eval's protocol."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from vlafuzz import __version__
-from vlafuzz.clients.layouts import LAYOUTS, Layout
-from vlafuzz.clients.remote import Address, Common, Options, needed
+from vlafuzz.clients.conventions import LAYOUTS, Layout
+from vlafuzz.clients.remote import Address, CommonOptions, VlaEvalOptions, needed
 from vlafuzz.clients.sessions import Sessions
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
 from vlafuzz.clients.wire import actions_of, required
@@ -27,18 +27,18 @@ GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PRO
 
 
 class VlaEval(Sessions):
-    """A model behind a vla-eval server; options come after a question mark: ?camera=256&wrist=1.
+    """A model behind a vla-eval server; options follow a question mark: ?camera=256&wrist=1.
 
-    A live rollout has a connection of its own, since servers keep chunks of actions for each. When it breaks,
-    the rollout cannot be gone on with. So it is not ``shared``: the server already puts observations together
-    that arrive on several connections, and workers that ask it themselves save a way.
+    Every live rollout has its own connection, since servers keep action chunks per connection; without it,
+    the rollout cannot continue. The policy is not ``shared``: the server itself batches the observations of
+    several connections, and workers that connect directly save a hop.
     """
 
     form: ClassVar[str] = "vla-eval:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
-    options: ClassVar[type[Common]] = Options
+    options: ClassVar[type[CommonOptions]] = VlaEvalOptions
 
-    def __init__(self, address: Address[Options]) -> None:
+    def __init__(self, address: Address[VlaEvalOptions]) -> None:
         super().__init__(address.name, address.options.timeout)
         with needed(address.name):
             from vlafuzz.clients import vla_eval_wire
@@ -53,8 +53,8 @@ class VlaEval(Sessions):
         connection, hello = self._open()
         try:
             if spec_of(self._address.name, hello, self._address.options) != self.spec:
-                told = f"{self._address.name}: another server answers than at the beginning of the run"
-                raise PolicyError(told, cause="protocol")
+                message = f"{self._address.name}: another server answers than at the beginning of the run"
+                raise PolicyError(message, cause="protocol")
             connection.send("episode_start", {"task": _task(start)})
         except BaseException:
             connection.close()
@@ -85,38 +85,35 @@ class VlaEvalSession:
     """One rollout at such a server."""
 
     def __init__(
-        self,
-        connection: Connection,
-        cameras: Sequence[CameraRequest],
-        layout: Layout | None,
+        self, connection: Connection, cameras: Sequence[CameraRequest], layout: Layout | None
     ) -> None:
         self._connection, self._cameras, self._layout = connection, cameras, layout
-        self._asked: deque[int] = deque()
+        self._pending: deque[int] = deque()
         self.close = connection.close
 
     def ask(self, seen: Observation) -> None:
         """Send it."""
-        told = message_of(seen, self._cameras, self._layout)
-        self._asked.append(self._connection.send("observation", told))
+        message = message_of(seen, self._cameras, self._layout)
+        self._pending.append(self._connection.send("observation", message))
 
     def answer(self, wait: float) -> NDArray[np.float64]:
         """The actions."""
-        return actions_of(self._connection.receive("action", self._asked.popleft(), wait))
+        return actions_of(self._connection.receive("action", self._pending.popleft(), wait))
 
     def end(self) -> None:
-        """Without metrics: those are ours to judge."""
+        """Send no metrics, since we judge the rollout ourselves."""
         self._connection.send("episode_end", {"metrics": {}})
 
 
 def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layout | None) -> dict[str, Any]:
-    """An observation. Pictures are in the cameras' order: servers tell them apart by it."""
+    """The message with an observation. Servers identify pictures by their order, that of the cameras."""
     message: dict[str, Any] = {
         "images": {camera.name: seen.images[camera.name] for camera in cameras},
         "task_description": seen.instruction,
     }
     if layout is not None and seen.state is not None:
         state = layout(seen.state)
-        message |= {"state": state, "states": state}  # servers read the one or the other
+        message |= {"state": state, "states": state}  # servers read either of the two
     return message
 
 

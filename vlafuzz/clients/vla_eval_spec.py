@@ -1,4 +1,4 @@
-"""What a vla-eval server declares about its model, and what that is in our words."""
+"""What a vla-eval server declares about its model, translated from and to our specs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from vlafuzz.clients.layouts import LAYOUTS, OWN, width
-from vlafuzz.clients.remote import SIDE, Options
+from vlafuzz.clients.conventions import LAYOUTS, OWN, layout_width
+from vlafuzz.clients.remote import SIDE, VlaEvalOptions
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 
-UNSAID = "raw"  # vla-eval's word for "no convention declared"
+UNDECLARED = "raw"  # vla-eval's word for "no convention declared"
 POSITIONS = {"delta_xyz": "delta_xyz"}
-# Its Euler angles turn about fixed axes, as its rotation module says; ours of that name about moving ones.
+# vla-eval's euler_xyz is extrinsic, according to its rotation module; ours of that name is intrinsic.
 ROTATIONS = {"axis_angle": "axis_angle", "euler_xyz": "rpy"}
 GRIPPERS = {
     "binary_close_positive": "close_positive",
@@ -29,11 +29,11 @@ class Component(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    format: str = UNSAID
+    format: str = UNDECLARED
 
 
 class Hello(BaseModel):
-    """A server's greeting, as far as it matters here."""
+    """The fields of a server's greeting that are used here."""
 
     model_config = ConfigDict(frozen=True, protected_namespaces=())
 
@@ -45,22 +45,22 @@ class Hello(BaseModel):
     observation_params: Mapping[str, Any] = {}
 
 
-def spec_of(name: str, hello: Hello, options: Options) -> PolicySpec:
-    """What the options say, else what the server declares, else the defaults.
+def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
+    """The spec from the options, else from what the server declares, else from the defaults.
 
     Raises:
-        UsageError: it declares what is not supported, and no option says otherwise.
+        UsageError: the server declares something unsupported, and no option overrides it.
     """
     _check_components(name, hello)
-    rotation, rotation_from = _meaning(name, hello, "rotation", ROTATIONS, options.rotation)
-    gripper, gripper_from = _meaning(name, hello, "gripper", GRIPPERS, options.gripper)
+    rotation, rotation_from = _convention(name, hello, "rotation", ROTATIONS, options.rotation)
+    gripper, gripper_from = _convention(name, hello, "gripper", GRIPPERS, options.gripper)
     state = layout_of(name, hello, options)
-    spoken: dict[str, Any] = {"rotation": rotation, "gripper": gripper}
+    conventions: dict[str, Any] = {"rotation": rotation, "gripper": gripper}
     return PolicySpec(
         name,
         version=hello.harness_version,
         action=ActionSpec(
-            **{key: value for key, value in spoken.items() if value is not None},
+            **{key: value for key, value in conventions.items() if value is not None},
             relative_to=options.relative_to,
             position_scale=options.position_scale,
             rotation_scale=options.rotation_scale,
@@ -83,31 +83,30 @@ def spec_of(name: str, hello: Hello, options: Options) -> PolicySpec:
 
 
 def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
-    """Actions, as far as vla-eval has words for them."""
-    rotations = {ours: theirs for theirs, ours in ROTATIONS.items()}
-    grippers = {ours: theirs for theirs, ours in GRIPPERS.items()}
-    turned = rotations.get(spec.rotation, UNSAID)
+    """Our actions in vla-eval's terms, as far as there are any."""
+    rotations = {name: declared for declared, name in ROTATIONS.items()}
+    grippers = {name: declared for declared, name in GRIPPERS.items()}
     return {
         "position": {"name": "position", "dims": 3, "format": "delta_xyz"},
-        "rotation": {"name": "rotation", "dims": 3, "format": turned},
+        "rotation": {"name": "rotation", "dims": 3, "format": rotations.get(spec.rotation, UNDECLARED)},
         "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.gripper]},
     }
 
 
 def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) -> dict[str, dict[str, Any]]:
-    """Observations in vla-eval's words. ``layout`` of proprioception; None where there is none."""
-    seen = {camera.name: ("rgb_hwc_uint8", 0) for camera in cameras}
+    """Our observations in vla-eval's terms. ``layout``: of the proprioception, None for none."""
+    parts = {camera.name: ("rgb_hwc_uint8", 0) for camera in cameras}
     if layout is not None:
-        seen["state"] = (layout, width(layout))
-    seen["language"] = ("language", 0)
-    return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in seen.items()}
+        parts["state"] = (layout, layout_width(layout))
+    parts["language"] = ("language", 0)
+    return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in parts.items()}
 
 
-def layout_of(name: str, hello: Hello, options: Options) -> str | None:
-    """In which layout proprioception is sent; None for not at all.
+def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
+    """The layout in which proprioception is sent; None when it is not sent.
 
     Raises:
-        UsageError: the server declares one that is not supported.
+        UsageError: the server declares an unsupported layout.
     """
     if options.state == "0":
         return None
@@ -116,7 +115,7 @@ def layout_of(name: str, hello: Hello, options: Options) -> str | None:
     declared = hello.observation_spec.get("state")
     if options.state is None and declared is None and not hello.observation_params.get("send_state"):
         return None
-    if declared is None or declared.format == UNSAID:
+    if declared is None or declared.format == UNDECLARED:
         return OWN
     if declared.format not in LAYOUTS:
         raise _unsupported(name, "state", declared.format, LAYOUTS, "state")
@@ -126,25 +125,24 @@ def layout_of(name: str, hello: Hello, options: Options) -> str | None:
 def _check_components(name: str, hello: Hello) -> None:
     for component, declared in hello.action_spec.items():
         if component in ("rotation", "gripper"):
-            continue  # an option may say otherwise
-        if declared.format == UNSAID and component in ("actions", "position"):
+            continue  # an option may override it
+        if declared.format == UNDECLARED and component in ("actions", "position"):
             continue
         if component != "position" or declared.format not in POSITIONS:
-            known = "position (delta_xyz), rotation and gripper"
             raise UsageError(
                 f"{name}: the server's actions have {component} {declared.format!r}",
-                hint=f"supported: {known}",
+                hint="supported: position (delta_xyz), rotation and gripper",
             )
 
 
-def _meaning(
-    name: str, hello: Hello, component: str, known: Mapping[str, str], asked: str | None
+def _convention(
+    name: str, hello: Hello, component: str, known: Mapping[str, str], option: str | None
 ) -> tuple[str | None, str]:
-    """Our word for a convention, None for the default; and who says so."""
+    """Our name of a convention, None for the default, and the source: option, server or default."""
     declared = hello.action_spec.get(component, Component()).format
-    if asked is not None:
-        return asked, "option"
-    if declared == UNSAID:
+    if option is not None:
+        return option, "option"
+    if declared == UNDECLARED:
         return None, "default"
     if declared not in known:
         raise _unsupported(name, component, declared, known, component)
@@ -160,8 +158,8 @@ def _unsupported(
     )
 
 
-def _cameras(name: str, hello: Hello, options: Options) -> tuple[CameraRequest, ...]:
-    """The third-person camera first: servers tell pictures apart by their order."""
+def _cameras(name: str, hello: Hello, options: VlaEvalOptions) -> tuple[CameraRequest, ...]:
+    """The third-person camera first, since servers identify pictures by their order."""
     pictures = [part for part in hello.observation_spec.values() if part.format == "rgb_hwc_uint8"]
     if len(pictures) > 2 and options.wrist is None:
         raise UsageError(

@@ -1,7 +1,4 @@
-"""vla-eval's wire: one WebSocket a session, messages in msgpack with a number each, arrays as bytes.
-
-Written to version 1 of its protocol.
-"""
+"""vla-eval's wire format, protocol version 1: a WebSocket per session, with numbered msgpack messages."""
 
 from __future__ import annotations
 
@@ -12,55 +9,55 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from vlafuzz.clients.websocket_connection import Socket
-from vlafuzz.clients.wire import array_of, failure, persistently, short
+from vlafuzz.clients.websocket_connection import WebSocketConnection
+from vlafuzz.clients.wire import array_of, failure, short, with_retries
 from vlafuzz.errors import Cause, PolicyError
 
 Payload = Mapping[str, Any]
 
 
 class Connection:
-    """One session of a server."""
+    """One session at a server."""
 
     def __init__(self, url: str, timeout: float) -> None:
-        self._socket, self._number = Socket(url, timeout), 0
+        self._socket, self._number = WebSocketConnection(url, timeout), 0
         self.close = self._socket.close
 
     def send(self, kind: str, payload: Payload) -> int:
-        """The message's number, which its reply has to repeat."""
+        """Send a message; returns its number, which the reply must repeat."""
         self._number += 1
         self._socket.send(pack(kind, payload, self._number))
         return self._number
 
     def receive(self, kind: str, number: int, wait: float | None = None) -> Payload:
-        """The reply to message ``number``; waits ``wait`` seconds, by default the session's timeout.
+        """The reply to message ``number``, within ``wait`` seconds; by default the session's timeout.
 
         Raises:
-            PolicyError: none came in time, it is an error message, or it is no such reply.
+            PolicyError: no reply in time, an error message, or a reply of another kind or number.
         """
         frame = self._socket.receive(wait)
         try:
-            found, payload, echoed = unpack(frame)
+            received, payload, echoed = unpack(frame)
         except ValueError as error:
             raise self._error(f"not a vla-eval message: {error}", "protocol") from None
-        if found == "error":
+        if received == "error":
             raise self._error(short(payload.get("error")), "remote")
-        if (found, echoed) != (kind, number):
-            told = f"expected the message {kind!r} with number {number}, got {found!r} with {echoed!r}"
-            raise self._error(told, "protocol")
+        if (received, echoed) != (kind, number):
+            problem = f"expected the message {kind!r} with number {number}, got {received!r} with {echoed!r}"
+            raise self._error(problem, "protocol")
         return payload
 
-    def _error(self, told: str, cause: Cause) -> PolicyError:
-        return failure(self._socket.url, told, cause)
+    def _error(self, message: str, cause: Cause) -> PolicyError:
+        return failure(self._socket.url, message, cause)
 
 
 def open_session(url: str, timeout: float, greeting: Payload) -> tuple[Connection, Payload]:
-    """A new session and what the server said to the greeting.
+    """A new session, and the server's reply to the greeting.
 
     Raises:
-        PolicyError: no server, or not one of this protocol.
+        PolicyError: no server answers, or it speaks another protocol.
     """
-    return persistently(lambda: _open(url, timeout, greeting))
+    return with_retries(lambda: _open(url, timeout, greeting))
 
 
 def _open(url: str, timeout: float, greeting: Payload) -> tuple[Connection, Payload]:
@@ -82,13 +79,13 @@ def unpack(frame: bytes | str) -> tuple[str, Payload, int]:
     """Type, payload and number of a message.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the frame is not a message.
     """
     if isinstance(frame, str):
         raise ValueError(f"the text {short(frame)!r}")
     try:
         message = msgpack.unpackb(frame, object_hook=_decode, raw=False)
-    except Exception as error:  # msgpack and NumPy raise many kinds over what they cannot read
+    except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
     if not isinstance(message, dict) or not {"type", "payload", "seq"} <= message.keys():
         raise ValueError(f"no type, payload and number in {short(message)}")
@@ -100,7 +97,7 @@ def unpack(frame: bytes | str) -> tuple[str, Payload, int]:
 def _encode(value: Any) -> Any:
     if not isinstance(value, np.ndarray):
         raise TypeError(f"{type(value).__name__} cannot be sent")
-    # Raw: compressing a picture as PNG takes longer than simulating the step.
+    # Uncompressed: PNG compression of an image takes longer than simulating the step.
     return {
         "__ndarray__": True,
         "data": value.tobytes(),
@@ -109,7 +106,7 @@ def _encode(value: Any) -> Any:
     }
 
 
-def _decode(found: dict[str, Any]) -> Any:
-    if "__ndarray__" not in found:
-        return found
-    return array_of(found["data"], found["dtype"], found["shape"])
+def _decode(value: dict[str, Any]) -> Any:
+    if "__ndarray__" not in value:
+        return value
+    return array_of(value["data"], value["dtype"], value["shape"])

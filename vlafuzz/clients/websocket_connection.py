@@ -1,4 +1,4 @@
-"""A WebSocket to a model server. Whatever breaks on the way is the policy's error, with its cause."""
+"""A WebSocket to a model server. All failures are PolicyErrors with their cause."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from contextlib import ExitStack, contextmanager, suppress
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 
-from vlafuzz.clients.wire import MOST_BYTES, OPENING, failure, late, short, too_large
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short, too_large
 from vlafuzz.errors import PolicyError
 
 CLOSING = 2.0  # seconds
 LOG = logging.getLogger(__name__)
-LOG.addHandler(logging.NullHandler())  # what websockets logs is told as an error; nobody is to see it twice
+LOG.addHandler(logging.NullHandler())  # what websockets logs is reported as an error already
 
 
-class Socket:
+class WebSocketConnection:
     """One connection."""
 
     def __init__(self, url: str, timeout: float, headers: Mapping[str, str] | None = None) -> None:
@@ -32,13 +32,13 @@ class Socket:
                     open_timeout=min(timeout, OPENING),
                     close_timeout=CLOSING,
                     compression=None,
-                    max_size=MOST_BYTES,
+                    max_size=MAX_BYTES,
                     logger=LOG,
                     additional_headers=headers,
-                    ping_interval=None,  # a model that computes may hold the server's interpreter for long
+                    ping_interval=None,  # a computing model may hold the server's interpreter lock for long
                 )
             )
-        # A server that hangs stops reading: without this, a send would wait for ever.
+        # A server that hangs stops reading: without this, a send would block forever.
         limit = struct.pack("ll", int(timeout), int(timeout % 1 * 1e6))
         self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
@@ -48,13 +48,13 @@ class Socket:
             self._socket.send(frame)
 
     def receive(self, wait: float | None = None) -> bytes | str:
-        """The next message; waits ``wait`` seconds, by default the connection's timeout."""
+        """The next message, within ``wait`` seconds; by default the connection's timeout."""
         wait = self._timeout if wait is None else wait
         with self._blamed(wait):
             return self._socket.recv(max(wait, 0.0))
 
     def close(self) -> None:
-        """No more messages; it may be broken already."""
+        """Close the connection, which may be broken already."""
         with suppress(OSError, WebSocketException):
             self._stack.close()
 
@@ -66,7 +66,7 @@ class Socket:
             raise late(self.url, wait) from None
         except ConnectionClosed as error:
             raise self._broken(error, wait) from None
-        except (OSError, WebSocketException, ImportError) as error:  # a SOCKS proxy needs another package
+        except (OSError, WebSocketException, ImportError) as error:  # ImportError: of a SOCKS proxy's package
             raise failure(self.url, short(getattr(error, "strerror", None) or error), "connect") from None
 
     def _broken(self, error: ConnectionClosed, wait: float) -> PolicyError:

@@ -1,6 +1,6 @@
-"""What the clients of all model servers share: limits, numbers from outside, new attempts, who is to blame.
+"""What the clients of all model servers share: limits, error messages, retries, and checks of replies.
 
-Replies come from outside: each is checked for size, type and shape before it is used.
+Replies are untrusted: their size, type and shape are checked before they are used.
 """
 
 from __future__ import annotations
@@ -18,41 +18,41 @@ from numpy.typing import NDArray
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError
 from vlafuzz.policies.base import EpisodeStart
 
-MOST_BYTES = 4 << 20  # of a reply; a hundred actions are 3 kB
+MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
 OPENING = 10.0  # seconds for a connection to open
-PAUSES = (0.5, 1.0)  # seconds before the second attempt, and before the third
+PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
 CONNECTION: tuple[Cause, ...] = ("connect",)
 UNANSWERED: tuple[Cause, ...] = (*CONNECTION, "timeout")
 KINDS = "biuf"  # of arrays: boolean, integers, floating point
-# Which rollout a connection is for, where the protocol has no word for it. Other servers than ours ignore it.
+# Identifies the rollout of a connection, where the protocol cannot; only our own servers read it.
 ROLLOUT = "Vlafuzz-Rollout"
-LOG = logging.getLogger(__name__)  # a line for every new attempt
-Done = TypeVar("Done")
+LOG = logging.getLogger(__name__)  # one line per retry
+T = TypeVar("T")
 
 
-def failure(url: str, told: str, cause: Cause, hint: str | None = None) -> PolicyError:
-    """The policy's error, with where it is."""
-    return PolicyError(f"{url}: {told}", hint, cause)
+def failure(url: str, message: str, cause: Cause, hint: str | None = None) -> PolicyError:
+    """A PolicyError that names the server."""
+    return PolicyError(f"{url}: {message}", hint, cause)
 
 
 def late(url: str, wait: float) -> PolicyError:
-    """No reply in time."""
+    """The error for a reply that did not come in time."""
     return failure(url, f"no reply within {wait:.3g} s", "timeout", "the option timeout=… waits longer")
 
 
 def too_large(url: str) -> PolicyError:
-    """A reply that nobody has to read to its end."""
-    return failure(url, f"a reply of more than {MOST_BYTES >> 20} MiB", "protocol")
+    """The error for a reply above ``MAX_BYTES``."""
+    return failure(url, f"a reply of more than {MAX_BYTES >> 20} MiB", "protocol")
 
 
-def persistently(attempt: Callable[[], Done], causes: Collection[Cause] = CONNECTION) -> Done:
-    """Something done, in up to three attempts, as long as they break for one of some causes.
+def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTION) -> T:
+    """The result of ``attempt``, which is repeated up to twice when it fails by one of the causes.
 
-    It must be something that a server has no state of: a connection to open, a request to a server that keeps
-    nothing, or a whole rollout.
+    The server must not keep state between attempts: retry the opening of a connection, a request to a
+    stateless server, or a whole rollout.
 
     Raises:
-        PolicyError: what the last attempt broke with, or the first that is not of these causes.
+        PolicyError: of the last attempt, or the first with another cause.
     """
     for pause in PAUSES:
         try:
@@ -67,42 +67,48 @@ def persistently(attempt: Callable[[], Done], causes: Collection[Cause] = CONNEC
 
 @contextmanager
 def required(protocol: str, start: str) -> Iterator[None]:
-    """The first connection: no server now means that there is none to test. ``start``: how to start one."""
+    """Open the first connection in the block: without a server, nothing can be tested.
+
+    ``start``: a hint on how to start a server.
+
+    Raises:
+        PrerequisiteError: no server answers.
+    """
     try:
         yield
     except PolicyError as error:
         raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
 
 
-def rollout_header(start: EpisodeStart, asked: int = 0) -> dict[str, str]:
-    """What our own server has to know to answer as the policy does in process.
+def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
+    """What our own server must know to answer exactly as the policy does in process.
 
-    ``asked``: how many of the rollout's observations were sent before.
+    ``sent``: how many of the rollout's observations were sent before.
     """
-    told = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": asked}
-    return {ROLLOUT: json.dumps(told)}
+    rollout = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": sent}
+    return {ROLLOUT: json.dumps(rollout)}
 
 
 def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
-    """The ``actions`` of a reply: ``(steps, n)``, also of a single one ``(n,)``.
+    """The ``actions`` of a reply as ``(steps, n)``; a single action ``(n,)`` becomes one step.
 
     Raises:
-        ValueError: there are none, or they are no numbers.
+        ValueError: there are none, or they are not numbers.
     """
     if "actions" not in reply:
         raise ValueError(f"a reply without actions, but {short(sorted(map(str, reply)))}")
     return numbers(reply["actions"])
 
 
-def numbers(found: object) -> NDArray[np.float64]:
-    """Actions ``(steps, n)``, also of a single one ``(n,)``.
+def numbers(value: object) -> NDArray[np.float64]:
+    """Actions as ``(steps, n)``; a single action ``(n,)`` becomes one step.
 
     Raises:
-        ValueError: they are no numbers.
+        ValueError: they are not numbers.
     """
-    actions = np.asarray(found)  # a ragged list is a ValueError
+    actions = np.asarray(value)  # a ragged list raises ValueError
     if actions.dtype.kind not in "iuf":
-        raise ValueError(f"actions that are no numbers: {short(found)}")
+        raise ValueError(f"actions that are no numbers: {short(value)}")
     return np.atleast_2d(actions.astype(np.float64))
 
 
@@ -110,16 +116,16 @@ def array_of(data: bytes, dtype: object, shape: Any) -> NDArray[Any]:
     """An array from its bytes.
 
     Raises:
-        ValueError: no array of numbers, or one of another size.
-        TypeError: no such type.
+        ValueError: it is not an array of numbers, or the size does not match.
+        TypeError: there is no such dtype.
     """
-    kind = np.dtype(dtype)  # type: ignore[call-overload]  # whatever came: TypeError
+    kind = np.dtype(dtype)  # type: ignore[call-overload]  # anything may have been sent: TypeError
     if kind.kind not in KINDS:
         raise ValueError(f"an array of {kind}")
-    return np.frombuffer(data, kind).reshape(shape).copy()  # one that may be written to
+    return np.frombuffer(data, kind).reshape(shape).copy()  # a writable one
 
 
 def short(value: object) -> str:
-    """A value in one line of at most 300 characters."""
+    """A value as one line of at most 300 characters."""
     text = " ".join(str(value).split())
     return text if len(text) <= 300 else f"{text[:300]} …"

@@ -1,4 +1,4 @@
-"""A ZeroMQ socket for requests, one at a time. Whatever breaks is the policy's error, with its cause."""
+"""A ZeroMQ connection for one request at a time. All failures are PolicyErrors with their cause."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from urllib.parse import urlsplit
 
 import zmq
 
-from vlafuzz.clients.wire import MOST_BYTES, OPENING, failure, late, short
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short
 
 
-class ZmqLine:
-    """A connection; after an error of no more use, as a request without its reply blocks the next one.
+class ZmqConnection:
+    """A connection; after an error it is useless, since a request without a reply blocks the next one.
 
-    ZeroMQ opens one in silence and waits for ever, so whether there is a server is asked first.
+    ZeroMQ connects in the background and waits forever, so a plain TCP connection checks for a server first.
     """
 
     def __init__(self, url: str, timeout: float) -> None:
@@ -23,12 +23,12 @@ class ZmqLine:
             socket.create_connection((parts.hostname, parts.port), min(timeout, OPENING)).close()
         except TimeoutError:
             raise late(url, min(timeout, OPENING)) from None
-        except (OSError, UnicodeError) as error:  # a host's name may be none
+        except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
             raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REQ)
         self._socket.setsockopt(zmq.LINGER, 0)
-        self._socket.setsockopt(zmq.MAXMSGSIZE, MOST_BYTES)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_BYTES)
         self._socket.setsockopt(zmq.SNDTIMEO, int(timeout * 1000))
         self._lost = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._socket.connect(url)
@@ -55,11 +55,11 @@ class ZmqLine:
         if self._socket in ready:
             return bytes(self._socket.recv())
         if ready:
-            told = f"the connection broke, or a reply has more than {MOST_BYTES >> 20} MiB"
-            raise failure(self.url, told, "connect")
+            message = f"the connection broke, or a reply has more than {MAX_BYTES >> 20} MiB"
+            raise failure(self.url, message, "connect")
         raise late(self.url, self._timeout)
 
     def close(self) -> None:
-        """No more requests."""
+        """Close the connection."""
         self._socket.disable_monitor()
         self._context.destroy(linger=0)

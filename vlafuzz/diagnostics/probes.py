@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.clients.wire import persistently
+from vlafuzz.clients.wire import with_retries
 from vlafuzz.diagnostics.recorder import Moment
 from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.harness import blamed_on, check_chunks
@@ -88,7 +88,7 @@ def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
     Raises:
         PolicyError: it breaks, and when that is the connection, more than once.
     """
-    return persistently(lambda: _ask(policy, moments))
+    return with_retries(lambda: _ask(policy, moments))
 
 
 def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:

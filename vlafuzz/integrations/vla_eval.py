@@ -29,7 +29,7 @@ from vla_eval.benchmarks.base import StepBenchmark, StepResult
 from vla_eval.render import configure_sapien_render
 from vla_eval.specs import DimSpec
 
-from vlafuzz.clients.layouts import LAYOUTS
+from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.clients.remote import parse
 from vlafuzz.clients.vla_eval import PROTOCOL_VERSION, VlaEval, message_of
 from vlafuzz.clients.vla_eval_spec import (
@@ -66,7 +66,7 @@ class CorpusBenchmark(StepBenchmark):
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
         send_state: whether to send proprioception where the option ``state`` is not given; most servers
             declare this, and ``send_wrist_image``.
-        options: the model's cameras and action conventions, as in ``vlafuzz.clients.remote.Options``.
+        options: the model's cameras and action conventions, as in ``vlafuzz.clients.remote.VlaEvalOptions``.
 
     Raises:
         CorpusError: the folder is not a corpus, or is damaged.

@@ -17,7 +17,7 @@ from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
 from vlafuzz.clients import openpi_wire, vla_eval_wire
-from vlafuzz.clients.layouts import OWN
+from vlafuzz.clients.conventions import OWN
 from vlafuzz.clients.openpi import OpenPiOptions
 from vlafuzz.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.clients.vla_eval_spec import declared_actions, declared_observations

@@ -1,4 +1,4 @@
-"""Profiles: what the options of a known model are, so that users do not have to say them one by one."""
+"""Profiles: the options of known models, so that users need not give them one by one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parent
 
 
 class Profile(BaseModel):
-    """A kind of model. ``protocols``: what is said differently, or in addition, for each that serves it."""
+    """A kind of model. ``protocols``: overriding and additional options by protocol."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -33,29 +33,29 @@ class Profile(BaseModel):
         return options
 
     def options_for(self, protocol: str) -> Mapping[str, Any] | None:
-        """All options; None where it is not served by that protocol."""
+        """All options for a protocol; None when no server of that protocol serves such models."""
         return {**self.options, **self.protocols[protocol]} if protocol in self.protocols else None
 
 
 @cache
 def known_profiles() -> Mapping[str, Profile]:
-    """Those that come with vlafuzz, by name."""
+    """The built-in profiles by name."""
     return {path.stem: load_profile(path) for path in sorted(FOLDER.glob("*.yaml"))}
 
 
 def load_profile(path: Path) -> Profile:
-    """A profile from a file.
+    """Read a profile from a file.
 
     Raises:
-        UsageError: no file, no YAML, or no profile.
+        UsageError: the file cannot be read, is not YAML, or is not a profile.
     """
     try:
         return Profile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}", hint="name a profile, or a file of one") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        told = " ".join(str(error).split())
-        raise UsageError(f"{path}: no YAML: {told}", hint="correct it there") from None
+        problem = " ".join(str(error).split())
+        raise UsageError(f"{path}: no YAML: {problem}", hint="correct it there") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(step) for step in first["loc"]) or "all of it"
@@ -64,10 +64,10 @@ def load_profile(path: Path) -> Profile:
 
 
 def options_of(name: str, protocol: str) -> Mapping[str, Any]:
-    """What a profile says for a protocol. ``name``: of one that comes with vlafuzz, or a ``.yaml`` file.
+    """The options of a profile for a protocol. ``name``: of a built-in profile, or a ``.yaml`` file.
 
     Raises:
-        UsageError: no such profile, or not for that protocol.
+        UsageError: there is no such profile, or it does not cover the protocol.
     """
     known = known_profiles()
     if name.endswith((".yaml", ".yml")):
@@ -78,6 +78,6 @@ def options_of(name: str, protocol: str) -> Mapping[str, Any]:
         raise UsageError(f"unknown profile {name!r}", hint=f"{suggestion(name, known)} or a file: mine.yaml")
     options = profile.options_for(protocol)
     if options is None:
-        told = f"the profile {name!r} says nothing about {protocol}"
-        raise UsageError(told, hint=f"it does about: {', '.join(profile.protocols)}")
+        message = f"the profile {name!r} says nothing about {protocol}"
+        raise UsageError(message, hint=f"it covers {', '.join(profile.protocols)}")
     return options

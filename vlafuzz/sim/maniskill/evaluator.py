@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from vlafuzz.clients.wire import UNANSWERED, persistently
+from vlafuzz.clients.wire import UNANSWERED, with_retries
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
@@ -98,7 +98,7 @@ class ManiSkillEvaluator:
 
     def _persist(self, scene: Scene, seed: int) -> Rollout:
         """A rollout, restarted at most twice if the policy's server was lost or too late."""
-        return persistently(partial(self._rollout, scene, seed), UNANSWERED)
+        return with_retries(partial(self._rollout, scene, seed), UNANSWERED)
 
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
         began = time.perf_counter()
