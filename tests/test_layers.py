@@ -30,7 +30,7 @@ ROWS = (
     "regression campaign",
     "report",
     "compare integrations",
-    "studies diagnostics",
+    "studies diagnostics api",
     "cli",
     "__main__",
 )

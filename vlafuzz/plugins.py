@@ -16,6 +16,7 @@ from typing import Any
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggestion
 
 PREFIX = "python:"
+OBJECT = "object:"  # begins the names of policies that were handed over as objects
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 _FORM = "expected python:package.module:factory"
 
@@ -63,15 +64,19 @@ def make_of(reference: str) -> Any:
         return factory()
 
 
-def source_digest(name: str) -> str:
-    """Digest of the source file of a reference's factory; empty for built-in names and without a file.
+def source_digest(name: str, made: object) -> str:
+    """Digest of the file of the user's code that made an object; empty for our own code and without a file.
 
     It distinguishes versions of the user's code, as far as that one file differs.
     """
-    if not is_reference(name):
+    if is_reference(name):
+        load_factory(name)
+        module = name.removeprefix(PREFIX).partition(":")[0]
+    elif name.startswith(OBJECT) and not type(made).__module__.startswith("vlafuzz."):
+        module = type(made).__module__
+    else:
         return ""
-    load_factory(name)
-    file = getattr(sys.modules[name.removeprefix(PREFIX).partition(":")[0]], "__file__", None)
+    file = getattr(sys.modules[module], "__file__", None)
     return hashlib.blake2b(Path(file).read_bytes(), digest_size=6).hexdigest() if file else ""
 
 

@@ -17,6 +17,7 @@ from vlafuzz.conditions.packs import packs_json
 from vlafuzz.errors import SceneError, UsageError, check_number
 from vlafuzz.execute.registry import Place, policy_at
 from vlafuzz.objects import Pack, load_catalogue
+from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import check_policy_name
 from vlafuzz.renderer import probe
@@ -106,7 +107,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
 
     Args:
         operators: in place of those that the user names.
-        policy: the one that the user names, made already.
+        policy: the one that the configuration names, made already.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -114,12 +115,20 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     _check_numbers(config)
     place = Place(config.workers, config.executor, config.address)
     place.check()
+    if policy is not None and place.kind != "local":
+        raise UsageError(
+            "--workers: a policy object works in this process only", hint="name a factory of yours"
+        )
     scenes = read_scene_file(config.scenes, config.pool)
     task, setup = named_task(config, scenes), named_rig(config, scenes)
     policy_name = config.policy or default_policy(setup)
     strategy_name = named_strategy(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
-    check_policy_name(policy_name)
+    if policy is None:
+        check_policy_name(policy_name)
+    elif policy_name.startswith(OBJECT) and place.kind != "local":
+        hint = "name a factory of yours: python:pkg.mod:factory"
+        raise UsageError(f"--workers: {policy_name} works in this process only", hint=hint)
     catalogue = load_catalogue(packs=config.packs)
     space = SearchSpace(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
@@ -226,7 +235,7 @@ def _manifest(config: RunConfig, space: SearchSpace, policy: Policy, scene_file:
     operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.rig.robot},
-        **provenance.here(str(config.policy), policy.spec, space.catalogue),
+        **provenance.here(str(config.policy), policy, space.catalogue),
         scene_file=scene_file,
         min_distance=operators.min_distance,
         operators=operators_json(operators),

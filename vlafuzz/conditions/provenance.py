@@ -13,20 +13,20 @@ from typing import Any
 from vlafuzz import __version__
 from vlafuzz.objects import Catalogue
 from vlafuzz.plugins import source_digest
-from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.base import Policy
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
-def here(policy: str, spec: PolicySpec, catalogue: Catalogue) -> dict[str, Any]:
+def here(name: str, policy: Policy, catalogue: Catalogue) -> dict[str, Any]:
     """The fields of conditions that come with what is installed (``Origin.HERE``).
 
     Args:
-        policy: its name.
+        name: of the policy.
     """
     return {
-        "spec": json.dumps(asdict(spec), sort_keys=True),
-        "source": source_digest(policy),
+        "spec": json.dumps(asdict(policy.spec), sort_keys=True),
+        "source": source_digest(name, policy),
         "catalogue_digest": catalogue.digest,
         "simulator": simulator(versions()),
         "commit": commit(),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Protocol, cast
 
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.plugins import is_reference, load_factory, make_of
+from vlafuzz.plugins import OBJECT, is_reference, load_factory, make_of
 from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
@@ -73,6 +73,11 @@ def check_policy_name(name: str) -> None:
     """
     if is_reference(name):
         load_factory(name)
+    elif name.startswith(OBJECT):
+        hint = (
+            "go on from Python with that object: see vlafuzz.api; or name a factory: python:pkg.mod:factory"
+        )
+        raise UsageError(f"policy {name!r} is an object that was handed over in Python", hint=hint)
     elif kind := _server(name):
         _address(name, kind)
     elif name in SERVERS:

@@ -37,7 +37,7 @@ class SimulatorSceneRunner:
 
     Args:
         source: store or corpus that the manifest is from, for messages.
-        policy: another policy than the run's.
+        policy: another policy than the run's, by name, or the run's own where that is an object.
         later: seeds to skip beside the run's own, for a stochastic policy.
 
     Attributes:
@@ -45,12 +45,14 @@ class SimulatorSceneRunner:
     """
 
     def __init__(
-        self, source: Path, manifest: Manifest, policy: str | None = None, *, later: int = 0
+        self, source: Path, manifest: Manifest, policy: Policy | str | None = None, *, later: int = 0
     ) -> None:
         catalogue = stored_catalogue(manifest)
         self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task, manifest.robot)
         self.stages = self.space.task.stage_names
-        self._manifest, self._policy = manifest, make_policy(policy or manifest.policy)
+        name = policy if isinstance(policy, str) else manifest.policy
+        self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
+        self._manifest = manifest
         self._expert = Expert()
         self._player = Player(self._expert.spec)
         spec = self._policy.spec
@@ -58,7 +60,7 @@ class SimulatorSceneRunner:
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
         self.renderer = probe().name if spec.cameras else None
-        here = provenance.here(policy or manifest.policy, spec, catalogue)
+        here = provenance.here(name, self._policy, catalogue)
         self.changed = manifest.differences(replace(manifest, **here))
         self._stills: Stills | None = None
         # By whether given actions are played

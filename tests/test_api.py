@@ -1,0 +1,55 @@
+"""Fuzzing and triage from Python, with a policy that is an object."""
+
+from pathlib import Path
+
+import pytest
+
+from vlafuzz.api import fuzz, triage
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.expert import Expert
+from vlafuzz.store.store import Store
+
+
+class AfraidOfTheDark(Expert):
+    """The expert, but it does not move where the light is low."""
+
+    closed = 0
+
+    def act(self, observations: list[Observation]) -> list[ActionChunk]:
+        chunks = super().act(observations)
+        dark = [observation.privileged.scene.light.intensity < 0.5 for observation in observations]
+        return [ActionChunk(chunk.actions * 0) if d else chunk for chunk, d in zip(chunks, dark, strict=True)]
+
+    def close(self) -> None:
+        type(self).closed += 1
+
+
+def test_an_object_is_fuzzed_and_its_causes_are_found(tmp_path: Path):
+    policy = AfraidOfTheDark()
+    run = fuzz(policy, task="pick-up", budget=12, vary=("light",), strategy="random", store=tmp_path / "a.db")
+    assert 0 < run.findings < run.rollouts == 12
+    seen = []
+    summary = triage(run.store, policy, limit=1, watch=seen.append)
+    (finding,) = summary.triaged_findings
+    assert (finding.bucket, finding.signature) == ("minimal", "pick-up|grasp|light")
+    assert finding.causes[0].startswith("light: fails from intensity × 0.4")
+    assert (seen[-1].done, AfraidOfTheDark.closed) == (1, 0)
+
+
+def test_its_source_is_part_of_the_conditions(tmp_path: Path):
+    run = fuzz(AfraidOfTheDark(), task="pick-up", budget=1, strategy="random", store=tmp_path / "a.db")
+    with Store.open(tmp_path / "a.db") as store:
+        (stored,) = store.runs()
+    assert (run.policy, len(stored.manifest.source)) == ("object:expert", 12)
+
+
+def test_a_store_of_an_object_needs_it_again(tmp_path: Path):
+    fuzz(AfraidOfTheDark(), budget=4, vary=("light",), strategy="random", seed=2, store=tmp_path / "a.db")
+    with pytest.raises(UsageError, match="'object:expert' is an object that was handed over in Python"):
+        triage(tmp_path / "a.db")
+
+
+def test_it_works_in_this_process_only(tmp_path: Path):
+    with pytest.raises(UsageError, match="works in this process only"):
+        fuzz(AfraidOfTheDark(), budget=4, workers=2, store=tmp_path / "a.db")

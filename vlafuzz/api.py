@@ -1,0 +1,87 @@
+"""fuzz and triage from Python, with a policy that is an object.
+
+from vlafuzz.api import fuzz, triage
+
+run = fuzz(policy, task="pick-up", budget=100)
+for finding in triage(run.store, policy).triaged_findings:
+print(finding.bucket, finding.signature, *finding.causes)
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from vlafuzz.campaign import launch
+from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.plugins import OBJECT
+from vlafuzz.policies.base import Policy
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
+from vlafuzz.triage import pipeline
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.triage.summary import TriageSummary, summarise
+
+
+def fuzz(
+    policy: Policy | str, *, watch: Callable[[Tally], None] = lambda tally: None, **flags: Any
+) -> Summary:
+    """Run a campaign; it ends when its budget is spent.
+
+    Args:
+        policy: an object, which stays open and works in this process, or a name as on the command line.
+        watch: called after every trial.
+        flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
+
+    Returns:
+        What the run came to; ``store`` is the path of its store.
+
+    Raises:
+        UsageError: a name, number or file is wrong.
+    """
+    if isinstance(policy, str):
+        return launch.start(plan(RunConfig(policy=policy, **flags)), watch)
+    config = RunConfig(policy=f"{OBJECT}{policy.spec.name}", **flags)
+    return launch.start(plan(config, policy=_kept_open(policy)), watch)
+
+
+def triage(
+    store: Path | str,
+    policy: Policy | None = None,
+    *,
+    limit: int | None = None,
+    max_rollouts: int | None = None,
+    watch: Callable[[pipeline.Progress], None] = lambda progress: None,
+) -> TriageSummary:
+    """Confirm, witness, shrink and attribute the findings of a store that were not triaged yet.
+
+    Args:
+        policy: the object that the store's runs are of; None for runs of named policies.
+        limit: the most findings to triage.
+        max_rollouts: of the policy, to shrink and attribute one finding.
+        watch: called after every finding.
+
+    Raises:
+        StoreError: the store cannot be read or written.
+        UsageError: a run is of an object, and none is given.
+    """
+    Store.open(Path(store)).close()  # to write, a missing file would be made a store
+    with Store.open(Path(store), "write") as opened:
+        runner = partial(_runner, Path(store), policy)
+        pipeline.triage(opened, runner, limit=limit, max_rollouts=max_rollouts, watch=watch)
+        return summarise(opened)
+
+
+def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:
+    return SimulatorSceneRunner(store, run.manifest, _kept_open(policy) if policy else None)
+
+
+def _kept_open(policy: Policy) -> Policy:
+    """The policy, but for ``close``: whoever made it closes it."""
+    kept = copy.copy(policy)
+    kept.close = lambda: None  # type: ignore[method-assign]
+    return kept
