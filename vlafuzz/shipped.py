@@ -1,7 +1,4 @@
-"""Where the data that comes with vlafuzz lies: in a wheel beside the package, in a checkout at its top.
-
-And where data lies that is made once, in the user's cache.
-"""
+"""Locates the data that comes with vlafuzz, and the user's cache for data that is built once."""
 
 from __future__ import annotations
 
@@ -9,12 +6,16 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
-_PACKAGE = Path(__file__).resolve().parent
+from platformdirs import user_cache_path
+
+_PACKAGE = Path(str(files("vlafuzz")))
 
 
 def _folder(name: str) -> Path:
+    """A data folder: inside the package in a wheel, beside it in a checkout."""
     packed = _PACKAGE / "_shipped" / name
     return packed if packed.is_dir() else _PACKAGE.parent / name
 
@@ -30,26 +31,22 @@ def corpus_dir() -> Path:
 
 
 def published_dir() -> Path:
-    """The folder of what the VLATest paper found."""
+    """The folder with the VLATest paper's findings."""
     return _folder("published")
 
 
 def cache_dir() -> Path:
-    """The user's cache, for what is built once: ``$VLAFUZZ_CACHE``, or ``~/.cache/vlafuzz``."""
-    named = os.environ.get("VLAFUZZ_CACHE")
-    if named:
-        return Path(named)
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "vlafuzz"
+    """The cache folder: ``$VLAFUZZ_CACHE``, or the platform's default such as ``~/.cache/vlafuzz``."""
+    return Path(os.environ.get("VLAFUZZ_CACHE") or user_cache_path("vlafuzz", appauthor=False))
 
 
-def made_once(name: str, fill: Callable[[Path], None], whole: Callable[[Path], bool]) -> Path:
-    """A folder of the user's cache, which ``fill`` makes unless it is there and ``whole``.
+def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> Path:
+    """A folder of the cache, which is created by ``fill`` unless it exists and ``is_complete``.
 
-    It appears complete or not at all: processes may make the same at the same time.
+    The folder appears complete or not at all, also when several processes create it at the same time.
     """
     folder = cache_dir() / name
-    if whole(folder):
+    if is_complete(folder):
         return folder
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
@@ -59,7 +56,7 @@ def made_once(name: str, fill: Callable[[Path], None], whole: Callable[[Path], b
         try:
             draft.rename(folder)
         except OSError:
-            if not whole(folder):  # damaged; else another process was faster, with the same
+            if not is_complete(folder):  # damaged; otherwise another process was faster
                 shutil.rmtree(folder, ignore_errors=True)
                 draft.rename(folder)
     return folder

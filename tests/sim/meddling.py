@@ -13,6 +13,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.recording import Recording
 
 NOMINAL = nominal()
 ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")
@@ -63,9 +64,15 @@ def is_lifted(observation: Observation) -> bool:
     return bool(observation.privileged.state.positions[0, 2] > 0.0615 + 0.025)
 
 
-def evaluate(policy: Policy, *scenes: Scene, checked: bool = True, **conditions: object) -> list[Outcome]:
+def evaluate(
+    policy: Policy,
+    *scenes: Scene,
+    checked: bool = True,
+    recording: Recording | None = None,
+    **conditions: object,
+) -> list[Outcome]:
     under = Conditions(**{"task": scenes[0].task, "min_distance": 0.15} | conditions)
-    evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked)
+    evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked, recording=recording)
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()
     return outcomes

@@ -1,10 +1,11 @@
-"""Packs: objects in a folder that the user has, laid out as SIMPLER's, VLATest's and ManiSkill's are.
+"""Packs: objects in a folder of the user's, with the layout of SIMPLER, VLATest and ManiSkill.
 
-    FOLDER/info_*.json              scales and density of every object, by its name
-    FOLDER/models/NAME/collision.*  its solid: obj, or ply
-    FOLDER/models/NAME/textured.*   its looks: glb, dae, or obj, with textures beside it; may be missing
+    FOLDER/info_*.json              scales and density of every object, by name
+    FOLDER/models/NAME/collision.*  the collision mesh: obj or ply
+    FOLDER/models/NAME/textured.*   the visual mesh: glb, dae or obj, with textures beside it; optional
 
-An object's name in the catalogue has the pack's before it, ``ycb:apple``: packs and we name things alike.
+In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the built-in objects have similar
+names.
 """
 
 from __future__ import annotations
@@ -21,30 +22,30 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from vlafuzz.assets import FOLDERS, listed
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.objects.schema import Length, Strict
 
-VARIABLE = "VLAFUZZ_PACKS"  # folders where packs are looked for
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
 _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
 _PLAIN = re.compile(r"[\w. -]+")
 _SAYS = "says where it is"
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
-_MARKER = "dummy_"  # planes that mark a place for SIMPLER's tasks
-_MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # those that are of use, and how they are spoken
+_MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
+_MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those that are used
 
 
 class PackObject(Strict):
-    """One object of a pack. Where its files lie is no part of what it is, their ``content`` is.
+    """One object of a pack. The dump identifies it by the ``content`` of its files, not by their paths.
 
     Attributes:
-        density: of the solid, kilograms a cubic metre.
-        sides: of the box that the info file gives it, along the mesh's axes, metres; None without one.
-        tall_y: what is tall and round along y stands along y; everything else has z up.
-        marks: it is a plane that stands for a place.
-        visual: None where the pack has none.
-        version: of the builder; raise it when the same files would give another object.
+        density: of the solid, kilograms per cubic metre.
+        sides: of the bounding box in the info file, along the mesh's axes, metres; None without one.
+        tall_y: whether an object that is tall and round along y stands along y; all others have z up.
+        marks: whether the object is a plane that stands for a place.
+        visual: None if the pack has no visual mesh.
+        version: of the builder; raise it when the same files result in a different object.
     """
 
     spoken: str
@@ -61,12 +62,12 @@ class PackObject(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Pack:
-    """A folder of objects that was read.
+    """The objects of a folder.
 
     Attributes:
-        digest: of all that decides about its objects: the files' bytes, scales and densities.
+        digest: hash of everything that determines the objects: the files' bytes, scales and densities.
         objects: by their names in the pack.
-        left_out: names without a mesh to collide with.
+        left_out: names without a collision mesh.
     """
 
     name: str
@@ -89,7 +90,7 @@ class _Box(BaseModel):
 
 
 class _Info(BaseModel):
-    """What an info file says of an object. Its boxes are wrong for some: only published criteria use them."""
+    """An entry of an info file. Some bounding boxes are wrong; only the published criteria use them."""
 
     bbox: _Box | None = None
     scales: Annotated[list[Length], Field(min_length=1)] = [1.0]
@@ -99,55 +100,55 @@ class _Info(BaseModel):
 _INFOS = TypeAdapter(dict[str, _Info])
 
 
-def open_packs(given: str) -> tuple[Pack, ...]:
-    """The pack that a folder is, or those in it; or the one of that name (see ``known_packs``).
+def open_packs(source: str) -> tuple[Pack, ...]:
+    """The pack in a folder, or the packs in its subfolders; or the known pack of that name.
 
     Raises:
         UsageError: there is none.
     """
-    if found := _packs_in(Path(given)):
-        return found
-    if Path(given).is_dir():
-        raise UsageError(f"{given}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
+    if packs := _packs_in(Path(source)):
+        return packs
+    if Path(source).is_dir():
+        raise UsageError(f"{source}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
     known = tuple(known_packs())
-    named = tuple(pack for pack in known if pack.name == given)
+    named = tuple(pack for pack in known if pack.name == source)
     if not named:
         names = f", or a pack's name: {', '.join(pack.name for pack in known)}" if known else ""
-        raise UsageError(f"{given}: no such folder", hint=f"give the folder of a pack{names}")
+        raise UsageError(f"{source}: no such folder", hint=f"give the folder of a pack{names}")
     return named[:1]
 
 
 def known_packs() -> Iterator[Pack]:
-    """Those in the folders that ``$VLAFUZZ_PACKS`` lists, and YCB where ManiSkill has downloaded it."""
-    for folder in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
+    """The packs in the folders of ``$VLAFUZZ_PACKS``, and YCB if ManiSkill has downloaded it."""
+    for folder in listed():
         yield from _packs_in(Path(folder))
     assets = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
     yield from _packs_in(assets / "data" / "assets" / "mani_skill2_ycb")
 
 
 def find_pack(name: str, digest: str, folder: str) -> Pack:
-    """A pack that was there before: where it was then, or among those known here.
+    """A pack that was used before, from its former folder or among those known here.
 
-    A changed one will do where the very same is gone; the catalogue's digest tells.
+    Falls back to a changed pack of that name, which changes the catalogue's digest.
 
     Raises:
-        UsageError: it is gone.
+        UsageError: there is no such pack any more.
     """
     here = [*_packs_in(Path(folder)), *known_packs()]
     same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]
     if not same:
         raise UsageError(
-            f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${VARIABLE}",
-            hint=f"{VARIABLE}=FOLDER {_SAYS}",
+            f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}",
+            hint=f"{FOLDERS}=FOLDER {_SAYS}",
         )
     return same[0].renamed(name)
 
 
 def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
-    """The packs that have objects of these names, of those that are known here.
+    """The known packs that objects of these names are from.
 
     Raises:
-        UsageError: one of them is not.
+        UsageError: a pack is not known here.
     """
     named = sorted({name.partition(":")[0] for name in objects if ":" in name})
     known = {pack.name: pack for pack in known_packs()} if named else {}
@@ -155,13 +156,13 @@ def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
         if name not in known:
             raise UsageError(
                 f"there are objects of the pack {name!r}, which is not here",
-                hint=f"{VARIABLE}=FOLDER {_SAYS}",
+                hint=f"{FOLDERS}=FOLDER {_SAYS}",
             )
     return tuple(known[name] for name in named)
 
 
 def spoken(name: str) -> str:
-    """What an instruction calls an object: its name without what only tells meshes apart."""
+    """What an instruction calls an object: its name without the words that only distinguish meshes."""
     words = name.replace("-", "_").split("_")
     return " ".join(word for word in words if not _UNSPOKEN.fullmatch(word)) or name
 
@@ -170,7 +171,7 @@ def _packs_in(folder: Path) -> tuple[Pack, ...]:
     if _is_pack(folder):
         return (_read(folder),)
     inside = sorted(folder.iterdir()) if folder.is_dir() else []
-    return tuple(_read(each) for each in inside if _is_pack(each))
+    return tuple(_read(path) for path in inside if _is_pack(path))
 
 
 def _read(folder: Path) -> Pack:
@@ -184,7 +185,7 @@ def _read(folder: Path) -> Pack:
             objects[name] = _object(folder, name, info, solid)
     if not objects:
         raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
-    facts = {name: each.model_dump(mode="json") for name, each in objects.items()}
+    facts = {name: entry.model_dump(mode="json") for name, entry in objects.items()}
     digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
     return Pack(_pack_name(folder), folder.resolve(), digest, objects, tuple(left_out))
 
@@ -199,8 +200,8 @@ def _pack_name(folder: Path) -> str:
 
 
 def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
-    """What the info files say; where several have an object, the one in which it is largest: real size."""
-    found: dict[str, _Info] = {}
+    """The info files' entries; of several for one object, the one with the largest scale: real size."""
+    entries: dict[str, _Info] = {}
     for path in sorted(folder.glob("info_*.json")):
         try:
             read = _INFOS.validate_json(path.read_bytes())
@@ -211,13 +212,13 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
             where = ".".join(map(str, first["loc"]))
             raise CatalogueError(f"{path}: {where + ': ' if where else ''}{first['msg'].lower()}") from None
         for name, info in read.items():
-            if name in (".", "..") or not _PLAIN.fullmatch(name):  # it is that of a folder, too
+            if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
                 raise CatalogueError(
                     f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"
                 )
-            if name not in found or info.scales[0] > found[name].scales[0]:
-                found[name] = info
-    return sorted(found.items())
+            if name not in entries or info.scales[0] > entries[name].scales[0]:
+                entries[name] = info
+    return sorted(entries.items())
 
 
 def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
@@ -243,13 +244,13 @@ def _content(folder: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(folder.iterdir()):
         if file.is_file():
-            about = file.stat()
-            digest.update(f"{file.name} {_hash(file, about.st_size, about.st_mtime_ns)}\n".encode())
+            status = file.stat()
+            digest.update(f"{file.name} {_hash(file, status.st_size, status.st_mtime_ns)}\n".encode())
     return digest.hexdigest()[:20]
 
 
 @lru_cache(maxsize=4096)
 def _hash(file: Path, size: int, changed: int) -> str:
-    """Of a file's bytes, read again only if it has changed: a catalogue is loaded often."""
+    """Hash of a file's bytes, cached until it changes, since a catalogue is loaded often."""
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

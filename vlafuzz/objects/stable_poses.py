@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.hulls import Array, corners, mass_properties, outline, triangles
@@ -138,5 +137,10 @@ def rotation(start: Array, end: Array) -> Array:
 
 def quaternion(turn: Array) -> Array:
     """``(4,)`` w, x, y, z of a rotation ``(3, 3)``, rounded to 9 digits."""
-    exact = Rotation.from_matrix(turn).as_quat(canonical=True, scalar_first=True)
-    return np.asarray(np.round(exact, 9) + 0.0)
+    # Not by SciPy, whose last digit differs for some poses: built objects must not depend on its version
+    w = np.sqrt(max(0.0, 1 + np.trace(turn))) / 2
+    if w < 1e-6:
+        axis = np.sqrt(np.maximum(0.0, (np.diag(turn) + 1) / 2))  # half a turn: about x, y or z
+        return np.array([0.0, *axis])
+    lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)
