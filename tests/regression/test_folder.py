@@ -76,11 +76,15 @@ def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
         path.with_suffix(".away").rename(path)
 
 
-def test_schema_1_in_which_the_policy_was_the_subject_is_read(folder: Path) -> None:
+def test_schema_1_with_other_names_for_policy_and_scene_file_is_read(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
-    runs = [{"subject": run.pop("policy")} | run for run in manifest["runs"]]
+    pool = '{"flag": "pool", "digest": "d"}'
+    runs = [{"subject": run.pop("policy"), "given": pool} | run for run in manifest["runs"]]
+    for run in runs:
+        del run["scene_file"]
     change(folder, schema=1, runs=runs)
-    assert read_corpus(folder).policy == "idle"
+    (read,) = read_corpus(folder).runs
+    assert (read.policy, read.scene_file) == ("idle", pool)
     change(folder, runs=[run | {"budget": "many"} for run in runs])
     assert complaint(folder).endswith(
         "runs.0.budget: input should be a valid integer, unable to parse string as an integer, got 'many'"

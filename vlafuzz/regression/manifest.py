@@ -68,6 +68,7 @@ class CorpusManifest:
     cases: tuple[CaseRow, ...]
 
 
+_RENAMED = {"subject": "policy", "given": "scene_file"}
 _ADAPTER: TypeAdapter[CorpusManifest] = TypeAdapter(CorpusManifest)
 
 
@@ -103,9 +104,6 @@ def read_manifest(path: Path) -> CorpusManifest:
 
 
 def _upgraded(content: dict[str, Any]) -> dict[str, Any]:
-    """Schema 1 as schema 2, which renamed "subject" to "policy"."""
-    runs = [
-        {"policy" if name == "subject" else name: value for name, value in run.items()}
-        for run in content["runs"]
-    ]
+    """Schema 1 as schema 2, which renamed fields of the runs."""
+    runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
     return content | {"schema": SCHEMA, "runs": runs}
