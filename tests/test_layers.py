@@ -15,7 +15,8 @@ import vlafuzz
 ROWS = (
     "__init__",
     "errors",
-    "shipped assets plugins renderer rotation statistics watch text files",
+    "text files watch",
+    "shipped assets plugins renderer rotation statistics",
     "scene objects",
     "rigs",
     "tasks outcome",

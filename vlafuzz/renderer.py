@@ -13,6 +13,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from vlafuzz.errors import PrerequisiteError
+
 HINT = (
     "install mesa-vulkan-drivers 24.3 or newer and libvulkan1, as scripts/setup does on Debian and Ubuntu; "
     "with a GPU, its maker's Vulkan driver"
@@ -67,6 +69,19 @@ def probe(timeout: float = 120.0) -> Renderer:
         return Renderer(None, None, f"the driver crashed with signal {-child.returncode}")
     last = (child.stderr.strip() or "no output").splitlines()[-1]
     return Renderer(None, None, f"exit code {child.returncode}: {last}")
+
+
+def check_renderer() -> None:
+    """Make sure that pictures can be drawn.
+
+    Raises:
+        PrerequisiteError: they cannot.
+    """
+    renderer = probe()
+    if not renderer.works:
+        raise PrerequisiteError(
+            f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install"
+        )
 
 
 def _draw() -> None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-_EXACT = 20_000  # ways to deal two samples out, up to which all of them are counted
+from vlafuzz.text import interval, percent
+
+_EXACT = 20_000  # permutations of two samples, up to which all are counted
 _RESAMPLES = 10_000
 
 
@@ -21,8 +23,39 @@ class Interval(NamedTuple):
     high: float
 
 
+@dataclass(frozen=True)
+class Share:
+    """``count`` of ``of`` cases, and the 95% confidence interval of their share, ``low`` to ``high``."""
+
+    count: int
+    of: int
+    low: float
+    high: float
+
+    @classmethod
+    def of_counts(cls, count: int, of: int) -> Self:
+        """Of independent cases: Wilson's interval."""
+        return cls(count, of, *wilson(count, of))
+
+    @classmethod
+    def grouped(cls, cases: Sequence[tuple[int, bool]]) -> Self:
+        """Of cases with their group; those of one group may be alike, see ``share_interval``."""
+        return cls(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
+
+    @property
+    def share(self) -> float:
+        """In [0, 1]; 0 where there are no cases."""
+        return self.count / self.of if self.of else 0.0
+
+    def __str__(self) -> str:
+        return f"{percent(self.share)} ({interval(self.low, self.high)})" if self.of else "–"
+
+
 def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a share, ``k`` of ``n``; all of [0, 1] when n is 0."""
+    """Wilson's score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
+
+    SciPy's takes integers only, ``share_interval`` needs effective counts.
+    """
     if n == 0:
         return Interval(0.0, 1.0)
     z = NormalDist().inv_cdf((1 + confidence) / 2)
@@ -34,8 +67,8 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
 def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:
     """95 % interval of ``k / n - other_k / other_n``, from the two shares' own intervals.
 
-    Newcombe 1998, method 10 <https://doi.org/10.1002/(SICI)1097-0258(19980430)17:8%3C873::AID-SIM779%3E3.0.CO;2-I>:
-    SciPy has Wilson's interval, not this one.
+    Newcombe 1998, method 10 <https://doi.org/10.1002/(SICI)1097-0258(19980430)17:8%3C873::AID-SIM779%3E3.0.CO;2-I>;
+    SciPy does not have it.
     """
     share, other = k / n, other_k / other_n
     mine, others = wilson(k, n), wilson(other_k, other_n)
@@ -46,17 +79,20 @@ def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:
 
 
 def a12(ours: Sequence[float], theirs: Sequence[float]) -> float:
-    """How often one of ours is larger than one of theirs; a tie counts half.
+    """Probability that a value of ours is larger than one of theirs; a tie counts half.
 
     Vargha, Delaney 2000 <https://doi.org/10.3102/10769986025002101>.
     """
-    return float(np.mean((np.sign(np.subtract.outer(_ranked(ours), _ranked(theirs))) + 1) / 2))
+    from scipy.stats import mannwhitneyu
+
+    u = mannwhitneyu(ours, theirs, method="asymptotic").statistic
+    return float(u) / (len(ours) * len(theirs))
 
 
 def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
     """Two-sided p-value of Mann and Whitney's U test.
 
-    Of small samples all ways to deal them out are counted, so that it is exact with ties as well.
+    For small samples all permutations are counted, so that it is exact even with ties.
     """
     from scipy.stats import PermutationMethod, mannwhitneyu
 
@@ -64,17 +100,16 @@ def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
         return 1.0
     few = math.comb(len(ours) + len(theirs), len(ours)) <= _EXACT
     method = PermutationMethod(n_resamples=_EXACT) if few else "asymptotic"
-    found = mannwhitneyu(_ranked(ours), _ranked(theirs), alternative="two-sided", method=method)
-    return min(1.0, float(found.pvalue))
+    return min(1.0, float(mannwhitneyu(ours, theirs, alternative="two-sided", method=method).pvalue))
 
 
 def smallest_p(ours: int, theirs: int) -> float:
-    """The least p-value that samples of these sizes can have: when all of one are above all of the other."""
+    """The smallest p-value that samples of these sizes can have: all values of one above all of the other."""
     return min(1.0, 2.0 / math.comb(ours + theirs, ours))
 
 
 def repeats_needed(tests: int, alpha: float) -> int:
-    """Of both samples, so that the least p-value passes after Holm's correction for so many tests."""
+    """Repeats per sample for the smallest possible p-value to pass Holm's correction for so many tests."""
     repeats = 2
     while tests * smallest_p(repeats, repeats) > alpha:
         repeats += 1
@@ -82,7 +117,7 @@ def repeats_needed(tests: int, alpha: float) -> int:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """P-values corrected for how many there are: Holm 1979 <https://www.jstor.org/stable/4615733>."""
+    """P-values corrected for multiple testing: Holm 1979 <https://www.jstor.org/stable/4615733>."""
     adjusted = [0.0] * len(p_values)
     largest = 0.0
     for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
@@ -92,7 +127,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float | None:
-    """Of the means; None where theirs is 0, or one of them is not finite."""
+    """Ratio of the means; None if theirs is 0 or one of them is not finite."""
     mine, other = float(np.mean(ours)), float(np.mean(theirs))
     return mine / other if other > 0 and math.isfinite(mine) and math.isfinite(other) else None
 
@@ -100,16 +135,16 @@ def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float | None:
 def ratio_interval(
     ours: Sequence[float], theirs: Sequence[float], seed: int = 0, confidence: float = 0.95
 ) -> Interval | None:
-    """Percentile bootstrap interval of ``ratio``; the n-th of ours and of theirs are drawn together.
+    """Percentile bootstrap interval of ``ratio``; the n-th values of ours and theirs are drawn as a pair.
 
     Efron 1979 <https://doi.org/10.1214/aos/1176344552>. Of means, as medians of few repeats jump, and are 0
-    for rare failures. None where it has no bound: with less than two pairs, or where theirs may well be 0.
+    for rare failures. None if it has no bound: with fewer than two pairs, or where theirs may well be 0.
     """
     if len(ours) < 2 or ratio(ours, theirs) is None:
         return None
     drawn = np.random.default_rng(seed).integers(len(ours), size=(_RESAMPLES, len(ours)))
     mine, other = np.asarray(ours)[drawn].mean(axis=1), np.asarray(theirs)[drawn].mean(axis=1)
-    # Nothing in both says nothing; ours alone is infinitely more, and has its place in the order.
+    # 0 / 0 is left out; x / 0 is infinite, and ranks above all finite ratios.
     ratios = np.divide(mine, other, out=np.full(len(mine), np.inf), where=other > 0)[(mine > 0) | (other > 0)]
     tail = (1 - confidence) / 2
     low, high = np.quantile(ratios, [tail, 1 - tail], method="inverted_cdf")
@@ -117,33 +152,28 @@ def ratio_interval(
 
 
 def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) -> Interval:
-    """Interval of the share of cases that are so, where they come from several runs.
+    """Confidence interval of the share of positive cases that come from several runs.
 
-    Cases of one run resemble each other, so that they say less than as many independent ones. This is
-    Wilson's interval of the effective number of cases: as many independent ones as would vary like the runs
-    do, and fewer of them the fewer runs say how they vary (Korn, Graubard 1998; Franco, Little, Louis, Slud
+    Cases of one run resemble each other, so they carry less information than as many independent ones. This
+    is Wilson's interval for the effective number of cases: the number of independent cases that would vary
+    as the runs do, reduced further when there are few runs (Korn, Graubard 1998; Franco, Little, Louis, Slud
     2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>). A bootstrap over 3 or 5 runs is too narrow.
-    With one run, and where none or all of the cases are so, nothing varies: there it is Wilson's interval of
-    all cases, which may then be too narrow.
+    With one run, or where all or no cases are positive, the runs show no variation: it is then Wilson's
+    interval of all cases, which may be too narrow.
 
     Args:
-        cases: the run of each, and whether it is so.
+        cases: the run of each case, and whether the case is positive.
     """
-    number, found = len(cases), sum(so for _, so in cases)
-    runs = [[so for of, so in cases if of == run] for run in {of for of, _ in cases}]
-    if len(runs) < 2 or found in (0, number):
-        return wilson(found, number, confidence)
+    number, count = len(cases), sum(positive for _, positive in cases)
+    runs = [[positive for of, positive in cases if of == run] for run in {of for of, _ in cases}]
+    if len(runs) < 2 or count in (0, number):
+        return wilson(count, number, confidence)
     from scipy.stats import norm, t
 
-    share, tail = found / number, (1 + confidence) / 2
+    share, tail = count / number, (1 + confidence) / 2
     # The variance of a ratio of totals, by linearisation.
-    squares = sum((sum(its) - share * len(its)) ** 2 for its in runs)
+    squares = sum((sum(run) - share * len(run)) ** 2 for run in runs)
     variance = squares / number**2 * len(runs) / (len(runs) - 1)
     few = float(norm.ppf(tail) / t.ppf(tail, len(runs) - 1)) ** 2
     effective = min(number, few * share * (1 - share) / variance) if variance else number
     return wilson(share * effective, effective, confidence)
-
-
-def _ranked(values: Sequence[float]) -> NDArray[np.float64]:
-    """As floats; the infinite ones as numbers, of which a difference can be taken."""
-    return np.nan_to_num(np.asarray(values, dtype=np.float64), posinf=1e300, neginf=-1e300)

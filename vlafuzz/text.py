@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 Row = dict[str, Any]
-_PERCENT = "\N{NO-BREAK SPACE}%"
 
 
 def named(names: Iterable[str]) -> str:
-    """Each once, in order."""
+    """Names separated by commas, each once, in order."""
     return ", ".join(dict.fromkeys(names))
 
 
@@ -19,14 +18,29 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def percent(share: float) -> str:
-    """``58.3 %``; whole numbers without a point."""
-    return f"{100 * share:.1f}".removesuffix(".0") + _PERCENT
+def percent(share: float | None) -> str:
+    """``58.3%``; whole numbers without a point."""
+    return "–" if share is None else f"{100 * share:.1f}".removesuffix(".0") + "%"
 
 
 def interval(low: float, high: float) -> str:
-    """``48.6–66 %``."""
-    return f"{percent(low).removesuffix(_PERCENT)}–{percent(high)}"
+    """``48.6–66%``."""
+    return f"{percent(low).removesuffix('%')}–{percent(high)}"
+
+
+def points(difference: float | None) -> str:
+    """``+4.2``: a difference of two shares, in percentage points."""
+    return "–" if difference is None else f"{100 * difference:+.1f}"
+
+
+def share_of(count: int, of: int) -> str:
+    """``3 (30%)``; ``0`` of none."""
+    return f"{count} ({percent(count / of)})" if of else "0"
+
+
+def count_of(count: int, of: int, low: float, high: float) -> str:
+    """``3 of 10 (10.8–60.3%)``, without an interval where there are none."""
+    return f"{count} of {of} ({interval(low, high)})" if of else f"{count} of {of}"
 
 
 def duration(seconds: float) -> str:

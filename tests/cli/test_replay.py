@@ -110,7 +110,9 @@ def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
         run = opened.begin(manifest())
         opened.add(run, Trial(proposal=0, scene=nominal("pick-up"), outcome=passed(), severity=1.0))
     assert main(["replay", store]) == 2
-    assert f"give the digest of one that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
+    assert (
+        f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
+    )
 
 
 @pytest.mark.render

@@ -189,7 +189,7 @@ def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str])
     run("--strategy", "nsga2", "--budget", "30", "--store", "a.db")
     shown = capsys.readouterr().out
     assert "beside random: unknown, the store has no random run" in shown
-    assert "--strategy random and --store a.db adds one" in shown
+    assert "--strategy random --store a.db adds one" in shown
     run("--strategy", "random", "--budget", "30", "--store", "a.db")
     assert "beside random" not in capsys.readouterr().out
     run("--strategy", "nsga2", "--budget", "30", "--seed", "1", "--store", "a.db", "--json")
@@ -202,9 +202,7 @@ def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str])
 def test_both_shares_are_shown_with_their_intervals(capsys: pytest.CaptureFixture[str]):
     for strategy in ("random", "nsga2"):
         run("--strategy", strategy, "--budget", "30", "--store", "a.db")
-    shares = re.findall(
-        r"failure share\W+([\d.]+%), 95 % interval ([\d.]+% to [\d.]+%)", shown := printed(capsys)
-    )
+    shares = re.findall(r"failure share\W+([\d.]+%), 95% interval ([\d.]+–[\d.]+%)", shown := printed(capsys))
     mine, random = (f"{share} ({interval})" for share, interval in reversed(shares))
     assert f"beside random: {mine} of " in shown
     assert f" random ones {random}: " in shown
@@ -223,7 +221,7 @@ def test_a_strategy_says_what_it_chose_by_itself(capsys: pytest.CaptureFixture[s
 def test_two_runs_of_few_scenes_are_too_few_to_tell(capsys: pytest.CaptureFixture[str]):
     for strategy in ("random", "nsga2"):
         run("--strategy", strategy, "--budget", "4", "--store", "a.db")
-    assert "points, 95 % interval" in (shown := capsys.readouterr().out)
+    assert "points, 95% interval" in (shown := capsys.readouterr().out)
     assert ": too few to tell" in shown
 
 
@@ -239,7 +237,7 @@ def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
     ("arguments", "says"),
     [
         (["a.db", "a.db", "--out", "c.db"], "a.db: given twice"),
-        (["a.db", "--out", "a.db"], "a.db: is there already"),
+        (["a.db", "--out", "a.db"], "a.db: exists already"),
         (["a.db", "no.db", "--out", "c.db"], "no.db: no such store"),
     ],
 )

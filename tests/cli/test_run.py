@@ -44,7 +44,7 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
 def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pytest.CaptureFixture[str]):
     assert main(["run", *IDLE, "--budget", "30", "--store", "a.db"]) == 0
     shown = capsys.readouterr().out
-    assert re.search(r"failure share\W+\d+\.\d%, 95 % interval \d+\.\d% to \d+\.\d%", shown)
+    assert re.search(r"failure share\W+[\d.]+%, 95% interval [\d.]+–[\d.]+%", shown)
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
     with Store.open(Path(store)) as opened:
         assert opened.scene(digest) in [found.scene for found in opened.findings()]
@@ -145,7 +145,7 @@ def test_a_run_whose_policy_goes_away_says_how_to_go_on(
     assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 2
     assert capsys.readouterr().err.splitlines() == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
-        "hint: when it is back, go on with `vlafuzz run --resume --store a.db`",
+        "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db`",
     ]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     assert main(["run", "--resume", "--store", "a.db"]) == 0
@@ -219,7 +219,7 @@ def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert main(["run", *IDLE, "--store", "a.db"]) == 130
     assert capsys.readouterr().err.splitlines() == [
         "interrupted: all trials so far are stored in a.db",
-        "hint: go on with `vlafuzz run --resume --store a.db`",
+        "hint: continue with `vlafuzz run --resume --store a.db`",
     ]
 
 

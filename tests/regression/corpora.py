@@ -4,7 +4,8 @@ import numpy as np
 
 from tests.doubles import manifest, scene
 from vlafuzz.evidence import Causes, Threshold, Witness
-from vlafuzz.regression.corpus import Case, Corpus, Evidence, Share
+from vlafuzz.regression.corpus import Case, Corpus, Evidence
+from vlafuzz.statistics import Share
 
 
 def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> Case:

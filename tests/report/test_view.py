@@ -25,9 +25,7 @@ def counts(chart: Chart) -> dict[str, tuple[int, int]]:
 
 def test_it_begins_with_the_result_in_a_sentence(triaged: View):
     assert triaged.title == "idle on pick-up"
-    assert triaged.headline.startswith(
-        "6 of 8 judged scenes failed (75\u00a0%, 95\u00a0% interval 40.9–92.9\u00a0%)."
-    )
+    assert triaged.headline.startswith("6 of 8 judged scenes failed (75%, 95% interval 40.9–92.9%).")
     assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct signatures.")
     assert triaged.todo == ()
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from vlafuzz.studies.shares import Share
+from vlafuzz.statistics import Share
 from vlafuzz.studies.stages import Reached, Standing
 from vlafuzz.studies.unseen import difference, paired_tests, transfers
 
 
 def standing(*counts: int, of: int = 10, policy: str = "a", task: str = "pick-up") -> Standing:
-    shares = [Share.counted([True] * count + [False] * (of - count)) for count in counts]
+    shares = [Share.of_counts(count, of) for count in counts]
     stages = [Reached(*vars(each).values(), stage=f"stage {number}") for number, each in enumerate(shares)]
     return Standing(task, policy, None, of, 0, 0, 0.5, False, tuple(stages))
 

@@ -16,7 +16,7 @@ from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.execute.base import Executor
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
-from vlafuzz.text import duration
+from vlafuzz.text import duration, plural
 from vlafuzz.watch import Watch
 
 _FIRST = 20  # rollouts after which the remaining time can be estimated
@@ -151,4 +151,4 @@ class _Pace:
     def _estimate(self, seconds_per_rollout: float, basis: str) -> None:
         total = sum(self._budgets)
         took = duration(seconds_per_rollout * total)
-        self._watch.note(f"{len(self._budgets)} runs, {total} rollouts: about {took} {basis}")
+        self._watch.note(f"{plural(len(self._budgets), 'run')}, {total} rollouts: about {took} {basis}")

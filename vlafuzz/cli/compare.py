@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag
-from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag, listed
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def command(
         budget=budget,
         seed=seed,
         operators=operators,
-        vary=tuple(name.strip() for name in vary.split(",")) if vary is not None else (),
+        vary=listed(vary) or (),
         store=store,
         workers=workers,
         executor=executor,
@@ -86,13 +86,8 @@ def command(
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
-    with Bar() as bar:
-        try:
-            compared = compare(run, names, repeats, sizes, folder, bar)
-        except KeyboardInterrupt:
-            bar.clear()
-            bar.note(f"interrupted: all trials so far are stored in {store}\nhint: {_CONTINUES}")
-            raise typer.Exit(130) from None
+    with interruptible(f"interrupted: all trials so far are stored in {store}\nhint: {_CONTINUES}") as bar:
+        compared = compare(run, names, repeats, sizes, folder, bar)
     try:
         written = write_folder(compared, folder)
     except OSError as error:
@@ -102,7 +97,7 @@ def command(
 
 
 def _names(strategies: str) -> list[str]:
-    names = [name.strip() for name in strategies.split(",") if name.strip()]
+    names = [name for name in listed(strategies) or () if name]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise UsageError(f"--strategies: {twice[0]!r} is there twice", hint="name every strategy once")

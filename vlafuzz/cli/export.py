@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.output import Bar, progress, stderr
-from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
-
-if TYPE_CHECKING:
-    from vlafuzz.regression.corpus import Corpus
-    from vlafuzz.scene import Scene
-    from vlafuzz.store.store import Store
-
-
-FILES = (".jsonl", ".json")  # of scenes: there is no run and no verdict in them
+from vlafuzz.cli.output import Bar, stderr
+from vlafuzz.errors import UsageError
 
 
 class Wanted(StrEnum):
-    """Which scenes."""
+    """Verdicts to export."""
 
     failed = "failed"
     passed = "passed"
@@ -30,7 +23,7 @@ class Wanted(StrEnum):
 
 
 class Format(StrEnum):
-    """How scenes are written."""
+    """File formats."""
 
     vlafuzz = "vlafuzz"
     vlatest = "vlatest"
@@ -72,37 +65,25 @@ def command(
             hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
         )
     if minimal:
-        _export(store, out, run)
+        _export_corpus(store, out, run)
         return
+    from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_demonstrations, write_file
+
     if format_ is Format.lerobot:
         if verdict is not Wanted.failed:
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
-        _demonstrate(store, out, run)
-        return
-    if store.suffix in FILES:
-        written = _write(out, _of_file(store, run), format_)
-        stderr().print(f"{written} scenes written to {out}")
-        return
-    from vlafuzz.store.store import Store
-
-    with Store.open(store) as opened:
-        scenes = _scenes(opened, run, verdict)
-    written = _write(out, scenes, format_)
-    stderr().print(f"{written} {'' if verdict is Wanted.all else verdict + ' '}scenes written to {out}")
+        with Bar() as bar:
+            exported = write_demonstrations(store, out, run, bar)
+        what = "demonstrations"
+    else:
+        exported = write_file(out, scenes_of(store, run, verdict.value), format_.value)
+        what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
+    stderr().print(f"{exported.written} {what} written to {out}")
+    _print_left_out(exported.left_out)
 
 
-def _of_file(path: Path, run: int | None) -> list[Scene]:
-    """All scenes of a file; VLATest's as they are."""
-    from vlafuzz.formats.sources import read_scene_file
-    from vlafuzz.objects import load_catalogue
-
-    if run is not None:
-        raise UsageError(f"--run {run}: {path} is a file of scenes, not a store", hint="leave out --run")
-    return read_scene_file(path, load_catalogue(), "original").scenes()
-
-
-def _export(store: Path, out: Path, run: int | None) -> None:
-    """The minimal failures, checked once more, with a bar."""
+def _export_corpus(store: Path, out: Path, run: int | None) -> None:
+    """Check the minimal failures once more and write those that hold."""
     from vlafuzz.regression.export import export
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
@@ -110,81 +91,20 @@ def _export(store: Path, out: Path, run: int | None) -> None:
     from vlafuzz.triage.scene_runner import runner_of_run
 
     check_new(out)
-    with Store.open(store) as opened, progress() as bar:
-        task = bar.add_task("minimal findings checked", total=None)
+    with Store.open(store) as opened, Bar() as bar:
         corpus = export(
             opened,
-            partial(runner_of_run, store, later=MOST, note=Bar.note),  # triage chose by the seeds before
+            partial(runner_of_run, store, later=MOST, note=Bar.note),  # triage selected by earlier seeds
             name=out.name,
             run=run,
-            watch=lambda done, of: bar.update(task, completed=done, total=of),
+            watch=partial(bar.progress, "minimal findings checked"),
         )
     write_corpus(corpus, out)
-    _tell(corpus, out)
-
-
-def _demonstrate(source: Path, out: Path, run: int | None) -> None:
-    """The witnesses of failures, played once more, with a bar."""
-    from vlafuzz.regression.export import UNSOLVED
-    from vlafuzz.regression.folder import whole
-
-    try:
-        from vlafuzz.integrations.lerobot import write_dataset
-    except ModuleNotFoundError as error:
-        told = f"--format lerobot needs the package {error.name!r}"
-        raise PrerequisiteError(told, hint="pip install 'vlafuzz[lerobot]'") from None
-    from vlafuzz.integrations.demonstrations import Demonstrations
-
-    found = Demonstrations(source, run)
-    with whole(out) as folder, progress() as bar:
-        played = bar.track(found.play(), len(found.proofs), description="witnesses played")
-        written = write_dataset(filter(None, played), folder, found.hz, found.robot)
-        if not written:
-            raise CorpusError(f"{source}: no witness solves its scene here", hint="`vlafuzz triage` it here")
-    stderr().print(f"{written} demonstrations written to {out}")
-    if left := len(found.proofs) - written:
-        stderr().print(f"left out: {left}: {UNSOLVED}")
-
-
-def _tell(corpus: Corpus, out: Path) -> None:
     bugs = len({case.signature for case in corpus.cases})
     stderr().print(f"{len(corpus.cases)} minimal failures ({bugs} signatures) written to {out}")
-    for reason, count in corpus.evidence.left_out.items():
+    _print_left_out(corpus.evidence.left_out)
+
+
+def _print_left_out(left_out: Mapping[str, int]) -> None:
+    for reason, count in left_out.items():
         stderr().print(f"left out: {count}: {reason}")
-
-
-def _write(out: Path, scenes: list[Scene], format_: Format) -> int:
-    """How many could be written."""
-    from vlafuzz.formats.scene_lines import write_scenes
-    from vlafuzz.formats.vlatest.original import as_original
-    from vlafuzz.formats.vlatest.write import write_vlatest
-    from vlafuzz.objects import load_catalogue
-    from vlafuzz.objects.packs import packs_of
-
-    try:
-        if format_ is Format.vlafuzz:
-            write_scenes(out, scenes)
-            return len(scenes)
-        ours = (scene for scene in scenes if not as_original(scene))  # of those as they were nothing is asked
-        named = (placement.object for scene in ours for placement in scene.placements)
-        unsaid = write_vlatest(out, scenes, load_catalogue(packs=packs_of(named)))
-    except OSError as error:
-        reason = (error.strerror or "unknown reason").lower()
-        raise UsageError(
-            f"{out}: cannot be written: {reason}", hint="give --out in a folder that is there"
-        ) from None
-    for reason, count in unsaid.items():
-        stderr().print(f"left out: {count}: {reason}")
-    return len(scenes) - sum(unsaid.values())
-
-
-def _scenes(store: Store, run: int | None, wanted: Wanted) -> list[Scene]:
-    if wanted is Wanted.failed:
-        found = [finding.scene for finding in store.findings(run)]
-    else:
-        runs = [run] if run is not None else [each.id for each in store.runs()]
-        trials = (trial for each in runs for trial in store.trials(each))
-        found = [
-            trial.scene for trial in trials if wanted in (Wanted.all, trial.outcome.verdict.name.lower())
-        ]
-    return list(dict.fromkeys(found))

@@ -6,6 +6,12 @@ from typing import Annotated
 
 import typer
 
+
+def listed(names: str | None) -> tuple[str, ...] | None:
+    """Names that are separated by commas; None where no flag is given."""
+    return None if names is None else tuple(name.strip() for name in names.split(","))
+
+
 RobotFlag = Annotated[
     str | None,
     typer.Option(

@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv as csv_format
 import json as json_format
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -100,6 +102,18 @@ class Bar(Watch):
 
     def __exit__(self, *_: object) -> None:
         self.clear()
+
+
+@contextmanager
+def interruptible(note: str) -> Iterator[Bar]:
+    """A bar; on Ctrl-C the note says what is stored and how to continue, and the exit code is 130."""
+    with Bar() as bar:
+        try:
+            yield bar
+        except KeyboardInterrupt:
+            bar.clear()
+            bar.note(note)
+            raise typer.Exit(130) from None
 
 
 def _print_csv(rows: Sequence[Row]) -> None:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import print_json, print_rows, progress, stderr, stdout
-from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.text import Row
+from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number
+from vlafuzz.text import Row, count_of
 
 if TYPE_CHECKING:
-    from vlafuzz.regression.corpus import Corpus, Share
-    from vlafuzz.regression.pairs import Compared, Group, Probe, Tally
-    from vlafuzz.regression.regress import Comparison, Rerun, Side
-    from vlafuzz.store.records import Manifest
-    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+    from vlafuzz.regression.corpus import Corpus
+    from vlafuzz.regression.pairs import Compared, Group, Tally
+    from vlafuzz.regression.regress import Comparison
 
 _GROUPS: dict[Group, str] = {
     "failing": "failing scenes",
@@ -59,35 +56,37 @@ def command(
     _check(policy, baseline, alpha, max_rollouts, junit)
     from vlafuzz.regression.folder import read_corpus
     from vlafuzz.regression.junit import write_junit
+    from vlafuzz.regression.policies import compare_policies
 
     exported = read_corpus(corpus)
-    found = _compare(corpus, exported, policy, baseline, alpha, max_rollouts)
+    with Bar() as bar:
+        compared = compare_policies(
+            corpus, exported, policy, baseline, alpha=alpha, max_rollouts=max_rollouts, watch=bar
+        )
     if junit:
-        write_junit(found, junit)
-        stderr().print(f"written: {junit}", soft_wrap=True)
+        write_junit(compared, junit)
+        Bar.note(f"written: {junit}")
     if json:
-        print_json(_as_json(found, exported))
+        print_json(_as_json(compared, exported))
     else:
-        _print(found, exported)
-    if found.alarm:
+        _print(compared, exported)
+    if compared.alarm:
         raise typer.Exit(1)
-    if not found.tells:
-        broken = next((each.detail for each in found.compared if each.standing in ("error", "invalid")), "")
-        raise PrerequisiteError(f"{found.verdict}: {broken}", hint="`vlafuzz doctor` checks this machine")
+    if not compared.tells:
+        details = (scene.detail for scene in compared.compared if scene.standing in ("error", "invalid"))
+        broken = next(details, "")
+        raise PrerequisiteError(f"{compared.verdict}: {broken}", hint="`vlafuzz doctor` checks this machine")
 
 
 def _check(
     policy: str, baseline: str | None, alpha: float, max_rollouts: int | None, junit: Path | None
 ) -> None:
-    """What can be known to be wrong before anything is run."""
+    """Check the flags before anything is run."""
     from vlafuzz.policies.registry import check_policy_name
 
     if not 0 < alpha < 1:
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
-    if max_rollouts is not None and max_rollouts < 1:
-        raise UsageError(
-            f"--max-rollouts: expected at least 1, got {max_rollouts}", hint="give --max-rollouts 1 or more"
-        )
+    check_number("--max-rollouts", max_rollouts, 1)
     if junit is not None and (junit.is_dir() or not junit.absolute().parent.is_dir()):
         raise UsageError(
             f"--junit: {junit}: no place for a file", hint="name a file in a folder that is there"
@@ -96,138 +95,63 @@ def _check(
         check_policy_name(name)
 
 
-def _compare(
-    folder: Path, corpus: Corpus, policy: str, baseline: str | None, alpha: float, max_rollouts: int | None
-) -> Comparison:
-    """Do it, with a bar."""
-    from vlafuzz.regression import regress
-    from vlafuzz.regression.pairs import probes
-
-    asked = probes(corpus)
-    with ExitStack() as stack, progress() as bar:
-        task = bar.add_task("scenes", total=None)
-
-        def watch(now: regress.Progress) -> None:
-            said = f"rollouts, {now.worse} worse, {now.better} better"
-            bar.update(task, completed=now.done, total=now.most, description=said)
-
-        new = stack.enter_context(closing(_rerun(folder, corpus, policy)))
-        if baseline is None and not (new.deterministic and regress.records_hold(corpus)):
-            baseline = corpus.policy
-            _note(
-                "a stochastic policy cannot be compared fairly with recorded outcomes, which were selected; "
-                f"{baseline} rolls out beside it, as the baseline"
-            )
-        old: Side = regress.Recorded(f"{corpus.policy} as recorded")
-        if baseline is not None:
-            old = stack.enter_context(closing(_rerun(folder, corpus, baseline)))
-        _estimate(corpus, asked, new, old, max_rollouts)
-        return regress.compare(asked, new, old, alpha=alpha, max_rollouts=max_rollouts, watch=watch)
-
-
-def _rerun(folder: Path, corpus: Corpus, policy: str) -> Rerun:
-    """A policy that rolls out; says when the conditions are no longer those of the corpus."""
-    from vlafuzz.regression.regress import Rerun
-    from vlafuzz.triage import scene_runner as runner
-
-    changed: dict[str, None] = {}
-
-    def make(run: Manifest) -> SimulatorSceneRunner:
-        made = runner.SimulatorSceneRunner(folder, run, policy)
-        # That a corpus is older than this commit is no news, nor that another policy's spec is another.
-        known = {"commit"} | ({"spec", "source"} if policy != run.policy else set())
-        changed.update(dict.fromkeys(name for name in made.changed if name not in known))
-        if made.renderer is not None and corpus.renderer not in (None, made.renderer):
-            changed["renderer"] = None
-        return made
-
-    made = Rerun(policy, corpus.runs, make)
-    if changed:
-        hint = f"`--baseline {corpus.policy}` runs both under the same"
-        _note(
-            f"{policy} runs under other conditions than the corpus: its {', '.join(changed)} differ; {hint}"
-        )
-    return made
-
-
-def _note(text: str) -> None:
-    stderr().print(f"note: {text}", soft_wrap=True)
-
-
-def _estimate(corpus: Corpus, asked: list[Probe], new: Side, old: Side, most: int | None) -> None:
-    """How long it may take, from what the corpus says of its own rollouts."""
-    from vlafuzz.regression.regress import Recorded, most_rollouts
-
-    sides = 1 if isinstance(old, Recorded) else 2
-    rollouts = sides * most_rollouts(asked, new, old, most)
-    evidence = corpus.evidence
-    known = evidence.triage_rollouts + evidence.expert_rollouts
-    took = f", about {rollouts * evidence.seconds / known:.0f} s at the corpus's own speed" if known else ""
-    stderr().print(f"{len(asked)} scenes, at most {rollouts} rollouts{took}", soft_wrap=True)
-
-
-def _print(found: Comparison, corpus: Corpus) -> None:
-    rows = [_row(said, found.tally(group), len(found.of(group))) for group, said in _GROUPS.items()]
-    print_rows([*rows, _row("all", found.total, len(found.compared))], title=corpus.name)
+def _print(compared: Comparison, corpus: Corpus) -> None:
+    rows = [_row(name, compared.tally(group), len(compared.of(group))) for group, name in _GROUPS.items()]
+    print_rows([*rows, _row("all", compared.total, len(compared.compared))], title=corpus.name)
     standings = [
-        {"scenes": said} | {name: _count(found.of(group), standing) for group, name in _GROUPS.items()}
-        for standing, said in _STANDINGS.items()
+        {"scenes": title} | {name: _count(compared.of(group), standing) for group, name in _GROUPS.items()}
+        for standing, title in _STANDINGS.items()
     ]
     print_rows(standings, title="how the policy stands")
-    worse = [each for each in found.compared if each.standing == "worse"]
+    worse = [scene for scene in compared.compared if scene.standing == "worse"]
     if worse:
-        print_rows([_scene(each) for each in worse], title="got worse")
-    stopped = f"stopped after {found.tried} pairs: " if found.stopped in ("worse", "hopeless") else ""
-    stdout().print(f"{stopped}{found.verdict}", soft_wrap=True)
+        print_rows([_scene(scene) for scene in worse], title="got worse")
+    stopped = f"stopped after {compared.tried} pairs: " if compared.stopped in ("worse", "hopeless") else ""
+    stdout().print(f"{stopped}{compared.verdict}", soft_wrap=True)
 
 
 def _row(group: str, tally: Tally, scenes: int) -> Row:
     return {
         "group": group,
         "scenes": scenes,
-        "baseline passed": _share(tally.baseline),
-        "policy passed": _share(tally.policy),
+        "baseline passed": count_of(**asdict(tally.baseline)),
+        "policy passed": count_of(**asdict(tally.policy)),
         "worse": tally.worse,
         "better": tally.better,
     }
 
 
-def _share(share: Share) -> str:
-    interval = f" ({100 * share.low:.1f}–{100 * share.high:.1f} %)" if share.of else ""
-    return f"{share.count} of {share.of}{interval}"
-
-
 def _count(scenes: list[Compared], standing: str) -> int:
-    return sum(each.standing == standing for each in scenes)
+    return sum(scene.standing == standing for scene in scenes)
 
 
-def _scene(each: Compared) -> Row:
-    judged = len(each.judged)
+def _scene(scene: Compared) -> Row:
+    judged = len(scene.judged)
     return {
-        "scene": each.probe.scene.digest,
-        "group": each.probe.group,
-        "what": each.probe.what,
-        "baseline passed": f"{each.baseline_passed} of {judged}",
-        "policy passed": f"{each.policy_passed} of {judged}",
-        "why": each.detail,
+        "scene": scene.probe.scene.digest,
+        "group": scene.probe.group,
+        "what": scene.probe.what,
+        "baseline passed": f"{scene.baseline_passed} of {judged}",
+        "policy passed": f"{scene.policy_passed} of {judged}",
+        "why": scene.detail,
     }
 
 
-def _as_json(found: Comparison, corpus: Corpus) -> dict[str, Any]:
-    total = found.total
+def _as_json(compared: Comparison, corpus: Corpus) -> dict[str, Any]:
+    total = compared.total
     names = ("policy", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
     return {
         "corpus": corpus.name,
-        **{name: getattr(found, name) for name in names},
-        "pairs": found.tried,
+        **{name: getattr(compared, name) for name in names},
+        "pairs": compared.tried,
         "judged": total.baseline.of,
-        "groups": {group: _group(found, group) for group in _GROUPS},
+        "groups": {group: _group(compared, group) for group in _GROUPS},
         "total": asdict(total),
-        "scenes": [_scene(each) | {"standing": each.standing} for each in found.compared],
+        "scenes": [_scene(scene) | {"standing": scene.standing} for scene in compared.compared],
     }
 
 
-def _group(found: Comparison, group: Group) -> dict[str, Any]:
-    scenes = found.of(group)
+def _group(compared: Comparison, group: Group) -> dict[str, Any]:
+    scenes = compared.of(group)
     standings = {name: _count(scenes, name) for name in _STANDINGS}
-    return {"scenes": len(scenes), **asdict(found.tally(group)), "standings": standings}
+    return {"scenes": len(scenes), **asdict(compared.tally(group)), "standings": standings}

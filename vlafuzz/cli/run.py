@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PlacementFlag, RobotFlag, VaryFlag
-from vlafuzz.cli.output import Bar, print_json, stderr
+from vlafuzz.cli.flags import (
+    AddressFlag,
+    ExecutorFlag,
+    OperatorsFlag,
+    PlacementFlag,
+    RobotFlag,
+    VaryFlag,
+    listed,
+)
+from vlafuzz.cli.output import Bar, interruptible, print_json
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PolicyError, VlafuzzError
 
@@ -43,20 +51,18 @@ def command(
     ] = None,
     operators: OperatorsFlag = None,
     vary: VaryFlag = None,
-    scenes: Annotated[
-        Path | None, typer.Option(help="Run the scenes of this file, each of them once.")
-    ] = None,
+    scenes: Annotated[Path | None, typer.Option(help="Run every scene of this file once.")] = None,
     pool: Annotated[
         Path | None, typer.Option(help="The strategy chooses from the scenes of this file.")
     ] = None,
     pack: PackFlag = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Where to keep it; an existing store gets one run more.", show_default="runs/….db"),
+        typer.Option(help="The store; an existing one gets another run.", show_default="runs/….db"),
     ] = None,
-    batch: Annotated[int | None, typer.Option(help="Proposals asked for at once.", show_default="16")] = None,
+    batch: Annotated[int | None, typer.Option(help="Proposals per batch.", show_default="16")] = None,
     repeats: Annotated[
-        int | None, typer.Option(help="Rollouts a scene; it fails when one of them does.", show_default="1")
+        int | None, typer.Option(help="Rollouts per scene; it fails if one of them fails.", show_default="1")
     ] = None,
     stop_early: Annotated[
         bool | None, typer.Option("--stop-early", help="End a rollout at its first success.")
@@ -73,14 +79,15 @@ def command(
     resume: Annotated[
         bool,
         typer.Option(
-            "--resume", help="Go on with a stored run that ended early; what no flag says is taken from it."
+            "--resume",
+            help="Resume a stored run that ended early; flags that are not given are taken from it.",
         ),
     ] = False,
     triage: Annotated[
-        bool, typer.Option("--triage", help="Triage what the store then holds, as `vlafuzz triage` does.")
+        bool, typer.Option("--triage", help="Then triage the store, as `vlafuzz triage` does.")
     ] = False,
     unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Do not look first whether the policy sees, hears and moves.")
+        bool, typer.Option("--unchecked", help="Skip the check whether the policy sees, hears and moves.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
@@ -90,17 +97,17 @@ def command(
     """Fuzz a policy: find scenes in which it fails.
 
     Runs are kept in a store, by default runs/<task>-<policy>-<strategy>-<seed>.db. Scenes that a store knows
-    are answered from it and cost no budget. A policy of your own is looked at first, for seconds: one
-    that is blind, say, is not run.
+    are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
+    for example, is not run.
     """
     from vlafuzz.campaign import config
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli import triage as triaging
     from vlafuzz.cli.summary import print_summary
+    from vlafuzz.cli.triage import triage_store
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about
 
-    asked = {
+    values = {
         "task": task,
         "robot": robot,
         "policy": policy,
@@ -113,7 +120,7 @@ def command(
         "criteria": criteria,
         "placement": placement,
         "operators": operators,
-        "vary": tuple(name.strip() for name in vary.split(",")) if vary is not None else None,
+        "vary": listed(vary),
         "scenes": scenes,
         "pool": pool,
         "packs": opened(pack) or None,
@@ -122,7 +129,7 @@ def command(
         "executor": executor,
         "address": address,
     }
-    flags: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    flags: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
     if resume:
         plan = resume_run(flags)
     else:
@@ -130,17 +137,15 @@ def command(
     with Bar() as bar:
         plan = checked_plan(plan, unchecked=unchecked, watch=bar)
     summary = _start(plan)
-    beside, said = _beside_random(summary), about(plan.strategy)
+    beside, strategy_about = _beside_random(summary), about(plan.strategy)
     if not json:
-        print_summary(summary, beside, said)
-    summarise = (
-        triaging.triage_store(Path(summary.store), workers=workers or 1, show=not json) if triage else None
-    )
+        print_summary(summary, beside, strategy_about)
+    triaged = triage_store(Path(summary.store), workers=workers or 1, show=not json) if triage else None
     if json:
-        found = {"about": said, "random": asdict(beside) if beside else None}
-        print_json(asdict(summary) | found | ({"triage": summarise} if summarise else {}))
+        document = asdict(summary) | {"about": strategy_about, "random": asdict(beside) if beside else None}
+        print_json(document | ({"triage": triaged} if triaged else {}))
     if summary.stopped:
-        stderr().print(f"stopped: {summary.stopped}", soft_wrap=True)
+        Bar.note(f"stopped: {summary.stopped}")
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
         raise VlafuzzError("no scene could be judged", hint=_why_not(summary))
     if fail_on_finding and summary.findings:
@@ -156,25 +161,21 @@ def _why_not(summary: Summary) -> str:
 
 
 def _start(plan: Plan) -> Summary:
-    """Run it, with a bar."""
     from vlafuzz.campaign.launch import start
-    from vlafuzz.cli.summary import Watch
+    from vlafuzz.cli.summary import RunBar
 
     again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store)])
-    with Watch(plan.manifest.budget) as watch:
+    stored = f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
+    with interruptible(stored), RunBar(plan.manifest.budget) as bar:
         try:
-            return start(plan, watch)
-        except KeyboardInterrupt:
-            watch.stop()
-            told = f"interrupted: all trials so far are stored in {plan.store}"
-            stderr().print(f"{told}\nhint: go on with `{again}`", soft_wrap=True)
-            raise typer.Exit(130) from None
+            return start(plan, bar)
         except PolicyError as error:
-            raise PolicyError(error.message, hint=f"when it is back, go on with `{again}`") from error
+            hint = f"when the policy is back, continue with `{again}`"
+            raise PolicyError(error.message, hint=hint) from error
 
 
 def _beside_random(summary: Summary) -> Beside | None:
-    """A guided run beside random generation; None for what has no share of its own to compare."""
+    """A guided run beside random generation; None where there is nothing to compare."""
     from vlafuzz.campaign.baseline import beside_random
     from vlafuzz.store.store import Store
 

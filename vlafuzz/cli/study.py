@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import RobotFlag
-from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
@@ -130,13 +130,8 @@ def command(
 def _study(request: StudyRequest, run: RunConfig, out: Path) -> StudyResult:
     from vlafuzz.studies.study import study
 
-    with Bar() as bar:
-        try:
-            return study(request, run, out, bar)
-        except KeyboardInterrupt:
-            bar.clear()
-            bar.note("interrupted: all scenes so far are stored\nhint: the same command continues")
-            raise typer.Exit(130) from None
+    with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
+        return study(request, run, out, bar)
 
 
 def _print(result: StudyResult, out: Path, json: bool) -> None:

@@ -20,11 +20,12 @@ from vlafuzz.campaign.baseline import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.outcome import Verdict
-from vlafuzz.statistics import wilson
+from vlafuzz.statistics import Share
+from vlafuzz.text import interval, percent, points
 
 
-class Watch:
-    """A progress bar: rollouts of the budget, their rate, failures so far, time left."""
+class RunBar:
+    """A progress bar: rollouts of the budget, rollouts per second, failures so far, time left."""
 
     def __init__(self, budget: int) -> None:
         self.rollouts = 0
@@ -50,23 +51,19 @@ class Watch:
         failed = tally.verdicts[Verdict.FAILED]
         self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed)
 
-    def stop(self) -> None:
-        """Take the bar away."""
-        self._progress.stop()
-
     def __enter__(self) -> Self:
         self._progress.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.stop()
+        self._progress.stop()
 
 
 def print_summary(summary: Summary, beside: Beside | None = None, about: str = "") -> None:
-    """A run in numbers, a guided one beside random generation, and how to see its first failure.
+    """Print a run in numbers, a guided one beside random generation, and how to see its first failure.
 
     Args:
-        about: what the strategy says of itself.
+        about: the strategy's description of itself.
     """
     table = Table(show_header=False, title=_title(summary), title_justify="left")
     table.add_column(style="bold")
@@ -79,7 +76,7 @@ def print_summary(summary: Summary, beside: Beside | None = None, about: str = "
         console.print(_beside(summary, beside), soft_wrap=True)
     if summary.first_failure is not None:
         command = f"vlafuzz replay {shlex.quote(summary.store)} {summary.first_failure[:12]}"
-        console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to be copied
+        console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to copy
 
 
 def _title(summary: Summary) -> str:
@@ -88,24 +85,22 @@ def _title(summary: Summary) -> str:
 
 def _lines(summary: Summary) -> list[tuple[str, str]]:
     verdicts = summary.verdicts
-    judged = verdicts["passed"] + verdicts["failed"]
-    low, high = wilson(verdicts["failed"], judged)
+    share = Share.of_counts(verdicts["failed"], verdicts["passed"] + verdicts["failed"])
     lines = [("policy", summary.checkup)] if summary.checkup not in ("", "ok") else []
     lines += [
         ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
-        ("proposals", f"{summary.proposals}, {summary.duplicates} of them known already"),
+        ("proposals", f"{summary.proposals}, {summary.duplicates} of them answered from the store"),
         ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),
     ]
-    if summary.earlier and ":" in summary.policy:  # a model of the user's, which may be another by now
-        told = f"{summary.earlier} scenes: if it is another model by now, give another --store"
-        lines.append(("by earlier runs", told))
+    if summary.earlier and ":" in summary.policy:  # the user's own model, which may have changed
+        note = f"{summary.earlier} scenes: if the model has changed, give another --store"
+        lines.append(("by earlier runs", note))
     if summary.invalid:
         lines.append(("invalid", ", ".join(f"{check} {count}" for check, count in summary.invalid.items())))
-    if judged:
-        share = verdicts["failed"] / judged
+    if share.of:
         lines += [
             ("stages reached", ", ".join(f"{stage} {count}" for stage, count in summary.stages.items())),
-            ("failure share", f"{share:.1%}, 95 % interval {low:.1%} to {high:.1%}"),
+            ("failure share", f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"),
             ("failure cells", str(summary.distinct_cells)),
         ]
     if summary.clusters is not None:
@@ -118,23 +113,17 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _beside(summary: Summary, beside: Beside) -> str:
-    """The run's share of failing scenes beside random generation's, in a sentence."""
+    """The failure shares of the run and of random generation, in a sentence."""
     if not beside.random_judged:
         return (
             "beside random: unknown, the store has no random run of this policy, task and operators; "
-            "the same command with --strategy random and "
-            f"{shlex.join(['--store', summary.store])} adds one"
+            f"the same command with --strategy random {shlex.join(['--store', summary.store])} adds one"
         )
     if beside.difference is None or beside.low is None or beside.high is None:
         return "beside random: unknown, no scene of this run could be judged"
-    mine = _share(beside.failed, beside.judged)
-    random = _share(beside.random_failed, beside.random_judged)
-    shares = f"{mine} of {beside.judged} scenes failed, of {beside.random_judged} random ones {random}"
-    interval = f"95 % interval {100 * beside.low:+.1f} to {100 * beside.high:+.1f}"
-    told = f"{100 * beside.difference:+.1f} points, {interval}"
-    return f"beside random: {shares}: {told}" + ("" if beside.tells else ": too few to tell")
-
-
-def _share(part: int, whole: int) -> str:
-    low, high = wilson(part, whole)
-    return f"{part / whole:.1%} ({low:.1%} to {high:.1%})"
+    ours = Share.of_counts(beside.failed, beside.judged)
+    random = Share.of_counts(beside.random_failed, beside.random_judged)
+    shares = f"{ours} of {ours.of} scenes failed, of {random.of} random ones {random}"
+    bounds = f"95% interval {points(beside.low)} to {points(beside.high)}"
+    difference = f"{points(beside.difference)} points, {bounds}"
+    return f"beside random: {shares}: {difference}" + ("" if beside.tells else ": too few to tell")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import Bar, print_json, print_rows
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
@@ -50,14 +50,11 @@ def triage_store(
     store: Path, max_rollouts: int | None = None, limit: int | None = None, workers: int = 1, *, show: bool
 ) -> dict[str, Any]:
     """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed."""
-    with Bar() as bar:
-        try:
-            summary, unjudged = _triage(store, max_rollouts, limit, workers, bar)
-        except KeyboardInterrupt:
-            bar.clear()
-            again = shlex.join(["vlafuzz", "triage", str(store)])
-            bar.note(f"interrupted: all finished findings are stored\nhint: continue with `{again}`")
-            raise typer.Exit(130) from None
+    again = shlex.join(["vlafuzz", "triage", str(store)])
+    with interruptible(
+        f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
+    ) as bar:
+        summary, unjudged = _triage(store, max_rollouts, limit, workers, bar)
     if show:
         _print(summary)
     if unjudged:

@@ -21,8 +21,8 @@ from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
 from vlafuzz.files import make_folder
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner
 from vlafuzz.triage.pipeline import triage
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner, runner_of_run
 from vlafuzz.watch import SILENT, Watch
 
 
@@ -99,7 +99,7 @@ def _solve(
     scenes = [failure.scene for failure in chain.from_iterable(sampled.values())]
     witnesses = Witnesses(folder / "witnesses.jsonl", manifest)
     if witnesses.missing(scenes):
-        with closing(SimulatorSceneRunner(store, manifest)) as runner:
+        with closing(scene_runner.SimulatorSceneRunner(store, manifest)) as runner:
             witnesses.find(scenes, runner, partial(watch.progress, "failures tried by the expert"))
     return witnesses.solved
 
@@ -117,7 +117,7 @@ def _triage(
         chosen = {name: findings(store, choose(failures, solved, size)) for name, failures in sampled.items()}
         unjudged = triage(
             store,
-            partial(runner_of_run, run.store, note=watch.note),
+            partial(scene_runner.runner_of_run, run.store, note=watch.note),
             findings=list(dict.fromkeys(chain.from_iterable(group.values() for group in chosen.values()))),
             workers=run.workers,
             watch=lambda now: watch.progress("sampled failures triaged", now.done, now.findings),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from vlafuzz.evidence import Causes, Witness
 from vlafuzz.scene import Scene
-from vlafuzz.statistics import wilson
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
 
 SCHEMA = 2  # of the folder, described in corpus/README.md
@@ -52,21 +52,6 @@ class Case:
         """The operators in a few words, with their thresholds where these are known."""
         thresholds = {threshold.operator: str(threshold) for threshold in self.causes.thresholds}
         return "; ".join(thresholds.get(name, name) for name in self.operators)
-
-
-@dataclass(frozen=True)
-class Share:
-    """``count`` of ``of``, with the 95 % confidence interval (Wilson)."""
-
-    count: int
-    of: int
-    low: float
-    high: float
-
-    @staticmethod
-    def of_counts(count: int, of: int) -> Share:
-        """Without observations, the interval is [0, 1]."""
-        return Share(count, of, *(wilson(count, of) if of else (0.0, 1.0)))
 
 
 @dataclass(frozen=True, kw_only=True)

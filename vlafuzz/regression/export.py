@@ -14,8 +14,9 @@ from vlafuzz.conditions import provenance
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.evidence import Witness
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.corpus import Case, Corpus, Evidence, Share
+from vlafuzz.regression.corpus import Case, Corpus, Evidence
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.triage.path import nominal

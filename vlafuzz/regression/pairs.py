@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.corpus import Corpus, Share
+from vlafuzz.regression.corpus import Corpus
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import Share
 
 Group = Literal["failing", "counterpart", "nominal"]
 GROUPS: tuple[Group, ...] = ("failing", "counterpart", "nominal")

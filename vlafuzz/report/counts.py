@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.corpus import Share
 from vlafuzz.report.view import Chart, Measure, RunRow
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import task

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from vlafuzz.regression.corpus import Corpus, Evidence, Share
+from vlafuzz.regression.corpus import Corpus, Evidence
 from vlafuzz.report.cards import Spaces, card_of_case
 from vlafuzz.report.view import SHARES, Chart, Measure, RunRow, View, in_order, operator_rows, title_of
+from vlafuzz.statistics import Share
 from vlafuzz.tasks.tabletop import task
 from vlafuzz.text import duration, named, plural
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from vlafuzz.regression.corpus import Share
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.view import (
@@ -21,6 +20,7 @@ from vlafuzz.report.view import (
     operator_rows,
     title_of,
 )
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.text import duration, interval, named, percent, plural
@@ -53,7 +53,7 @@ def _headline(counts: Counts, summary: TriageSummary) -> str:
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
     scenes = f"{failed.count} of {failed.of} judged scenes failed"
-    bounds = f"95\N{NO-BREAK SPACE}% interval {interval(failed.low, failed.high)}"
+    bounds = f"95% interval {interval(failed.low, failed.high)}"
     share = f"{scenes} ({percent(failed.count / failed.of)}, {bounds})"
     if not summary.triaged:
         return f"{share}. None of the findings was triaged."

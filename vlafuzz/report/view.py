@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.evidence import Actions, Causes
-from vlafuzz.regression.corpus import Share
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
 from vlafuzz.text import named
 

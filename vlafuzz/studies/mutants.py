@@ -16,7 +16,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.operators import CameraOrientation, CameraPosition, Light
-from vlafuzz.studies.shares import Share
+from vlafuzz.statistics import Share
 from vlafuzz.studies.variants import Tried, Variant
 
 Alpha = Literal["linear", "log"]
@@ -92,12 +92,12 @@ def mutants(space: SearchSpace, scenes: Sequence[Scene], seed: int) -> list[Vari
 
 def kept(task: str, policy: str, found: Sequence[Tried]) -> Kept:
     """Count what came of the scenes that a policy had passed, and of their mutants."""
-    verdicts = [each.outcome.verdict for each in found]
+    verdicts, controls = [each.outcome.verdict for each in found], _of(found, CONTROL)
     return Kept(
         task=task,
         policy=policy,
         default=sum(each.variant.arm == CONTROL for each in found),
-        control=Share.counted([each.passed for each in _of(found, CONTROL)]),
+        control=Share.of_counts(sum(each.passed for each in controls), len(controls)),
         mutated=_share(_of(found, MUTANT)),
         invalid=verdicts.count(Verdict.INVALID),
         errors=verdicts.count(Verdict.ERROR),

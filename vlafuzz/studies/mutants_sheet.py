@@ -10,8 +10,8 @@ from typing import Any
 
 from vlafuzz.studies import plots, published
 from vlafuzz.studies.mutants import CURVES, EDGES, Alpha, Kept, Point
-from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, points, share
-from vlafuzz.text import Row
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table
+from vlafuzz.text import Row, percent, points
 
 _NOTES = (
     "Def.: scenes that the policy passed. Control: the same scenes once more, unmutated, in the seed "
@@ -125,7 +125,9 @@ def _paper_row(row: published.Mutated) -> Row:
         "policy": row.policy,
         "Def.": beside(row.default, row.right_default),
         "Mut.": beside(row.mutated, row.right_mutated),
-        "Mut./Def.": beside(*(None if each is None else share(each) for each in (row.kept, row.right_kept))),
+        "Mut./Def.": beside(
+            *(None if each is None else percent(each) for each in (row.kept, row.right_kept))
+        ),
     }
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vlafuzz.studies.shares import Share
+from vlafuzz.statistics import Share
 
 # Okabe, Ito 2008: told apart with any colour vision.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00")

@@ -79,16 +79,6 @@ class StudyResult:
         """It on paper."""
 
 
-def points(value: float | None) -> str:
-    """A difference of two shares."""
-    return "–" if value is None else f"{100 * value:+.1f}"
-
-
-def share(value: float | None) -> str:
-    """A share without its interval."""
-    return "–" if value is None else f"{value:.1%}"
-
-
 def chance(p: float | None, adjusted: float | None = None) -> str:
     """A p-value, and in parentheses what it is among as many tests."""
     if p is None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import fmean
 
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.statistics import Share, wilson
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published
-from vlafuzz.studies.shares import Share
 from vlafuzz.studies.variants import distinct
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -90,10 +90,8 @@ def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
 
 
 def _reached(stage: str, judged: Sequence[Outcome]) -> Reached:
-    counted = Reached.counted(
-        [
-            all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
-            for outcome in judged
-        ]
+    count = sum(
+        all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
+        for outcome in judged
     )
-    return replace(counted, stage=stage)
+    return Reached(count, len(judged), *wilson(count, len(judged)), stage=stage)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, chance, share
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, chance
 from vlafuzz.studies.similar import Similarity
 from vlafuzz.studies.stages import Published, Standing
-from vlafuzz.text import Row
+from vlafuzz.text import Row, percent
 
 _NOTE = "Shares are of the scenes that were judged, with Wilson's 95 % interval."
 _SIMILAR = "Similar: a confounder's name ends in the same word as the target's, such as can."
@@ -87,9 +87,10 @@ def _paper_row(paper: Published) -> Row:
     least, most = (choose(paper.policies.items(), key=lambda item: item[1]) for choose in (min, max))
     return {
         "task": paper.task,
-        "mean of seven": share(paper.mean) + (f", elsewhere {share(paper.as_well)}" if paper.as_well else ""),
-        "least": f"{share(least[1])} ({least[0]})",
-        "most": f"{share(most[1])} ({most[0]})",
+        "mean of seven": percent(paper.mean)
+        + (f", elsewhere {percent(paper.as_well)}" if paper.as_well else ""),
+        "least": f"{percent(least[1])} ({least[0]})",
+        "most": f"{percent(most[1])} ({most[0]})",
     }
 
 

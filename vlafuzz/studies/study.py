@@ -99,7 +99,7 @@ def study_of(stores: Sequence[Path]) -> StageResult:
 def write(result: StudyResult, folder: Path) -> tuple[dict[str, Any], Sheet]:
     """Write JSON, markdown and plot, named after the study; returns the JSON and the sheet."""
     make_folder(folder)
-    document, sheet = asdict(result), result.sheet()
+    document, sheet = asdict(result, dict_factory=_with_shares), result.sheet()
     try:
         write_whole(
             folder / f"{result.study}.json", json_format.dumps(document, indent=1, allow_nan=False) + "\n"
@@ -109,6 +109,14 @@ def write(result: StudyResult, folder: Path) -> tuple[dict[str, Any], Sheet]:
     except OSError as error:
         raise UsageError(f"--out: {error}", hint=GOES_ON) from None
     return document, sheet
+
+
+def _with_shares(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A dataclass as JSON; a ``Share`` with the value of its share."""
+    values = dict(fields)
+    if {"count", "of", "low", "high"} <= values.keys():
+        values["share"] = values["count"] / values["of"] if values["of"] else 0.0
+    return values
 
 
 def _stage_study(runner: StudyRunner, request: StudyRequest) -> StageResult:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance, points, share
+from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance
 from vlafuzz.studies.unseen import ENOUGH, Difference, PairedTest
-from vlafuzz.text import Row
+from vlafuzz.text import Row, percent, points
 
 _NOTE = (
     "Success in scenes with seen and with unseen objects, of the scenes that were judged, with "
@@ -90,7 +90,7 @@ def _transfer_tables(found: Sequence[Difference]) -> list[Table]:
             [
                 {"task": each.task, "policy": each.policy}
                 | {
-                    f"Tr_{number}": f"{share(seen)} > {share(unseen)}"
+                    f"Tr_{number}": f"{percent(seen)} > {percent(unseen)}"
                     for number, (seen, unseen) in enumerate(
                         zip(each.transfer_seen, each.transfer_unseen, strict=True), start=1
                     )

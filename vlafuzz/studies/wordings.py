@@ -15,8 +15,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.statistics import holm
-from vlafuzz.studies.shares import Share
+from vlafuzz.statistics import Share, holm
 from vlafuzz.studies.stages import Reached, reached
 from vlafuzz.studies.variants import Tried, Variant
 from vlafuzz.tasks.instructions import load_wordings, say
@@ -135,7 +134,7 @@ def together(task: str, policy: str, plain: Sequence[Outcome], found: Sequence[T
     """See ``compared``."""
     cases = [(each.variant.origin, each.passed) for each in found if each.judged]
     passed = [outcome.verdict is Verdict.PASSED for outcome in plain]
-    return Together(task, policy, Share.counted(passed), Share.grouped(cases))
+    return Together(task, policy, Share.of_counts(sum(passed), len(passed)), Share.grouped(cases))
 
 
 def adjusted(found: Sequence[Reworded]) -> list[Reworded]:
@@ -162,7 +161,7 @@ def _reworded(
         prompt=way.name,
         says=way.says,
         stages=reached(task, list(outcomes.values())),
-        plain=Share.counted(before),
+        plain=Share.of_counts(sum(before), len(before)),
         lost=lost,
         gained=gained,
         errors=errors,

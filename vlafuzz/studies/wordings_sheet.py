@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance, points
+from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance
 from vlafuzz.studies.wordings import Reworded, Together
-from vlafuzz.text import Row
+from vlafuzz.text import Row, points
 
 _NOTE = (
     "Every prompt is said in the scenes in which the plain wording was judged; shares are of the "

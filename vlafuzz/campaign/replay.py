@@ -1,0 +1,176 @@
+"""Replay: run one scene again under the conditions in which it was run before."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vlafuzz.campaign.config import default_policy
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.packs import packs_json
+from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.formats.scene_lines import load_scenes
+from vlafuzz.formats.sources import is_store
+from vlafuzz.objects.packs import packs_of
+from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.policies.registry import make_policy
+from vlafuzz.rigs.robots import rig
+from vlafuzz.scene import Scene
+from vlafuzz.sim.make import make_evaluator
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.recording import Recording
+
+
+@dataclass(frozen=True)
+class Replayable:
+    """A scene and the conditions to run it in; ``states_hash`` is that of its stored rollout."""
+
+    scene: Scene
+    conditions: Conditions
+    states_hash: str | None = None
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """The outcome of a replay.
+
+    Attributes:
+        hz: control rate of the rollout.
+        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored.
+    """
+
+    scene: Scene
+    policy: str
+    outcome: Outcome
+    hz: int
+    same: bool | None
+
+    @property
+    def rollout(self) -> Rollout | None:
+        """None for an invalid scene."""
+        return next(iter(self.outcome.rollouts), None)
+
+    def report(self) -> dict[str, Any]:
+        """The outcome by name, as JSON."""
+        outcome, rollout = self.outcome, self.rollout
+        return {
+            "scene": self.scene.digest,
+            "task": self.scene.task,
+            "instruction": " / ".join(self.scene.instructions),
+            "policy": self.policy,
+            "verdict": outcome.verdict.name.lower(),
+            "lost stage": outcome.lost_stage,
+            "reached": list(rollout.reached) if rollout else [],
+            "progress": round(outcome.progress, 4),
+            "steps": rollout.steps if rollout else 0,
+            "success at end": rollout.success_at_end if rollout else None,
+            "same trajectory as stored": self.same,
+            "detail": outcome.detail,
+        }
+
+    def trace(self) -> dict[str, Any] | None:
+        """Scene, progress and actions per step, as JSON; None without a rollout."""
+        rollout = self.rollout
+        if rollout is None:
+            return None
+        return {
+            "scene": json.loads(self.scene.to_json()),
+            "progress": [round(float(value), 5) for value in rollout.trace],
+            "actions": [[round(float(value), 6) for value in action] for action in rollout.actions],
+            "reached": list(rollout.reached),
+            "states_hash": rollout.states_hash,
+        }
+
+
+def find(source: Path, digest: str | None = None) -> Replayable:
+    """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
+
+    Raises:
+        UsageError: there is no such file or scene.
+    """
+    if not source.is_file():
+        raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
+    if is_store(source):
+        with Store.open(source) as store:
+            return _find_in_store(store, digest)
+    scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
+    if not scenes:
+        raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
+    return _never_run(scenes[0])
+
+
+def replay(
+    wanted: Replayable,
+    policy: str | None = None,
+    recording: Recording | None = None,
+    *,
+    must_see: bool = False,
+) -> Replayed:
+    """Roll a policy out in a scene, without checking whether the scene is fair.
+
+    Args:
+        policy: another one than that of the conditions.
+        recording: keeps frames and observations.
+        must_see: whether to refuse policies without pictures.
+
+    Raises:
+        UsageError: the policy gets no pictures.
+        VlafuzzError: policy or simulator broke.
+    """
+    name = policy or wanted.conditions.policy
+    made, scene = make_policy(name), wanted.scene
+    if must_see and not made.spec.cameras and not made.spec.silhouettes:
+        made.close()
+        raise UsageError(f"policy {name!r} asks for no pictures", hint="leave --seen out")
+    once = replace(wanted.conditions, repeats=1)
+    with closing(make_evaluator(once, made, recording=recording, checked=False)) as evaluator:
+        outcome = evaluator.evaluate([scene])[0]
+    if outcome.verdict is Verdict.ERROR:
+        raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
+    same = None
+    if wanted.states_hash is not None and outcome.rollouts and name == wanted.conditions.policy:
+        same = outcome.rollouts[0].states_hash == wanted.states_hash
+    return Replayed(scene, name, outcome, rig(scene.robot).control_hz or made.spec.action.hz, same)
+
+
+def _find_in_store(store: Store, digest: str | None) -> Replayable:
+    runs = list(reversed(store.runs()))
+    if digest is None:
+        findings = store.findings()
+        if not findings:
+            raise UsageError(f"{store.path}: no scene failed", hint=_example(_rolled_out(store)))
+        scene = findings[0].scene
+    else:
+        scene = store.scene(digest)
+    for run in runs:
+        for trial in store.trials(run.id):
+            if trial.scene.digest == scene.digest and trial.outcome.rollouts:
+                return Replayable(scene, run.manifest, trial.outcome.rollouts[0].states_hash)
+    keys = {
+        triaged.policy_key
+        for triaged in store.triaged()
+        if scene in (triaged.shrunk, *triaged.counterparts.values())
+    }
+    manifest = next((run.manifest for run in runs if run.manifest.key() in keys), None)
+    return _never_run(scene) if manifest is None else Replayable(scene, manifest)
+
+
+def _rolled_out(store: Store) -> Iterable[Trial]:
+    return (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
+
+
+def _example(trials: Iterable[Trial]) -> str:
+    digest = next((trial.scene.digest[:12] for trial in trials), None)
+    return f"give the digest of a scene that passed: {digest}" if digest else "none of its scenes was run"
+
+
+def _never_run(scene: Scene) -> Replayable:
+    packs = packs_of(placement.object for placement in scene.placements)
+    return Replayable(scene, Conditions(task=scene.task, policy=default_policy(), packs=packs_json(packs)))

@@ -1,0 +1,103 @@
+"""Export scenes for other programs: as files of scenes, or as demonstrations to train with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
+from vlafuzz.files import reason
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.formats.sources import read_scene_file
+from vlafuzz.formats.vlatest.original import as_original
+from vlafuzz.formats.vlatest.write import write_vlatest
+from vlafuzz.integrations.demonstrations import Demonstration, Demonstrations
+from vlafuzz.objects import load_catalogue
+from vlafuzz.objects.packs import packs_of
+from vlafuzz.regression.export import UNSOLVED
+from vlafuzz.regression.folder import whole
+from vlafuzz.scene import Scene
+from vlafuzz.store.store import Store
+from vlafuzz.watch import SILENT, Watch
+
+SCENE_FILES = (".jsonl", ".json")  # they have neither runs nor verdicts
+
+Chosen = Literal["failed", "passed", "all"]
+
+
+class Exported(NamedTuple):
+    """How many were written; how many were left out, by reason."""
+
+    written: int
+    left_out: Mapping[str, int]
+
+
+def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> list[Scene]:
+    """The distinct scenes of a store with a verdict; all scenes of a file, VLATest's unchanged.
+
+    Raises:
+        UsageError: ``run`` is given for a file of scenes.
+    """
+    if source.suffix in SCENE_FILES:
+        if run is not None:
+            raise UsageError(
+                f"--run {run}: {source} is a file of scenes, not a store", hint="leave out --run"
+            )
+        return read_scene_file(source, load_catalogue(), "original").scenes()
+    with Store.open(source) as store:
+        if chosen == "failed":
+            return list(dict.fromkeys(finding.scene for finding in store.findings(run)))
+        runs = [stored.id for stored in store.runs()] if run is None else [run]
+        trials = (trial for number in runs for trial in store.trials(number))
+        scenes = (trial.scene for trial in trials if chosen in ("all", trial.outcome.verdict.name.lower()))
+        return list(dict.fromkeys(scenes))
+
+
+def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
+    """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``.
+
+    Raises:
+        UsageError: it cannot be written.
+    """
+    left_out: Mapping[str, int] = {}
+    try:
+        if layout == "vlafuzz":
+            write_scenes(out, scenes)
+        else:
+            ours = (scene for scene in scenes if not as_original(scene))  # originals are written unchanged
+            names = (placement.object for scene in ours for placement in scene.placements)
+            left_out = write_vlatest(out, scenes, load_catalogue(packs=packs_of(names)))
+    except OSError as error:
+        message = f"{out}: cannot be written: {reason(error)}"
+        raise UsageError(message, hint="give --out in a folder that exists") from None
+    return Exported(len(scenes) - sum(left_out.values()), left_out)
+
+
+def write_demonstrations(source: Path, out: Path, run: int | None = None, watch: Watch = SILENT) -> Exported:
+    """Replay the witnesses of failures and write those that succeed as a data set of LeRobot.
+
+    Raises:
+        PrerequisiteError: LeRobot is not installed.
+        CorpusError: no witness solves its scene here.
+    """
+    try:
+        from vlafuzz.integrations.lerobot import write_dataset
+    except ModuleNotFoundError as error:
+        message = f"--format lerobot needs the package {error.name!r}"
+        raise PrerequisiteError(message, hint="pip install 'vlafuzz[lerobot]'") from None
+
+    demonstrations = Demonstrations(source, run)
+    total = len(demonstrations.proofs)
+
+    def solved() -> Iterator[Demonstration]:
+        for number, demonstration in enumerate(demonstrations.play(), start=1):
+            watch.progress("witnesses played", number, total)
+            if demonstration is not None:
+                yield demonstration
+
+    with whole(out) as folder:
+        written = write_dataset(solved(), folder, demonstrations.hz, demonstrations.robot)
+        if not written:
+            raise CorpusError(f"{source}: no witness solves its scene here", hint="`vlafuzz triage` it here")
+    return Exported(written, {UNSOLVED: total - written} if total > written else {})

@@ -1,0 +1,84 @@
+"""Compare a policy with a baseline in the scenes of a corpus, both in the simulator as far as necessary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from vlafuzz.regression import regress
+from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.pairs import Probe, probes
+from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
+from vlafuzz.store.records import Manifest
+from vlafuzz.triage import scene_runner
+from vlafuzz.watch import SILENT, Watch
+
+
+def compare_policies(
+    folder: Path,
+    corpus: Corpus,
+    policy: str,
+    baseline: str | None = None,
+    *,
+    alpha: float = 0.05,
+    max_rollouts: int | None = None,
+    watch: Watch = SILENT,
+) -> Comparison:
+    """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
+
+    Args:
+        folder: of the corpus, for messages.
+        baseline: None for the outcomes that the corpus recorded of its own policy; a stochastic policy is
+            rolled out instead.
+    """
+
+    def progress(now: regress.Progress) -> None:
+        watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
+
+    scenes = probes(corpus)
+    with ExitStack() as stack:
+        new = stack.enter_context(closing(_rerun(folder, corpus, policy, watch)))
+        if baseline is None and not (new.deterministic and regress.records_hold(corpus)):
+            baseline = corpus.policy
+            watch.note(
+                "note: a stochastic policy cannot be compared fairly with recorded outcomes, which were "
+                f"selected; {baseline} rolls out beside it, as the baseline"
+            )
+        old: Side = Recorded(f"{corpus.policy} as recorded")
+        if baseline is not None:
+            old = stack.enter_context(closing(_rerun(folder, corpus, baseline, watch)))
+        watch.note(_estimate(corpus, scenes, new, old, max_rollouts))
+        return regress.compare(scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, watch=progress)
+
+
+def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
+    """A policy that rolls out; notes which conditions differ from those of the corpus."""
+    changed: dict[str, None] = {}
+
+    def make(run: Manifest) -> scene_runner.SimulatorSceneRunner:
+        runner = scene_runner.SimulatorSceneRunner(folder, run, policy)
+        # A corpus is always older than the commit, and another policy has another spec.
+        expected = {"commit"} | ({"spec", "source"} if policy != run.policy else set())
+        changed.update(dict.fromkeys(name for name in runner.changed if name not in expected))
+        if runner.renderer is not None and corpus.renderer not in (None, runner.renderer):
+            changed["renderer"] = None
+        return runner
+
+    rerun = Rerun(policy, corpus.runs, make)
+    if changed:
+        watch.note(
+            f"note: {policy} runs under other conditions than the corpus: its {', '.join(changed)} differ; "
+            f"`--baseline {corpus.policy}` runs both under the same"
+        )
+    return rerun
+
+
+def _estimate(corpus: Corpus, scenes: Sequence[Probe], new: Side, old: Side, most: int | None) -> str:
+    """How long it may take, at the speed of the corpus's own rollouts."""
+    sides = 1 if isinstance(old, Recorded) else 2
+    rollouts = sides * regress.most_rollouts(scenes, new, old, most)
+    evidence = corpus.evidence
+    known = evidence.triage_rollouts + evidence.expert_rollouts
+    took = f", about {rollouts * evidence.seconds / known:.0f} s at the corpus's own speed" if known else ""
+    return f"{len(scenes)} scenes, at most {rollouts} rollouts{took}"
