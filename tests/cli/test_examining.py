@@ -139,7 +139,7 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
     assert run(tmp_path, f"{HERE}:deaf") == 0
     shown = capsys.readouterr()
     label = json.loads(shown.out)["checkup"]
-    assert label.startswith("deaf: it does the same whatever it is told")
+    assert label.startswith("deaf: it ignores its instruction")
     assert label in shown.err
     with Store.open(tmp_path / "a.db") as store:
         assert store.runs()[0].manifest.checkup == label

@@ -15,6 +15,7 @@ from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 CAMERA = CameraRequest("front", 128, 128)
 SEEING = PolicySpec("seeing", cameras=(CAMERA,), state=True)
 RNG = np.random.default_rng(0)
+GONE = Break(where="after 5 answers", cause="connect", message="gone", hint=None)
 WALK = np.hstack([RNG.normal(0, 0.02, (20, 6)), np.ones((20, 1))])
 
 
@@ -76,7 +77,7 @@ def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(
 def answers(spec: PolicySpec = SEEING, noise: float = 0.0) -> tuple[Answers, list[np.ndarray]]:
     """Of six moments, and what they are without noise."""
     once = [np.full((1, 7), 0.01 * number) for number in range(6)]
-    return Answers(spec, once, [each + noise for each in once]), once
+    return Answers(spec, once, [answer + noise for answer in once]), once
 
 
 def test_who_says_deterministic_has_to_be():
@@ -89,7 +90,7 @@ def test_who_says_deterministic_has_to_be():
 def test_last_digits_that_depend_on_the_company_are_a_warning_and_an_exchange_is_refused():
     known, once = answers()
     assert verdicts.on_batch(SEEING, known, once).verdict == "ok"
-    assert verdicts.on_batch(SEEING, known, [each + 1e-7 for each in once]).verdict == "warn"
+    assert verdicts.on_batch(SEEING, known, [answer + 1e-7 for answer in once]).verdict == "warn"
     crossed = verdicts.on_batch(SEEING, known, once[::-1])
     assert (crossed.verdict, crossed.follows.partition(":")[0]) == ("refuse", "mixed up")
     alike = verdicts.on_batch(SEEING, known, [once[0]] * 6)
@@ -99,7 +100,7 @@ def test_last_digits_that_depend_on_the_company_are_a_warning_and_an_exchange_is
 def test_an_answer_may_take_as_long_as_its_actions_last():
     assert verdicts.on_speed(SEEING, [9.0, 0.3, 0.3], steps=2).verdict == "ok"
     slow = verdicts.on_speed(SEEING, [9.0, 0.5, 0.5], steps=2)
-    assert (slow.verdict, slow.found) == ("warn", "0.5 s an answer, which lasts for 0.4 s at 5 Hz")
+    assert (slow.verdict, slow.found) == ("warn", "an answer takes 0.5 s, and lasts for 0.4 s at 5 Hz")
 
 
 @pytest.mark.parametrize(("solved", "verdict"), [(10, "ok"), (5, "ok"), (4, "warn"), (0, "refuse")])
@@ -112,14 +113,14 @@ def test_who_solves_no_nominal_scene_says_nothing_about_others(solved: int, verd
 @pytest.mark.parametrize(("broken", "verdict"), [(0, "ok"), (1, "warn"), (2, "refuse")])
 def test_a_rollout_may_break_once(broken: int, verdict: str):
     outcomes = [passed()] * 8 + [Outcome.error("policy: connect: gone")] * broken
-    check = verdicts.on_rollouts(outcomes, [Break("after 5 answers", "connect", "gone", None)][:broken])
+    check = verdicts.on_rollouts(outcomes, [GONE][:broken])
     assert check.verdict == verdict
     assert verdicts.on_nominal(outcomes).found.startswith("succeeds in 8 of 8 ")
 
 
 def test_rollouts_that_had_to_be_begun_again_are_a_warning():
-    check = verdicts.on_rollouts([passed()] * 8, [Break("after 5 answers", "connect", "gone", None)])
-    assert (check.verdict, check.found) == ("warn", "8 rollouts to their end, 1 begun again")
+    check = verdicts.on_rollouts([passed()] * 8, [GONE])
+    assert (check.verdict, check.found) == ("warn", "8 rollouts completed, 1 restarted")
 
 
 def test_a_simulator_that_breaks_is_told_apart_from_the_policy():

@@ -13,7 +13,9 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.scene import Scene
 
-ONE, OTHER, THIRD = (Correction(name, f"turn {name} round") for name in ("one", "other", "third"))
+ONE, OTHER, THIRD = (
+    Correction(fault=name, advice=f"turn {name} round") for name in ("one", "other", "third")
+)
 SPEC = PolicySpec("any")
 Roll = Callable[[Scene, Correction | None], Outcome]
 
@@ -28,7 +30,8 @@ def test_the_correction_that_helps_is_named_with_what_to_do():
     found = check(lambda _, tried: passed() if tried is OTHER else failed(0.2))
     assert (found.verdict, found.follows) == ("refuse", "miswired: turn other round")
     assert (
-        found.found == "other: put right, its progress from 0.20 to 1.00 in 5 scenes like those that it lost"
+        found.found
+        == "other: correcting this raises its progress from 0.20 to 1.00 in 5 scenes like those that failed"
     )
 
 

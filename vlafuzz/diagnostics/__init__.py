@@ -1,1 +1,1 @@
-"""Whether a policy is what it should be before its failures are believed."""
+"""Checks of a policy before its failures are believed, and of this machine."""

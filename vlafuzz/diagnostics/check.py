@@ -1,4 +1,4 @@
-"""Check: one row of what the doctor says."""
+"""Check: one row of the doctor's report."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ Rating = Literal["ok", "warn", "refuse"]
 
 
 class Check(NamedTuple):
-    """One row: ``refuse`` means that nothing is to be run before this is put right.
+    """The result of one check; ``refuse`` means that it must be corrected before anything is run.
 
     Attributes:
-        check: what was looked at.
-        found: what there is, with figures.
-        follows: from it, and what to do; empty where all is well.
+        check: name of what was checked.
+        found: the observation, with figures.
+        follows: the consequence, and what to do; empty when all is well.
     """
 
     check: str
@@ -24,7 +24,7 @@ class Check(NamedTuple):
 
 
 def until_refused(checks: Iterable[Check]) -> Iterator[Check]:
-    """Up to the first that is refused: what comes after it would only show the same fault again."""
+    """The checks up to the first refusal: later ones would only show the same fault again."""
     for check in checks:
         yield check
         if check.verdict == "refuse":

@@ -1,4 +1,4 @@
-"""Corrections: what may be wrong between a policy and the robot, each with what would put it right."""
+"""Corrections: possible faults between a policy and the robot, with transformations that undo them."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ Matrix = Sequence[Sequence[int]]
 _SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Correction:
-    """One thing that is put right on the way to the policy or from it.
+    """A transformation of pictures on their way to the policy, or of actions on their way back.
 
     Attributes:
-        fault: what is wrong if this helps, in a sentence's end.
-        advice: what the user does about it.
-        actions: of a chunk, ``(steps, 7)`` in the units of the spec.
+        fault: what is wrong if the correction helps.
+        advice: what the user should change.
+        actions: transforms a chunk ``(steps, 7)`` in the units of the spec.
+        picture: transforms one picture.
     """
 
     fault: str
@@ -34,7 +35,7 @@ class Correction:
 
 
 class Corrected(Lent):
-    """A policy with a correction that can be exchanged; None for as it is."""
+    """A policy with an exchangeable correction; None for the policy as it is."""
 
     correction: Correction | None = None
 
@@ -48,13 +49,13 @@ class Corrected(Lent):
         chunks = super().act(observations)
         if correction.actions is None:
             return chunks
-        return [ActionChunk(correction.actions(np.array(each.actions), self.spec)) for each in chunks]
+        return [ActionChunk(correction.actions(np.array(chunk.actions), self.spec)) for chunk in chunks]
 
 
 def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
-    """Those that make sense for a policy whose longest chunk has so many actions.
+    """The corrections that apply to a policy whose longest chunk has ``longest`` actions.
 
-    Lengths come last: shorter moves make up for much that is wrong, late actions above all.
+    Scales come last, since shorter moves make up for many other faults, above all for delayed actions.
     """
     late = (_late(number) for number in range(1, min(longest, 3)))
     return [*_ACTIONS, *late, *(_PICTURES if spec.cameras else ()), *_LENGTHS]
@@ -66,36 +67,36 @@ def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observ
 
 
 def _axes(fault: str, moves: Matrix = _SAME, turns: Matrix = _SAME) -> Correction:
-    """Moves and turns along other axes: ``(3, 3)`` each."""
+    """Translations and rotations in another frame, by ``(3, 3)`` matrices."""
 
     def actions(chunk: Array, _: PolicySpec) -> Array:
         chunk[:, :3] = chunk[:, :3] @ np.transpose(moves)
         chunk[:, 3:6] = chunk[:, 3:6] @ np.transpose(turns)
         return chunk
 
-    return Correction(fault, "give moves and turns in the frame of the robot's base", actions)
+    advice = "give moves and turns in the frame of the robot's base"
+    return Correction(fault=fault, advice=advice, actions=actions)
 
 
 def _scaled(factor: float) -> Correction:
-    """Moves of another length."""
+    """Translations of another length."""
 
     def actions(chunk: Array, _: PolicySpec) -> Array:
         chunk[:, :3] *= factor
         return chunk
 
     scale = f"{factor:g} times" if factor > 1 else f"1/{1 / factor:g} of"
-    return Correction(
-        "its moves have the wrong length", f"make position_scale {scale} what it is, or near that", actions
-    )
+    advice = f"make position_scale about {scale} its present value"
+    return Correction(fault="its moves have the wrong length", advice=advice, actions=actions)
 
 
 def _late(number: int) -> Correction:
-    """Without the first actions of each chunk."""
+    """Drops the first actions of each chunk."""
     steps = f"{number} step{'s' * (number > 1)}"
     return Correction(
-        f"its chunks begin {steps} too early",
-        f"answer with what is to be done now: the first {steps} of each chunk are of before",
-        lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
+        fault=f"its chunks begin {steps} too early",
+        advice=f"begin chunks with the action for the current step: the first {steps} are in the past",
+        actions=lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
     )
 
 
@@ -117,30 +118,34 @@ _ACTIONS = (
     _axes("its frame is turned by half about z", _HALF, _HALF),
     replace(
         _axes("its yaw has the wrong sign", turns=((1, 0, 0), (0, 1, 0), (0, 0, -1))),
-        advice="turn it the other way: a negative rotation_scale, where the other turns are wrong, too",
+        advice="turn it the other way: a negative rotation_scale, if the other turns are wrong, too",
     ),
-    Correction("its gripper opens where it should close", "give the other convention of gripper=", _grip),
+    Correction(
+        fault="its gripper opens where it should close",
+        advice="give the other convention of gripper=",
+        actions=_grip,
+    ),
 )
 _LENGTHS = tuple(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20))
 _PICTURES = (
     Correction(
-        "it gets red and blue exchanged",
-        "its model was trained on BGR pictures: exchange the channels before it sees them",
+        fault="it gets red and blue exchanged",
+        advice="its model was trained on BGR pictures: exchange the channels before the model sees them",
         picture=lambda picture: picture[..., ::-1],
     ),
     Correction(
-        "it gets its pictures upside down",
-        "turn them over before the model sees them",
+        fault="it gets its pictures upside down",
+        advice="flip them before the model sees them",
         picture=lambda picture: picture[::-1],
     ),
     Correction(
-        "it gets its pictures mirrored",
-        "mirror them before the model sees them",
+        fault="it gets its pictures mirrored",
+        advice="mirror them before the model sees them",
         picture=lambda picture: picture[:, ::-1],
     ),
     Correction(
-        "it gets its pictures turned by half",
-        "turn them by 180 degrees before the model sees them, as LIBERO's have to be",
+        fault="it gets its pictures turned by half",
+        advice="turn them by 180 degrees before the model sees them, as LIBERO requires",
         picture=lambda picture: picture[::-1, ::-1],
     ),
 )

@@ -1,4 +1,4 @@
-"""Exam: a policy in the simulator, observed, asked again and corrected."""
+"""Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.diagnostics import verdicts
 from vlafuzz.diagnostics.check import Check, until_refused
 from vlafuzz.diagnostics.corrections import Corrected, Correction, corrections
-from vlafuzz.diagnostics.interview import Interview
-from vlafuzz.diagnostics.probes import moved, sights, told
+from vlafuzz.diagnostics.probes import Interview, moved, reworded, sights
 from vlafuzz.diagnostics.recorder import Break, Recorder
 from vlafuzz.diagnostics.wiring import check_wiring
 from vlafuzz.errors import PolicyError, SimulatorError
@@ -28,18 +27,18 @@ from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say
 
-TARGETS = ("target-type", "target-position", "target-orientation")  # what varies in nominal scenes
+TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
-SCENES, ANSWERS = 3, 8  # in which it is observed, and how long in each
-UNFAIR = 10  # scenes are drawn for one that is fair, at most
-BROKEN = 2  # rollouts break before the others are spared
+SCENES, ANSWERS = 3, 8  # scenes in which the policy is observed, and answers in each
+UNFAIR = 10  # scenes drawn per fair one, at most
+BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 
 
 class Exam:
-    """One policy in one task. From here on, seconds go by; the policy stays open.
+    """One policy in one task. It loads the simulator, which takes seconds; the policy stays open.
 
     Args:
-        manifest: of the run that is to come of it.
+        manifest: of the planned run.
     """
 
     def __init__(self, manifest: Manifest, policy: Policy) -> None:
@@ -50,23 +49,23 @@ class Exam:
         self._evaluator = make_evaluator(once, self._recorder)
         self._manifest, self._catalogue = manifest, stored_catalogue(manifest)
         self._nominal = self._drawn(TARGETS)
-        self._outcomes: list[tuple[Scene, Outcome]] = []  # of whole rollouts in nominal scenes
-        self._otherwise: dict[str, str] = {}  # what names another thing on the table
+        self._outcomes: list[tuple[Scene, Outcome]] = []  # of complete rollouts in nominal scenes
+        self._rewordings: dict[str, str] = {}  # instructions that name another object on the table
 
     def close(self) -> None:
-        """Let go of the simulator."""
+        """Close the simulator."""
         self._evaluator.close()
 
     def quick(self) -> Iterator[Check]:
-        """What seconds tell, up to the first that is refused."""
-        return until_refused(self._guarded(self._asked(quick=True)))
+        """The checks that take seconds, up to the first refusal."""
+        return until_refused(self._guarded(self._probed(quick=True)))
 
     def thorough(self, n: int) -> Iterator[Check]:
-        """All checks, with ``n`` nominal rollouts and more where they fail, up to the first that is refused.
+        """All checks up to the first refusal, with ``n`` nominal rollouts, and more where they fail.
 
-        That it cannot do the task does not end them: what is miswired may be why.
+        A policy that cannot do the task is still checked for wiring, which may be the reason.
         """
-        checks = chain(self._guarded(self._asked(quick=False)), self._lasting(n))
+        checks = chain(self._guarded(self._probed(quick=False)), self._lasting(n))
         verdict = "ok"
         for check in until_refused(checks):
             verdict = check.verdict
@@ -76,15 +75,15 @@ class Exam:
             candidates = corrections(self._spec, self._recorder.longest)
             yield check_wiring(self._outcomes, self._nominal, candidates, self._roll)
 
-    def _asked(self, *, quick: bool) -> Iterator[Check]:
+    def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
         yield verdicts.on_spec(spec)
         yield self._observe()
-        yield verdicts.on_actions(spec, np.concatenate([each.executed for each in recorder.moments]))
+        yield verdicts.on_actions(spec, np.concatenate([moment.executed for moment in recorder.moments]))
         interview = Interview(self._policy, recorder.moments)
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
-        hearing = None if spec.privileged else interview.change(told(self._otherwise))
+        hearing = None if spec.privileged else interview.change(reworded(self._rewordings))
         yield verdicts.on_hearing(hearing)
         if not quick:
             yield verdicts.on_proprioception(interview.change(moved) if spec.state else None)
@@ -97,19 +96,19 @@ class Exam:
         yield verdicts.on_rollouts([outcome for _, outcome in self._outcomes], self._recorder.breaks)
 
     def _guarded(self, checks: Iterator[Check]) -> Iterator[Check]:
-        """A policy that breaks while it is asked again is a row, too."""
+        """The checks; when the policy breaks during a probe, that becomes a check, too."""
         try:
             yield from checks
         except PolicyError as error:
             yield verdicts.on_break(Break.of(error, "when it was asked again about moments"), first=False)
 
     def _observe(self) -> Check:
-        """Record how some rollouts begin, among several things."""
+        """Record the beginnings of some rollouts in cluttered scenes."""
         recorder, seen = self._recorder, 0
         recorder.most = ANSWERS
         for scene in islice(self._drawn(TARGETS + CLUTTER), SCENES * UNFAIR):
             if scene.confounders:
-                self._otherwise[scene.instruction] = self._misnamed(scene)
+                self._rewordings[scene.instruction] = self._misnamed(scene)
             outcome = self._roll(scene)
             if recorder.broken:
                 return verdicts.on_break(recorder.broken, first=not recorder.moments)
@@ -126,7 +125,7 @@ class Exam:
         return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
 
     def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:
-        """Fair scenes, until ``n`` are rolled out or it keeps breaking."""
+        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking."""
         rolled = broken = 0
         for scene in islice(self._nominal, n * UNFAIR):
             outcome = self._roll(scene)
@@ -138,16 +137,17 @@ class Exam:
                 return
 
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
-        """Ever others, in which these operators vary."""
+        """An endless series of scenes in which these operators vary."""
         manifest = self._manifest
         operators = stored_operators(Path("the run"), manifest).only(vary)
         space = SearchSpace(operators, self._catalogue, manifest.task, manifest.robot)
         return (space.sample(np.random.default_rng([manifest.seed, number])) for number in count())
 
     def _misnamed(self, scene: Scene) -> str:
-        """Its instruction, with the name of a confounder in place of the first target's."""
-        named = (scene.confounders[0], *scene.targets[1:])
-        return say(load_wordings()[scene.task][0], [self._catalogue[each.object].spoken for each in named])
+        """The scene's instruction, with the name of a confounder in place of the first target's."""
+        objects = (scene.confounders[0], *scene.targets[1:])
+        names = [self._catalogue[placed.object].spoken for placed in objects]
+        return say(load_wordings()[scene.task][0], names)
 
     def _roll(self, scene: Scene, correction: Correction | None = None) -> Outcome:
         self._corrected.correction = correction

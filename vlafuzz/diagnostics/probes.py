@@ -1,4 +1,4 @@
-"""Probes: a moment of a real rollout with one thing in it changed, shown to the policy again."""
+"""Probes: show a policy recorded moments of its rollouts again, with one thing changed."""
 
 from __future__ import annotations
 
@@ -10,32 +10,80 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.wire import with_retries
+from vlafuzz.diagnostics.answers import Answers, Change
 from vlafuzz.diagnostics.recorder import Moment
 from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.harness import blamed_on, check_chunks
 
 Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
+FEW, MANY = 6, 24  # moments for a deterministic policy, and for a stochastic one
 
-# What the policy is shown in place of a moment; the second one is of another scene.
+# The moment to show in place of the first one; the second one is of another scene.
 Probe = Callable[[Moment, Moment], Moment]
 _numbers = itertools.count()
 
 
+class Interview:
+    """Asks a policy again about moments of several scenes, each as a rollout of its own.
+
+    Raises:
+        PolicyError: the policy breaks; the methods raise it, too.
+
+    Attributes:
+        answers: to the unchanged moments.
+    """
+
+    def __init__(self, policy: Policy, recorded: Sequence[Moment]) -> None:
+        self._policy, self._recorded = policy, recorded
+        for number in (FEW, MANY):
+            self._moments = _spread(recorded, number)
+            self.answers = Answers(policy.spec, self._ask(same), self._ask(same))
+            if not self.answers.noise.any():
+                break
+
+    def change(self, probe: Probe) -> Change:
+        """The effect of a probe on the answers."""
+        return self.answers.change(self._ask(probe))
+
+    def together(self) -> list[Array]:
+        """The answers in batches of the maximal size."""
+        most = self._policy.spec.max_batch
+        groups = (self._moments[first : first + most] for first in range(0, len(self._moments), most))
+        return [answer for group in groups for answer in ask(self._policy, group)]
+
+    def _ask(self, probe: Probe) -> list[Array]:
+        return [ask(self._policy, [probe(moment, self._other(moment))])[0] for moment in self._moments]
+
+    def _other(self, moment: Moment) -> Moment:
+        """The moment of another scene at the most similar step."""
+
+        def unlike(other: Moment) -> tuple[bool, int]:
+            return other.start.episode == moment.start.episode, abs(other.seen.step - moment.seen.step)
+
+        return min(self._recorded, key=unlike)
+
+
+def _spread(moments: Sequence[Moment], number: int) -> list[Moment]:
+    """At most ``number`` moments, evenly spread from the first to the last."""
+    chosen = np.linspace(0, len(moments) - 1, min(number, len(moments))).round().astype(int)
+    return [moments[index] for index in chosen]
+
+
 def same(moment: Moment, _: Moment) -> Moment:
-    """Nothing is changed."""
+    """No change."""
     return moment
 
 
 def black(moment: Moment, _: Moment) -> Moment:
-    """The light is off: black pictures, no outlines."""
+    """No light: black pictures, no outlines."""
     images = {name: np.zeros_like(picture) for name, picture in moment.seen.images.items()}
     outlines = moment.seen.outlines and Outlines((), None, moment.seen.outlines.table)
     return _shown(moment, replace(moment.seen, images=images, outlines=outlines))
 
 
 def noise(moment: Moment, _: Moment) -> Moment:
-    """Pictures of noise; the same one again for the same moment."""
+    """Pictures of noise, reproducible for the moment."""
     rng = np.random.default_rng([moment.start.seed, moment.seen.step])
     images = {
         name: rng.integers(0, 256, picture.shape, np.uint8) for name, picture in moment.seen.images.items()
@@ -44,7 +92,7 @@ def noise(moment: Moment, _: Moment) -> Moment:
 
 
 def elsewhere(moment: Moment, other: Moment) -> Moment:
-    """What the eyes see is of another scene."""
+    """The view of another scene."""
     seen = other.seen
     return _shown(
         moment,
@@ -52,19 +100,19 @@ def elsewhere(moment: Moment, other: Moment) -> Moment:
     )
 
 
-def told(otherwise: Mapping[str, str]) -> Probe:
-    """Another instruction: what ``otherwise`` has for it, else the other scene's."""
+def reworded(rewordings: Mapping[str, str]) -> Probe:
+    """Another instruction: from ``rewordings``, else that of the other scene."""
 
     def probe(moment: Moment, other: Moment) -> Moment:
-        said = otherwise.get(moment.start.instruction, other.start.instruction)
-        start, seen = replace(moment.start, instruction=said), replace(moment.seen, instruction=said)
+        text = rewordings.get(moment.start.instruction, other.start.instruction)
+        start, seen = replace(moment.start, instruction=text), replace(moment.seen, instruction=text)
         return replace(moment, start=start, seen=seen)
 
     return probe
 
 
 def moved(moment: Moment, _: Moment) -> Moment:
-    """Proprioception says that the hand is elsewhere, and closed where it was open."""
+    """Proprioception of a displaced hand, closed where it was open and the reverse."""
     if moment.seen.state is None:
         return moment
     state = moment.seen.state.copy()
@@ -74,7 +122,7 @@ def moved(moment: Moment, _: Moment) -> Moment:
 
 
 def sights(spec: PolicySpec) -> Mapping[str, Probe]:
-    """What is to be changed for a policy that looks; nothing for one that asks for nothing to look at."""
+    """The visual probes for a policy, by name; the last one shows another scene. Empty for a blind spec."""
     if spec.cameras:
         return {"black pictures": black, "noise": noise, "another scene's picture": elsewhere}
     if spec.silhouettes:
@@ -83,19 +131,18 @@ def sights(spec: PolicySpec) -> Mapping[str, Probe]:
 
 
 def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
-    """The policy's answers, in a rollout of its own for each moment; all of them in one call.
+    """The policy's answers in one call, with a rollout of its own for each moment.
 
     Raises:
-        PolicyError: it breaks, and when that is the connection, more than once.
+        PolicyError: the policy breaks; a broken connection is retried first.
     """
     return with_retries(lambda: _ask(policy, moments))
 
 
 def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
-    begun = [replace(each.start, episode=f"checkup-{next(_numbers)}") for each in moments]
-    shown = [
-        replace(each.seen, episode=start.episode, step=0) for each, start in zip(moments, begun, strict=True)
-    ]
+    begun = [replace(moment.start, episode=f"checkup-{next(_numbers)}") for moment in moments]
+    pairs = zip(moments, begun, strict=True)
+    shown = [replace(moment.seen, episode=start.episode, step=0) for moment, start in pairs]
     try:
         with blamed_on(policy.spec.name):
             policy.reset(begun)

@@ -1,4 +1,4 @@
-"""Recorder: keeps what a policy is shown and answers, and how it breaks."""
+"""Recorder: keeps a policy's observations, answers and errors."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from vlafuzz.policies.harness import blamed_on, check_chunks
 
 
 class Lent:
-    """Passes everything on to a policy, which stays open when this is closed."""
+    """Forwards everything to a policy, which stays open when this wrapper is closed."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
 
     @property
     def spec(self) -> PolicySpec:
-        """The policy's own."""
+        """The spec of the policy."""
         return self._policy.spec
 
     def know(self, catalogue: Catalogue) -> None:
@@ -53,14 +53,14 @@ class Lent:
             self._policy.finish(episodes)
 
     def close(self) -> None:
-        """Nothing: it is only lent."""
+        """Nothing: the owner closes the policy."""
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What the policy was shown at a moment of a rollout.
+    """An observation of a rollout with the policy's answer.
 
-    ``executed``: of its answer, ``(steps, 7)`` in the units of the spec.
+    ``executed``: the part of the chunk that was executed, ``(steps, 7)`` in the units of the spec.
     """
 
     start: EpisodeStart
@@ -68,9 +68,9 @@ class Moment:
     executed: NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Break:
-    """The policy broke, ``where`` says when."""
+    """An error of the policy. ``where``: when it happened, as an adverbial for messages."""
 
     where: str
     cause: Cause
@@ -79,19 +79,19 @@ class Break:
 
     @staticmethod
     def of(error: PolicyError, where: str) -> Break:
-        """As the policy told it."""
-        return Break(where, error.cause, error.message, error.hint)
+        """The break for an error."""
+        return Break(where=where, cause=error.cause, message=error.message, hint=error.hint)
 
 
 class Recorder(Lent):
-    """Drives one rollout at a time.
+    """Records a policy that drives one rollout at a time.
 
     Attributes:
-        most: answers of a rollout, which are kept as ``moments``; after them it is cut off. None for no end,
-            with nothing kept.
-        breaks: of all rollouts; ``broken`` is that of the last one, which may have been begun again.
-        seconds: that each answer took.
-        longest: actions in a chunk.
+        most: number of answers after which a rollout is cut off, and which are kept as ``moments``; None for
+            complete rollouts, of which no moments are kept.
+        breaks: the breaks of all rollouts; ``broken``: that of the last rollout, which may be restarted.
+        seconds: duration of each answer.
+        longest: the number of actions in the longest chunk.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -119,7 +119,7 @@ class Recorder(Lent):
         """See ``Policy``."""
         assert self._start is not None
         if self._answers == self.most:
-            raise PolicyError("enough was seen of this rollout")  # which ends it, as the evaluator has it
+            raise PolicyError("enough was seen of this rollout")  # makes the evaluator end it
         began = time.perf_counter()
         try:
             with blamed_on(self.spec.name):

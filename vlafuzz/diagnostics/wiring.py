@@ -1,4 +1,4 @@
-"""Whether something between policy and robot is the wrong way round: then one correction helps, clearly."""
+"""Wiring: whether a swapped or inverted convention makes a policy fail; then one correction clearly helps."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression.e_process import wealth
 from vlafuzz.scene import Scene
 
-SCREENED = 2  # scenes in which every correction is tried
-CLEARLY = 0.1  # of progress, in a scene
-ALPHA = 0.05  # probability of naming a correction that does not help
-KEPT = 3  # scenes that were solved without it
-MOST = 25  # scenes for the one that seems to help most
+SCREENED = 2  # failed scenes in which every correction is tried
+CLEARLY = 0.1  # smallest difference in progress that counts
+ALPHA = 0.05  # significance level: probability of naming a correction that does not help
+KEPT = 3  # solved scenes in which the correction must do no harm
+MOST = 25  # further scenes for the best correction
 
 Roll = Callable[[Scene, Correction | None], Outcome]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Trial:
-    """One correction in further scenes: progress with it beside progress without it.
+    """One correction in further scenes: progress with it against progress without it.
 
-    It may be ended at any moment, see ``regress.martingale``.
+    The test is valid at any stopping time, see ``regression.e_process``.
     """
 
     pairs: int = 0
@@ -35,7 +35,7 @@ class Trial:
     corrected: float = 0.0
 
     def see(self, without: Outcome, corrected: Outcome) -> None:
-        """One more scene; one in which something broke does not count."""
+        """Add a scene; it does not count if a rollout was invalid or broke."""
         if min(without.verdict, corrected.verdict) < Verdict.PASSED:
             return
         gain = corrected.progress - without.progress
@@ -46,7 +46,7 @@ class Trial:
         self.corrected += corrected.progress
 
     def helps(self, more: int = 0) -> bool:
-        """Whether it does, or would if it did in so many more."""
+        """Whether the correction significantly helps, or would after ``more`` successes in a row."""
         return wealth(self.better + more, self.worse) >= 1 / ALPHA
 
 
@@ -56,61 +56,62 @@ def check_wiring(
     candidates: Sequence[Correction],
     roll: Roll,
 ) -> Check:
-    """Try all corrections where the policy failed, and the best of them in scenes like those.
+    """Try all corrections where the policy failed, then the best of them in similar scenes.
 
     Args:
         outcomes: of nominal scenes, without a correction.
-        fresh: nominal scenes that were not looked at yet.
-        roll: what comes of a scene with a correction.
+        fresh: further nominal scenes.
+        roll: rolls out a scene with a correction.
     """
-    lost = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
-    if not lost:
+    failed = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
+    if not failed:
         return Check("wiring", "it succeeds as it is: nothing to correct", "ok")
 
-    best, gain = _best(lost, candidates, roll)
+    best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
-        trial = _try(best, _alike([scene for scene, _ in lost], fresh), roll)
+        trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
         if trial.helps() and _keeps(best, outcomes, roll):
-            told = f"progress from {trial.without / trial.pairs:.2f} to {trial.corrected / trial.pairs:.2f}"
-            found = f"{best.fault}: put right, its {told} in {trial.pairs} scenes like those that it lost"
-            return Check("wiring", found, "refuse", f"miswired: {best.advice}")
+            before, after = trial.without / trial.pairs, trial.corrected / trial.pairs
+            rise = f"raises its progress from {before:.2f} to {after:.2f}"
+            detail = f"{best.fault}: correcting this {rise} in {trial.pairs} scenes like those that failed"
+            return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
     return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
 
 
 def _best(
-    lost: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
+    failed: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
 ) -> tuple[Correction, float]:
-    """The correction whose least gain is the largest; none is looked for after one with which all pass."""
+    """The correction with the largest minimal gain; the search stops when all scenes pass with one."""
     gains: dict[Correction, float] = {}
     for correction in candidates:
         gains[correction], passed = 1.0, 0
-        for scene, before in lost:
+        for scene, before in failed:
             corrected = roll(scene, correction)
             passed += corrected.verdict is Verdict.PASSED
             gains[correction] = min(gains[correction], corrected.progress - before.progress)
             if gains[correction] <= CLEARLY:
                 break
-        if passed == len(lost):
+        if passed == len(failed):
             break
     best = max(gains, key=gains.__getitem__)
     return best, gains[best]
 
 
 def _keeps(correction: Correction, outcomes: Sequence[tuple[Scene, Outcome]], roll: Roll) -> bool:
-    """Whether most of what was solved without it is solved with it: what puts right spoils nothing."""
-    won = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
-    return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in won) >= len(won)
+    """Whether at least half of the scenes solved without the correction are solved with it."""
+    solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
+    return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in solved) >= len(solved)
 
 
-def _alike(lost: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
-    """The same objects, turned in the same way, in fresh places: a fault may matter with few objects only."""
-    for scene, other in zip(cycle(lost), fresh, strict=False):
+def _alike(failed: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
+    """Scenes with the same objects and orientations in fresh places: a fault may affect few objects only."""
+    for scene, other in zip(cycle(failed), fresh, strict=False):
         pairs = zip(scene.targets, other.targets, strict=True)
-        yield replace(scene, targets=tuple(replace(each, x=there.x, y=there.y) for each, there in pairs))
+        yield replace(scene, targets=tuple(replace(target, x=place.x, y=place.y) for target, place in pairs))
 
 
 def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
-    """Until it is known to help, or cannot be any more."""
+    """Roll out scenes until the correction significantly helps, or cannot within ``MOST`` scenes."""
     trial = Trial()
     for number, scene in enumerate(scenes):
         if trial.helps() or not trial.helps(MOST - number):
