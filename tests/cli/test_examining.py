@@ -123,7 +123,7 @@ def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(
     assert run(tmp_path, f"{HERE}:constant") == 3
     told, hint = capsys.readouterr().err.splitlines()
     assert told.startswith(f"error: {HERE}:constant is not run: 24 times the same: 0.01, 0.01, 0.01")
-    assert hint.startswith("hint: constant: it does the same whatever it is shown")
+    assert hint.startswith("hint: constant: its actions do not depend on the scene")
     assert hint.endswith("--unchecked runs it all the same")
     assert not (tmp_path / "a.db").exists()
 
