@@ -7,9 +7,9 @@ import json
 import math
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from vlafuzz.errors import SceneError
 
@@ -22,13 +22,12 @@ def _quantity(unit: str, default: Any = MISSING) -> Any:
     return field(default=default, metadata={"unit": unit})
 
 
-def _later(default: Any, *, extra: bool = False) -> Any:
-    """A field younger than the first digests: at its default, the canonical JSON leaves it out.
+def _later(default: Any) -> Any:
+    """A field younger than the first digests: at its default, the canonical JSON leaves it out."""
+    return field(default=default, metadata={"later": True})
 
-    Args:
-        extra: the field is the part of the scene that an extra operator varies.
-    """
-    return field(default=default, metadata={"later": True, "extra": extra})
+
+_EXTRA = {"later": True, "extra": True}  # the part of a scene that an extra operator varies
 
 
 @dataclass(frozen=True)
@@ -87,6 +86,14 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Latency:
+    """``delay`` in control steps, from the policy's answer to its execution."""
+
+    __pydantic_config__ = _STRICT
+    delay: Annotated[int, Field(ge=0, le=100)] = _quantity(" steps", 0)
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
@@ -107,6 +114,7 @@ class Scene:
     schema: int = SCHEMA
     frame: str = _later("")
     then: tuple[str, ...] = _later(())
+    latency: Latency = field(default=Latency(), metadata=_EXTRA)
 
     @property
     def instructions(self) -> tuple[str, ...]:
@@ -187,7 +195,7 @@ def _canonical(value: Any) -> Any:
     if is_dataclass(value):
         shown = {part: getattr(value, part.name) for part in fields(value)}
         return {
-            part.name: item if str(part.type).startswith("int") else _canonical(item)
+            part.name: item if "int" in str(part.type) else _canonical(item)
             for part, item in shown.items()
             if not (part.metadata.get("later") and item == part.default)
         }

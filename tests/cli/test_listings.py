@@ -7,13 +7,14 @@ import pytest
 from vlafuzz.cli import main
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import OPERATORS
+from vlafuzz.space.operators import EXTRAS
 
 
 def test_operators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["operators", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [row["operator"] for row in rows] == list(OPERATORS)
-    assert {row["operator"] for row in rows if row["varies"] == "no"} == {"wording"}
+    assert {row["operator"] for row in rows if row["varies"] == "no"} == {"wording", *EXTRAS}
     assert rows[7]["range"] == "× 0.05 to 20, log-uniform"
 
 

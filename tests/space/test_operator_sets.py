@@ -6,10 +6,10 @@ import yaml
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.shipped import operators_dir
 from vlafuzz.space import OPERATORS, load_operators
-from vlafuzz.space.operators import ConfounderPosition, Light, TargetPosition
+from vlafuzz.space.operators import EXTRAS, ConfounderPosition, Light, TargetPosition
 
 SHIPPED = ("tabletop", "paper", "paper-rq1")
-THE_TEN = set(OPERATORS) - {"wording"}
+THE_TEN = set(OPERATORS) - {"wording"} - EXTRAS
 
 
 def write(folder: Path, text: str) -> Path:

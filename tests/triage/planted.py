@@ -9,14 +9,15 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.operators import OPERATORS
+from vlafuzz.space.operators import EXTRAS, OPERATORS
 from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.path import GROUPS
 from vlafuzz.validity import check_static
 
 STAGES = ("grasp", "lift", "success")
 CATALOGUE = load_catalogue()
-SPACE = SearchSpace(load_operators().only(list(OPERATORS)), CATALOGUE, "pick-up")
+SPACE = SearchSpace(load_operators().only(OPERATORS.keys() - EXTRAS), CATALOGUE, "pick-up")
+WITH_EXTRAS = SearchSpace(load_operators().only(OPERATORS), CATALOGUE, "pick-up")
 
 Condition = Callable[[Scene], bool]
 
@@ -44,7 +45,10 @@ CONDITIONS: dict[str, tuple[Condition, ...]] = {
     ),
     "wording": (lambda scene: scene.instruction != SPACE.nominal(like=scene).instruction,),
 }
-assert CONDITIONS.keys() == GROUPS.keys()
+EXTRA_CONDITIONS: dict[str, Condition] = {
+    "control-latency": lambda scene: scene.latency.delay > 1,
+}
+assert CONDITIONS.keys() | EXTRA_CONDITIONS.keys() == GROUPS.keys()
 
 
 @dataclass
@@ -53,6 +57,7 @@ class Planted:
 
     conditions: Sequence[Condition]
     lost: str = "grasp"
+    space: SearchSpace = SPACE
     asked: list[Scene] = field(default_factory=list)
     rollouts: int = 0
 
@@ -77,7 +82,7 @@ class Planted:
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""
         rng = np.random.default_rng(seed)
-        return next(scene for scene in iter(lambda: SPACE.sample(rng), None) if self.fails(scene))
+        return next(scene for scene in iter(lambda: self.space.sample(rng), None) if self.fails(scene))
 
 
 def fair(scene: Scene) -> bool:

@@ -103,6 +103,8 @@ class Extra(Operator):
             nominal = getattr(EXTRAS[self.part], field)
             if not (span.holds(nominal) if isinstance(span, Span) else nominal in span):
                 raise ValueError(f"{field} does not include {nominal}, its nominal value")
+            if isinstance(nominal, int) and isinstance(span, Span) and span.step % 1:
+                raise ValueError(f"{field} is a whole number, its step is {span.step:g}")
         return self
 
     @property

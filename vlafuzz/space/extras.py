@@ -3,5 +3,14 @@
 from __future__ import annotations
 
 from vlafuzz.space.base import Extra
+from vlafuzz.space.ranges import Span
 
-ALL: tuple[type[Extra], ...] = ()
+
+class ControlLatency(Extra):
+    """How many control steps late the policy's actions are executed."""
+
+    name, says, part = "control-latency", "how late actions are executed", "latency"
+    delay: Span
+
+
+ALL: tuple[type[Extra], ...] = (ControlLatency,)

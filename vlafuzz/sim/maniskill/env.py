@@ -31,6 +31,7 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
+from vlafuzz.sim.maniskill.latency import DelayedCommands
 from vlafuzz.sim.maniskill.lights import SceneLights
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import render_backend
@@ -97,12 +98,13 @@ class TabletopEnv(BaseEnv):
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self._aim()
+        self._commands = DelayedCommands(scene.latency)
         self.monitor = Monitor(self.task, self._models, start)
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
-        state = self.world.step(action, relative_to)
+        state = self.world.step(*self._commands.exchange(action, relative_to))
         self.monitor.observe(state)
         return state
 
@@ -126,7 +128,7 @@ class TabletopEnv(BaseEnv):
             camera=self._render_camera(third_person[0]).local_pose
             if third_person
             else sapien_pose(self.view),
-            extras={},
+            extras={"latency": self._commands.latency},
         )
 
     @property

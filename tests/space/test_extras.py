@@ -1,0 +1,155 @@
+"""The extra operators: off by default, and like the others when they vary."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.operators import operators_json, stored_operators
+from vlafuzz.errors import CatalogueError, SceneError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import EXTRAS as PARTS
+from vlafuzz.scene import Latency, Scene
+from vlafuzz.space import OPERATORS, SearchSpace, load_operators
+from vlafuzz.space.operators import EXTRAS
+from vlafuzz.tasks.tabletop import TASKS
+
+quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+tasks = pytest.mark.parametrize("task", TASKS)
+extras = pytest.mark.parametrize("name", sorted(EXTRAS))
+seeds = st.integers(0, 2**32 - 1)
+
+
+@cache
+def space(task: str = "pick-up", *vary: str) -> SearchSpace:
+    return SearchSpace(load_operators().only(vary or OPERATORS), load_catalogue(), task)
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_with_all_operators_on_every_decoded_scene_comes_back(task: str, seed: int) -> None:
+    scene = space(task).decode(np.random.default_rng(seed).random(space(task).dim))
+    again = space(task).decode(space(task).encode(scene))
+    assert again == scene
+    assert Scene.from_json(scene.to_json()) == scene
+    assert Scene.from_json(scene.to_json()).digest == scene.digest
+
+
+@tasks
+@quickly
+@given(seed=seeds)
+def test_random_scenes_vary_every_extra_that_is_on(task: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    drawn = [space(task).sample(rng) for _ in range(8)]
+    for part, nominal in PARTS.items():
+        assert any(getattr(scene, part) != nominal for scene in drawn)
+    assert [space(task).decode(space(task).encode(scene)) for scene in drawn] == drawn
+
+
+@extras
+def test_an_extra_alone_varies_its_part_of_the_scene_and_can_be_reset(name: str) -> None:
+    one = space("pick-up", name)
+    part = OPERATORS[name].part
+    farthest = one.decode(np.full(one.dim, 1.0))
+    assert getattr(farthest, part) != PARTS[part]
+    assert replace(farthest, **{part: PARTS[part]}) == one.nominal()
+    assert one.reset(farthest, [name]) == one.nominal()
+    assert one.severities(farthest)[name] > 0.5
+
+
+@extras
+def test_an_extra_that_does_not_vary_is_nominal_and_has_no_say(name: str) -> None:
+    one, part = space("pick-up", "light"), OPERATORS[name].part
+    scene = one.sample(np.random.default_rng(0))
+    assert getattr(scene, part) == PARTS[part]
+    assert f'"{part}"' not in scene.to_json()
+    assert name not in one.severities(scene)
+
+
+@extras
+def test_a_scene_of_an_extra_that_does_not_vary_has_no_genome_but_a_severity(name: str) -> None:
+    off, on = space("pick-up", "light"), space("pick-up", name)
+    scene = on.decode(np.full(on.dim, 1.0))
+    with pytest.raises(SceneError, match=f"{name} does not vary"):
+        off.encode(scene)
+    assert off.severities(scene)[name] == on.severities(scene)[name]
+
+
+@extras
+def test_sets_that_vary_an_extra_have_digests_of_their_own(name: str) -> None:
+    operators = load_operators()
+    assert operators.only({*operators.varied, name}).digest != operators.digest
+    assert name not in json.loads(operators_json(operators))["operators"]
+
+
+@extras
+def test_stored_operators_are_read_back_whether_an_extra_varies_or_not(name: str) -> None:
+    for operators in (load_operators(), load_operators().only([name])):
+        conditions = Conditions(task="pick-up", operators=operators_json(operators))
+        stored = stored_operators(Path("here.db"), conditions)
+        assert stored.digest == operators.digest
+        assert stored.operators == operators.operators
+
+
+def test_a_file_without_extras_gets_the_shipped_ranges_and_varies_none(tmp_path: Path) -> None:
+    operators = load_operators()
+    kept = {name: operator for name, operator in operators.operators.items() if name not in EXTRAS}
+    plain = {name: operator.model_dump(mode="json", exclude_none=True) for name, operator in kept.items()}
+    path = tmp_path / "mine.yaml"
+    path.write_text(json.dumps({"min_distance": 0.15, "operators": plain}))
+    mine = load_operators(path)
+    assert mine.operators == operators.operators
+    assert not mine.varied & EXTRAS
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "control-latency: {delay: {low: 1, high: 3, step: 1}}",
+            "delay does not include 0",
+        ),
+        (
+            "control-latency: {delay: {low: 0, high: 3, step: 0.5}}",
+            "delay is a whole number",
+        ),
+    ],
+)
+def test_a_wrong_range_of_an_extra_is_an_error(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"extends: tabletop\noperators: {{{text}}}")
+    with pytest.raises(CatalogueError, match=says):
+        load_operators(path)
+
+
+@pytest.mark.parametrize(
+    ("part", "says"),
+    [
+        ({"latency": {"delay": -1}}, "latency.delay: input should be greater than or equal to 0"),
+        ({"latency": {"delay": 1.5}}, "latency.delay: "),
+        ({"latency": {"dealy": 1}}, "latency.dealy: "),
+    ],
+)
+def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, object], says: str) -> None:
+    text = json.dumps(json.loads(space().nominal().to_json()) | part)
+    with pytest.raises(SceneError) as caught:
+        Scene.from_json(text)
+    assert caught.value.message.startswith(says)
+
+
+@pytest.mark.parametrize(
+    ("scene", "digest"),
+    [
+        (replace(space().nominal(), latency=Latency(2)), "42d1766cd9fa71426097fb06c5d88623"),
+    ],
+    ids=["latency"],
+)
+def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
+    assert scene.digest == digest

@@ -1,0 +1,30 @@
+"""Control latency: actions are executed some control steps late."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.scene import Latency
+
+Command = tuple[NDArray[np.float64], str]  # a metric action, and what it is relative to; see ``MetricArm``
+_HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay, with the gripper open
+
+
+class DelayedCommands:
+    """Commands on their way to the robot, which holds still until the first one arrives."""
+
+    def __init__(self, latency: Latency) -> None:
+        self._commands: deque[Command] = deque([_HOLD] * latency.delay)
+
+    @property
+    def latency(self) -> Latency:
+        """The delay of the next command."""
+        return Latency(len(self._commands))
+
+    def exchange(self, action: NDArray[np.float64], relative_to: str) -> Command:
+        """Send a command; return the one that arrives in its place."""
+        self._commands.append((action, relative_to))
+        return self._commands.popleft()
