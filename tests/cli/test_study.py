@@ -132,7 +132,7 @@ def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
     assert main(["study", *flags]) == 2
     assert capsys.readouterr().err.splitlines()[-2:] == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
-        "hint: when it is back, the same command goes on",
+        "hint: repeat the command once the policy answers",
     ]
     assert not (folder / "rq1.json").exists()
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())

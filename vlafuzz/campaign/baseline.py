@@ -1,4 +1,4 @@
-"""How a run did beside random generation: two shares of failing scenes, and whether they differ."""
+"""A run beside random generation: two shares of failing scenes, and whether they differ."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from vlafuzz.store.store import Store
 
 @dataclass(frozen=True)
 class Beside:
-    """A run beside the random runs of its store that were made under the same conditions, taken together.
+    """A run beside all random runs of its store under the same conditions, pooled.
 
     Attributes:
         judged: distinct scenes that passed or failed; ``random_judged`` is 0 without a random run.
-        difference: of the two shares, the run's minus random's; None when one has no scenes.
-        low: lower end of its 95 % interval, ``high`` the upper one. It takes the scenes of a run as
-            independent; those of a guided strategy resemble each other, so it is somewhat too narrow.
+        difference: the run's share of failures minus random's; None when either has no scenes.
+        low: lower end of its 95 % interval, ``high`` the upper one. The interval takes scenes as independent,
+            so it is somewhat too narrow for a guided strategy, whose scenes resemble each other.
     """
 
     failed: int
@@ -29,13 +29,13 @@ class Beside:
 
     @property
     def tells(self) -> bool:
-        """Whether the scenes suffice to say which share is larger."""
+        """Whether the interval excludes 0."""
         return self.low is not None and self.high is not None and not self.low <= 0 <= self.high
 
 
 def beside_random(store: Store, run: int) -> Beside:
     """A run beside the random runs that differ from it in strategy, budget, batch and seed only."""
-    runs = {each.id: each.manifest for each in store.runs()}
+    runs = {stored.id: stored.manifest for stored in store.runs()}
     random = [
         number
         for number, manifest in runs.items()

@@ -1,4 +1,4 @@
-"""How many different failures there are: near-duplicates count as one."""
+"""Clusters: the number of different failures, near-duplicates counted as one."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ Embed = Callable[[Scene], NDArray[np.float64]]
 
 
 def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
-    """How many groups of near-duplicates scenes fall into.
+    """The number of groups of near-duplicates among scenes.
 
     Birch puts each scene into the nearest group whose radius stays below ``RADIUS``, or begins a new one.
-    So a chain of small steps does not become one group, as it does with DBSCAN. And it looks at each scene
-    once (10,000 take seconds), where complete linkage, which would be exact, needs all pairs in memory.
+    A chain of small steps does not become one group, as with DBSCAN, and each scene is looked at once (10,000
+    take seconds), while complete linkage, which would be exact, needs all pairs in memory.
     """
-    ordered = sorted(set(scenes), key=lambda scene: scene.digest)  # found in whatever order, as many groups
+    ordered = sorted(
+        set(scenes), key=lambda scene: scene.digest
+    )  # so that the order of scenes does not matter
     if len(ordered) < 2:
         return len(ordered)
-    from sklearn.cluster import Birch  # a second to import, and needed at the end only
+    from sklearn.cluster import Birch  # takes a second to import
 
-    found = Birch(threshold=RADIUS, n_clusters=None).fit(np.stack([embed(scene) for scene in ordered]))
-    return len(found.subcluster_centers_)
+    tree = Birch(threshold=RADIUS, n_clusters=None).fit(np.stack([embed(scene) for scene in ordered]))
+    return len(tree.subcluster_centers_)

@@ -1,4 +1,4 @@
-"""RunConfig: what a user asks of a run. Plan: the objects that it names, all of them checked."""
+"""RunConfig: a run as the user asks for it. Plan: the objects that it names, all of them checked."""
 
 from __future__ import annotations
 
@@ -35,31 +35,30 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
-STRATEGY = "surrogate"  # what finds most distinct cells: scripts/bench_strategies.py
-MOST = 2**63 - 1  # what stores hold
+STRATEGY = "surrogate"  # finds most distinct cells: scripts/bench_strategies.py
+MOST = 2**63 - 1  # the largest integer of SQLite
 _CAMERA = {CameraPosition.name, CameraOrientation.name}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """What a user asks of a run.
+    """A run as the user asks for it; None stands for a default.
 
     Attributes:
-        task: None for the one that ``scenes`` are of, else pick-up.
-        robot: the name of a rig; None for that of ``scenes``, else panda.
-        policy: None for ``default_policy``.
-        strategy: None for the scenes of a file in order, else surrogate.
-        budget: in policy rollouts; None for all scenes of a file, else 100.
+        task: by default that of ``scenes``, else pick-up.
+        robot: the name of a rig; by default that of ``scenes``, else panda.
+        policy: by default ``default_policy``.
+        strategy: by default surrogate; the scenes of a file are taken in order.
+        budget: in policy rollouts; by default all scenes of a file, else 100.
         batch: proposals that are asked for at once.
         repeats: rollouts a scene.
-        criteria: what success means: ``strict`` as the task's words, or ``published``.
-        placement: how objects come to lie: ``resting``, or ``published`` to drop them.
-        operators: a file of ranges, or the name of a shipped one; None for tabletop.
-        vary: operators that vary; none for all that the file varies.
+        criteria, placement: see ``Conditions``.
+        operators: a file of ranges, or the name of a shipped one; by default that of the robot.
+        vary: operators that vary; empty for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
         pool: a file of scenes from which the strategy chooses, each of them once at most.
-        packs: of objects, which then stand in place of the built-in ones unless ``operators`` names those.
-        store: None for ``runs/<task>-<policy>-<strategy>-<seed>.db``.
+        packs: of objects, which replace the built-in ones unless ``operators`` names those.
+        store: by default ``runs/<task>-<policy>-<strategy>-<seed>.db``.
         workers, executor, address: see ``Place``.
     """
 
@@ -86,9 +85,9 @@ class RunConfig:
     command: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """A run that can be started, or with ``resume`` a stored one that can be gone on with."""
+    """A run that can be started, or with ``resume`` a stored one that can be resumed."""
 
     manifest: Manifest
     task: Task
@@ -103,10 +102,10 @@ class Plan:
 
 
 def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy | None = None) -> Plan:
-    """Check what the user asks for and make everything but simulator and store.
+    """Check a configuration and make everything that it names but simulator and store.
 
     Args:
-        operators: in place of those that the user names.
+        operators: replace those that the configuration names.
         policy: the one that the configuration names, made already.
 
     Raises:
@@ -115,10 +114,6 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     _check_numbers(config)
     place = Place(config.workers, config.executor, config.address)
     place.check()
-    if policy is not None and place.kind != "local":
-        raise UsageError(
-            "--workers: a policy object works in this process only", hint="name a factory of yours"
-        )
     scenes = read_scene_file(config.scenes, config.pool)
     task, setup = named_task(config, scenes), named_rig(config, scenes)
     policy_name = config.policy or default_policy(setup)
@@ -153,12 +148,12 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
 
 
 def default_policy(setup: Rig = PANDA) -> str:
-    """The learned one where pictures of its robot can be made, else the one that needs physics only."""
+    """``mini`` where pictures of its robot can be rendered, else ``pinhole``, which needs physics only."""
     return "mini" if setup is PANDA and probe().works else "pinhole"
 
 
 def default_store(task: str, policy: str, strategy: str, seed: int) -> Path:
-    """Where a run is kept unless told otherwise; a name's awkward characters become dashes."""
+    """The default path of a run's store; unusual characters become dashes."""
     name = f"{task}-{policy}-{strategy}-{seed}"
     return Path("runs") / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".db")
 
@@ -215,7 +210,7 @@ def named_strategy(config: RunConfig) -> str:
 def _strategy(
     factory: Factory | None, space: SearchSpace, scenes: Sequence[Scene], seed: int, budget: int
 ) -> Strategy:
-    """What proposes: scenes of its own, of a pool, or those of a file in order."""
+    """The strategy: it proposes scenes of its own, scenes of a pool, or those of a file in order."""
     if factory is None:
         return InOrder(len(scenes))
     return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)

@@ -25,7 +25,7 @@ GONE = 8  # scenes in a row to which the policy did not answer, after which no m
 
 
 class Space(Measure, Protocol):
-    """What the campaign needs of a space."""
+    """The part of a search space that a campaign needs."""
 
     def decode(self, genome: Genome) -> Scene:
         """The scene at these coordinates."""
@@ -49,23 +49,23 @@ def fuzz(
 ) -> Summary:
     """Run a strategy against a policy until the budget is spent or there is nothing more to roll out.
 
-    Proposals are asked for in batches of ``manifest.batch`` and told in the order asked: one seed gives the
-    same scenes whatever the executor does. A scene that the store knows is answered from it, at no cost.
-    The ``budget`` counts policy rollouts and is never exceeded. All trials up to an interruption are stored,
-    but for scenes of the last batch that only ever found the policy gone: they are tried when it is resumed.
+    Proposals are asked for in batches of ``manifest.batch`` and told in the order asked, so one seed gives
+    the same scenes whatever the executor. Stored outcomes are reused at no cost. The ``budget`` counts policy
+    rollouts and is never exceeded. An interruption loses no trial, except that scenes of the last batch to
+    which the policy did not answer are tried again on resuming.
 
     Args:
         embed: the embedding of scenes by which near-duplicates among the failures are grouped.
-        chunk: scenes that the executor gets at once; more suits one that evaluates them side by side.
-        patience: proposals in a row without a rollout after which it stops; None for never.
-        resume: a run that ended early, to go on with: a strategy as new is told again what the store has of
-            it. What comes of it is what had come of it without the interruption.
-        alone: other runs of the store answer nothing: for comparisons, in which every run pays for itself.
-        watch: hears of every new trial, and once of all that the store had.
+        chunk: scenes that the executor gets at once; more than one suits an executor that batches.
+        patience: proposals in a row without a rollout after which the run stops; None for never.
+        resume: a run that ended early; a new strategy is told the stored trials again, so that the result is
+            that of an uninterrupted run.
+        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
+        watch: called after every new trial, and once after the stored trials.
 
     Raises:
-        StoreError: the store cannot be written, or the strategy is not the one of the run that is resumed.
-        PolicyError: the policy is gone; the run can be resumed.
+        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed.
+        PolicyError: the policy no longer answers; the run can be resumed.
     """
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
     tally = Tally(run, manifest, stages, before)
@@ -95,9 +95,9 @@ class _Campaign:
     store: Store
     objective: Objective
     chunk: int
-    own: int | None  # the run whose answers alone are taken
+    own: int | None  # the only run whose outcomes are reused
     watch: Callable[[Tally], None]
-    unanswered: list[Trial] = field(default_factory=list)  # of the batch, since the last answer: not stored
+    unanswered: list[Trial] = field(default_factory=list)  # of the batch, since the last answer; not stored
     in_a_row: int = 0  # of those, in this batch and before
 
     def loop(self, patience: int | None) -> None:
@@ -117,10 +117,10 @@ class _Campaign:
     def _ask(self, room: int) -> list[Proposal]:
         with self.tally.search:
             proposals = self.strategy.ask(room)
-        if len(proposals) > room:  # a user's own strategy may; the budget holds all the same
-            name, given = self.tally.manifest.strategy, len(proposals)
+        if len(proposals) > room:  # a user's own strategy may, but the budget holds
+            problem = f"asked for {room} proposals, got {len(proposals)}"
             raise UsageError(
-                f"strategy {name!r}: asked for {room} proposals, got {given}", hint="give fewer or as many"
+                f"strategy {self.tally.manifest.strategy!r}: {problem}", hint="give at most as many"
             )
         return proposals
 
@@ -129,7 +129,7 @@ class _Campaign:
         return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
 
     def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
-        """The outcome of each proposal; all of them are stored, first what is new, then what was known."""
+        """The outcome of each proposal; all are stored, new outcomes before reused ones."""
         past = self._recall(proposals, scenes)
         outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
         fresh: dict[str, int] = {}
@@ -152,7 +152,7 @@ class _Campaign:
         return [outcomes[scene.digest] for scene in scenes]
 
     def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """What the store has of the batch, counted."""
+        """The stored trials of the batch, which are counted."""
         with self.tally.store:
             past = self.past.take(proposals, scenes)
         for trial in past.values():
@@ -168,13 +168,13 @@ class _Campaign:
             yield from zip(chunks[tag], outcomes, strict=True)
 
     def _take(self, trial: Trial) -> None:
-        """Keep a trial; one to which the policy did not answer, once it answers again.
+        """Store a trial; one to which the policy did not answer is stored once it answers again.
 
         Raises:
-            PolicyError: it is gone.
+            PolicyError: the policy no longer answers.
         """
         if not trial.outcome.unanswered:
-            if trial.outcome.verdict is not Verdict.INVALID:  # for which nobody was asked
+            if trial.outcome.verdict is not Verdict.INVALID:  # for which the policy was not asked
                 self.in_a_row = 0
                 self._keep_unanswered()
             self._keep(trial)
@@ -182,8 +182,8 @@ class _Campaign:
         self.unanswered.append(trial)
         self.in_a_row += 1
         if self.in_a_row == GONE:
-            told = f"{GONE} scenes in a row had no answer: {trial.outcome.detail}"
-            raise PolicyError(told, hint="when it is back, the same command goes on", cause="connect")
+            problem = f"{GONE} scenes in a row had no answer: {trial.outcome.detail}"
+            raise PolicyError(problem, hint="repeat the command once the policy answers", cause="connect")
 
     def _keep_unanswered(self) -> None:
         for trial in self.unanswered:

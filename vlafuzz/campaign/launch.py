@@ -1,4 +1,4 @@
-"""launch: from a plan to a run, with a simulator and a store."""
+"""launch: start the run of a plan, with a simulator and a store."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from vlafuzz.store.store import Store
 
 
 def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
-    """Run it."""
-    # The store first: whether it can be written shows at once, a simulator takes seconds.
+    """Run a plan."""
+    # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
     with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
         return fuzz(plan, store, executor, watch)
 
@@ -25,7 +25,7 @@ def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
 def fuzz(
     plan: Plan, store: Store, executor: Executor, watch: Callable[[Tally], None], *, alone: bool = False
 ) -> Summary:
-    """Run it in an open store, with an executor that is there; see ``campaign.fuzz``."""
+    """Run a plan in an open store with an existing executor; see ``campaign.fuzz``."""
     return campaign.fuzz(
         manifest=plan.manifest,
         stages=plan.task.stage_names,
@@ -33,7 +33,7 @@ def fuzz(
         strategy=plan.strategy,
         executor=executor,
         store=store,
-        embed=None if alone else plan.embed,  # who compares counts for himself
+        embed=None if alone else plan.embed,  # comparisons count on their own
         patience=plan.patience,
         resume=plan.resume,
         alone=alone,
@@ -42,5 +42,5 @@ def fuzz(
 
 
 def make_executor(plan: Plan) -> Executor:
-    """What evaluates the run's scenes."""
+    """The executor of a plan, with its evaluator."""
     return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.policy)

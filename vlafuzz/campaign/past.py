@@ -1,4 +1,4 @@
-"""Past: what a store already has of a run that is resumed."""
+"""Past: the trials that a store already has of a run that is resumed."""
 
 from __future__ import annotations
 
@@ -16,48 +16,49 @@ AFRESH = "leave out --resume to start a new run: stored outcomes are reused at n
 
 
 class Past:
-    """What a store has of a run already, handed out batch by batch as its strategy proposes it again.
+    """Hands out a run's stored trials batch by batch, as its strategy proposes them again.
 
     Attributes:
         left: trials not yet handed out; 0 for a new run.
     """
 
     def __init__(self, store: Store, run: int) -> None:
-        self._corpus, self._run = store, run
+        self._store, self._run = store, run
         self.left = store.count(run)
 
     def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """The stored trials of a batch by their place in it; not all of them where it was cut short.
+        """The stored trials of a batch by index; an interrupted batch lacks some.
 
         Raises:
-            StoreError: these are not the proposals that were made then.
+            StoreError: the proposals differ from the stored ones.
         """
         if not self.left:
             return {}
         first = proposals[0].id
-        found = {
-            trial.proposal - first: trial for trial in self._corpus.stored(self._run, first, len(scenes))
-        }
-        for index, trial in found.items():
+        stored = self._store.stored(self._run, first, len(scenes))
+        trials = {trial.proposal - first: trial for trial in stored}
+        for index, trial in trials.items():
             same = trial.genome is not None and np.array_equal(trial.genome, proposals[index].genome)
             if not same or trial.scene != scenes[index]:
                 raise self._diverged(trial.proposal)
-        self.left -= len(found)
-        if len(found) < len(scenes):
+        self.left -= len(trials)
+        if len(trials) < len(scenes):
             self.check_empty()
-        return found
+        return trials
 
     def check_empty(self) -> None:
-        """That nothing is left which no batch had.
+        """Check that every stored trial was handed out.
 
         Raises:
-            StoreError: there is.
+            StoreError: some were not.
         """
         if self.left:
-            raise self._diverged(self._corpus.count(self._run) - self.left)
+            raise self._diverged(self._store.count(self._run) - self.left)
 
     def _diverged(self, proposal: int) -> StoreError:
-        told = (
-            f"run {self._run} was made by another version: its strategy now gives another proposal {proposal}"
+        problem = (
+            f"run {self._run} was made by another version: its strategy now differs at proposal {proposal}"
         )
-        return StoreError(f"{self._corpus.path}: {told}", hint=f"use the version that began it, or {AFRESH}")
+        return StoreError(
+            f"{self._store.path}: {problem}", hint=f"use the version that began it, or {AFRESH}"
+        )

@@ -1,4 +1,4 @@
-"""Scenes that a run was given, to run or to choose from: read from a file, and named in its manifest."""
+"""The file of scenes that a run takes in order or chooses from, as its manifest keeps it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from vlafuzz.store.records import Manifest
 
 
 def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
-    """Those of a file, to run or to choose from; none where there is neither.
+    """The scenes of a file, to run or to choose from; none where neither file is named.
 
     Raises:
-        UsageError: both are named.
+        UsageError: both files are named.
         SceneError: the file cannot be read.
     """
     if scenes and pool:
@@ -31,7 +31,7 @@ def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
 
 
 def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
-    """What a manifest keeps: what the file is for, where it is and what it holds; nothing where none is."""
+    """The file as a manifest keeps it: purpose, path and digest of its scenes; empty without a file."""
     path = scenes or pool
     if path is None:
         return ""
@@ -41,16 +41,16 @@ def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene
 
 
 def stored_flag(manifest: Manifest) -> dict[str, Path]:
-    """The flag that gives a run its scenes again, with its file; none where it had none."""
+    """The flag that names a run's file of scenes, with the file; empty for a run without one."""
     mark = json.loads(manifest.scene_file or "{}")
     return {mark["flag"]: Path(mark["file"])} if mark else {}
 
 
 def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> None:
-    """That the file holds the scenes that it held.
+    """Check that the file still holds the scenes of the run.
 
     Raises:
-        StoreError: it holds others.
+        StoreError: it holds other scenes.
     """
     before, here = (json.loads(manifest.scene_file or "{}") for manifest in (was, now))
     if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):

@@ -1,4 +1,4 @@
-"""Tally: what a run has come to so far. Summary: what it came to in the end, the JSON of ``run --json``."""
+"""Tally: the counts of a run in progress. Summary: its result, the JSON of ``run --json``."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from vlafuzz.store.records import Manifest, Spent, Trial
 
 @dataclass(frozen=True)
 class Summary:
-    """A run in numbers. Scenes are counted once, however often they were proposed.
+    """The result of a run. Scenes are counted once, however often they were proposed.
 
     Attributes:
-        rollouts: of the policy, done in this run.
-        duplicates: proposals that were answered with a known outcome, of this run or an earlier one.
-        earlier: distinct scenes, answered by an earlier run of the store.
+        rollouts: of the policy, in this run.
+        duplicates: proposals answered with a stored outcome, of this run or an earlier one.
+        earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
         findings: distinct scenes that failed.
         distinct_cells: cells in which they lie.
-        clusters: groups of near-duplicates among them; None where nothing says how near two scenes are.
-        progress_mean: over the scenes that passed or failed, in [0, 1]; None without any.
+        clusters: groups of near-duplicates among them; None where scenes have no embedding.
+        progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
-        last_error: what the last ERROR was, in a sentence.
-        stopped: why it ended before its budget was spent, in a sentence.
-        checkup: what is known of the policy, see ``Manifest``.
+        last_error: the last ERROR, in a sentence.
+        stopped: why the run ended before its budget was spent, in a sentence.
+        checkup: result of the policy's check, see ``Manifest``.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
     """
@@ -64,7 +64,7 @@ class Summary:
 
 
 class Stopwatch:
-    """Adds up the seconds inside of its ``with`` blocks."""
+    """Adds up the seconds spent in its ``with`` blocks."""
 
     def __init__(self, seconds: float = 0.0) -> None:
         self.seconds = seconds
@@ -79,7 +79,7 @@ class Stopwatch:
 
 @dataclass(slots=True)  # there is one for every scene of a run
 class _Seen:
-    """What came of a scene, the last time that it was proposed: an ERROR may be followed by a verdict."""
+    """The last outcome of a scene: an ERROR may be followed by a verdict."""
 
     first: int
     verdict: Verdict
@@ -92,10 +92,10 @@ class Tally:
     """Counts trials as they are stored, and judges whether proposals still lead to rollouts.
 
     Args:
-        before: what the run has taken already.
+        before: time that the run has taken already.
 
     Attributes:
-        search: to run while the strategy asks or tells, ``store`` while the store is asked or written.
+        search: stopwatch for the strategy's ask and tell; ``store`` is that for the store.
     """
 
     def __init__(self, run: int, manifest: Manifest, stages: Sequence[str], before: Spent) -> None:
@@ -108,13 +108,13 @@ class Tally:
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
-        self._reached: dict[frozenset[str], frozenset[str]] = {}  # each kept once
+        self._reached: dict[frozenset[str], frozenset[str]] = {}  # interned
         self._cells: set[str] = set()
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
 
     def count(self, trial: Trial) -> None:
-        """One more trial."""
+        """Count a trial."""
         outcome, digest = trial.outcome, trial.scene.digest
         self.proposals += 1
         self.duplicates += trial.duplicate
@@ -135,9 +135,9 @@ class Tally:
             self._cells.add(trial.cell)
 
     def judge(self, scenes: Sequence[Scene], outcomes: Sequence[Outcome], patience: int | None) -> None:
-        """Stop when for ``patience`` proposals in a row nothing was rolled out.
+        """Stop after ``patience`` proposals in a row without a rollout.
 
-        A scene that an earlier run has rolled out is as good as a rollout: a repeated run ends at its budget.
+        A scene that an earlier run rolled out counts as a rollout, so that a repeated run ends at its budget.
         """
         for scene, outcome in zip(scenes, outcomes, strict=True):
             if scene.digest in self._asked:
@@ -152,11 +152,11 @@ class Tally:
 
     @property
     def spent(self) -> Spent:
-        """By now."""
+        """Time spent so far."""
         return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
 
     def summary(self, store: str, clusters: int | None = None) -> Summary:
-        """All of it."""
+        """The result so far."""
         manifest, scenes = self.manifest, self._seen.values()
         judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
         failed = {digest: seen.first for digest, seen in self._seen.items() if seen.verdict is Verdict.FAILED}
@@ -194,9 +194,9 @@ class Tally:
         reasons = Counter(reason for reason, _ in self._barren)
         often = reasons.most_common(1)[0][0]
         last = next(detail for reason, detail in reversed(self._barren) if reason == often)
-        told = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+        counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
         example = f"; the last of them: {last}" if last else ""
-        return f"no rollout in {len(self._barren)} proposals in a row: {told}{example}"
+        return f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"
 
 
 def _reason(outcome: Outcome) -> str:

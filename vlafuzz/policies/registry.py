@@ -74,9 +74,7 @@ def check_policy_name(name: str) -> None:
     if is_reference(name):
         load_factory(name)
     elif name.startswith(OBJECT):
-        hint = (
-            "go on from Python with that object: see vlafuzz.api; or name a factory: python:pkg.mod:factory"
-        )
+        hint = "hand it over again, see vlafuzz.api, or name a factory: python:pkg.mod:factory"
         raise UsageError(f"policy {name!r} is an object that was handed over in Python", hint=hint)
     elif kind := _server(name):
         _address(name, kind)
