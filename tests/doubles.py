@@ -53,7 +53,17 @@ def rollout(progress: float = 1.0, reached: tuple[str, ...] = STAGES, steps: int
     success = reached == STAGES
     trace = np.linspace(0, progress, steps, dtype=np.float32)
     actions = np.full((steps, 7), 0.01, dtype=np.float32)
-    return Rollout(success, success, success, reached, progress, trace, actions, "5" * 32, 0.5)
+    return Rollout(
+        success_once=success,
+        success_at_end=success,
+        published_success=success,
+        reached=reached,
+        progress=progress,
+        trace=trace,
+        actions=actions,
+        states_hash="5" * 32,
+        seconds=0.5,
+    )
 
 
 def passed(repeats: int = 1) -> Outcome:

@@ -29,7 +29,7 @@ def test_progress_is_unknown_where_the_policy_was_not_judged(outcome: Outcome):
 
 
 def test_progress_that_is_not_a_number_is_unknown():
-    assert score(scene(), Outcome(Verdict.FAILED, progress=float("nan")), SPACE).progress is None
+    assert score(scene(), Outcome(verdict=Verdict.FAILED, progress=float("nan")), SPACE).progress is None
 
 
 def passed_after(*steps: int) -> Outcome:
@@ -61,7 +61,7 @@ def test_early_failures_are_harder_than_late_ones_those_than_passes_and_soon_pas
 
 
 def test_a_pass_without_a_trace_is_as_hard_as_can_be():
-    assert score(scene(), Outcome(Verdict.PASSED, progress=1.0), SPACE).ease == 1.0
+    assert score(scene(), Outcome(verdict=Verdict.PASSED, progress=1.0), SPACE).ease == 1.0
 
 
 def test_a_cell_names_lost_stage_far_operators_and_place():

@@ -1,4 +1,4 @@
-"""What came of a scene: rollouts, and the verdict over them."""
+"""Outcome: the rollouts of a scene and their verdict."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 class Verdict(IntEnum):
     """How a scene ended, from the least to the most interesting."""
 
-    ERROR = 0  # policy or simulator broke; says nothing about the scene
-    INVALID = 1  # not a fair scene; says nothing about the policy
+    ERROR = 0  # the policy or the simulator crashed
+    INVALID = 1  # the scene is not fair
     PASSED = 2
     FAILED = 3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Rollout:
     """One episode of a policy in a scene.
 
     Attributes:
         reached: stages in the order in which they were reached.
-        progress: best over the rollout, in [0, 1].
+        progress: the best in the rollout, in [0, 1].
         trace: ``(steps,)`` progress after each control step.
         actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians),
             gripper in [-1, 1] (1 open).
         published_success: success by the published environments' weaker criteria.
-        states_hash: of all body and joint states at every step: equal trajectories have equal hashes.
+        states_hash: of all body and joint states at every step. Equal trajectories have equal hashes.
     """
 
     success_once: bool
@@ -44,21 +44,21 @@ class Rollout:
 
     @property
     def steps(self) -> int:
-        """Control steps done."""
+        """The number of control steps."""
         return len(self.trace)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """All rollouts of one scene with their verdict.
+    """All rollouts of a scene with their verdict.
 
     Attributes:
-        progress: of the worst rollout, in [0, 1]; 0 where there is none.
+        progress: of the worst rollout, in [0, 1]; 0 without rollouts.
         lost_stage: the first stage that the worst rollout did not reach; None unless FAILED.
-        detail: why it is INVALID or ERROR, in a sentence; else empty.
-        check: the validity check that rejected it (``semantic``, ``geometry``, ``settling``, ``solved``);
-            else empty.
-        unanswered: an ERROR for which the policy was not there, or too late, whenever it was asked.
+        detail: the reason for INVALID or ERROR in a sentence; else empty.
+        check: the validity check that rejected the scene (``semantic``, ``geometry``, ``settling``,
+            ``solved``); else empty.
+        unanswered: whether an ERROR is due to a policy that was unreachable or too slow at every attempt.
     """
 
     verdict: Verdict
@@ -71,19 +71,19 @@ class Outcome:
 
     @staticmethod
     def invalid(check: str, detail: str) -> Outcome:
-        """Not a fair scene."""
-        return Outcome(Verdict.INVALID, detail=detail, check=check)
+        """The outcome of a scene that is not fair."""
+        return Outcome(verdict=Verdict.INVALID, detail=detail, check=check)
 
     @staticmethod
     def error(detail: str, *, unanswered: bool = False) -> Outcome:
-        """Policy or simulator broke."""
-        return Outcome(Verdict.ERROR, detail=detail, unanswered=unanswered)
+        """The outcome of a crash of policy or simulator."""
+        return Outcome(verdict=Verdict.ERROR, detail=detail, unanswered=unanswered)
 
     @staticmethod
     def of(rollouts: tuple[Rollout, ...], stages: tuple[str, ...]) -> Outcome:
-        """PASSED when every rollout succeeded once, else FAILED at the worst one's first missing stage."""
+        """PASSED if every rollout succeeded once, else FAILED at the worst one's first missing stage."""
         worst = min(rollouts, key=lambda rollout: (rollout.success_once, rollout.progress))
         if worst.success_once:
-            return Outcome(Verdict.PASSED, rollouts, worst.progress)
+            return Outcome(verdict=Verdict.PASSED, rollouts=rollouts, progress=worst.progress)
         lost = next(stage for stage in stages if stage not in worst.reached)
-        return Outcome(Verdict.FAILED, rollouts, worst.progress, lost)
+        return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)

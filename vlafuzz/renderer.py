@@ -1,4 +1,4 @@
-"""Can this machine render? A real, tiny picture decides, in a process of its own: drivers may crash.
+"""Probes whether this machine can render, by a tiny picture in a child process, since drivers may crash.
 
 ``python -m vlafuzz.renderer`` prints one line and exits with 0 or 3.
 """
@@ -19,14 +19,14 @@ HINT = (
     "install mesa-vulkan-drivers 24.3 or newer and libvulkan1, as scripts/setup does on Debian and Ubuntu; "
     "with a GPU, its maker's Vulkan driver"
 )
-# Not SAPIEN's default pack: that one computes a reflectance table first, for 6 s on a CPU.
+# SAPIEN's default pack would first compute a reflectance table, for 6 s on a CPU.
 SHADER_PACK = "trivial"
 _CHILD = "from vlafuzz.renderer import _draw; _draw()"
 
 
 @dataclass(frozen=True)
 class Renderer:
-    """What the tiny picture has shown; ``problem`` is None when it came out."""
+    """The result of the probe; ``problem`` is None if rendering works."""
 
     device: str | None
     driver: str | None
@@ -47,7 +47,7 @@ class Renderer:
 
 
 def probe(timeout: float = 120.0) -> Renderer:
-    """Draw one picture in a fresh process, for at most ``timeout`` seconds."""
+    """Draw one picture in a new process within ``timeout`` seconds."""
     environment = {"LP_NUM_THREADS": "0", **os.environ}
     try:
         child = subprocess.run(
@@ -85,12 +85,13 @@ def check_renderer() -> None:
 
 
 def _draw() -> None:
-    """The child: prints a ``Renderer`` as JSON."""
+    """Main function of the child process; prints a ``Renderer`` as JSON."""
     seen, problem = VulkanDevice(None, None), None
     try:
         chosen = _sapien_device()
         listed = vulkan_devices()
-        seen = next((one for one in listed if one.device == chosen.name), listed[0] if listed else seen)
+        first = listed[0] if listed else seen
+        seen = next((device for device in listed if device.device == chosen.name), first)
         if not _picture(chosen).any():
             problem = "the picture is black"
     except ImportError as error:
@@ -99,11 +100,11 @@ def _draw() -> None:
         problem = str(error) if seen.device else f"Vulkan finds no device ({error})"
     sys.stdout.write(json.dumps({**seen._asdict(), "problem": problem}) + "\n")
     sys.stdout.flush()
-    os._exit(0)  # the verdict stands, whatever the driver does when it is unloaded
+    os._exit(0)  # without unloading the driver, which may crash
 
 
 def _sapien_device() -> Any:
-    """The device that ManiSkill would choose."""
+    """The device that ManiSkill chooses."""
     import sapien
 
     try:
@@ -113,7 +114,7 @@ def _sapien_device() -> Any:
 
 
 def _picture(device: Any) -> Any:
-    """A white box in front of a camera: the colours of 16 × 16 pixels."""
+    """The colours of 16 × 16 pixels with a white box in view."""
     import sapien
 
     sapien.render.set_camera_shader_dir(SHADER_PACK)
@@ -129,7 +130,7 @@ def _picture(device: Any) -> Any:
 
 
 class VulkanDevice(NamedTuple):
-    """A device that Vulkan lists, and its driver with the version."""
+    """A device listed by Vulkan, and its driver with the version."""
 
     device: str | None
     driver: str | None
@@ -177,7 +178,7 @@ class _DeviceProperties(ctypes.Structure):
         ("next", ctypes.c_void_p),
         ("numbers", ctypes.c_uint32 * 5),
         ("device", ctypes.c_char * 256),
-        ("rest", ctypes.c_uint64 * 128),  # limits and more that Vulkan writes: 548 bytes of these
+        ("rest", ctypes.c_uint64 * 128),  # space for limits and more, of which Vulkan writes 548 bytes
     )
 
 
@@ -186,7 +187,7 @@ _VULKAN_1_2 = (1 << 22) | (2 << 12)
 
 
 def vulkan_devices() -> list[VulkanDevice]:
-    """What Vulkan lists; empty where there is no Vulkan. Loads the drivers: better in a child process."""
+    """Vulkan's devices; empty without Vulkan. Loads the drivers, so call it in a child process."""
     try:
         vulkan = ctypes.CDLL("libvulkan.so.1")
     except OSError:
@@ -210,10 +211,10 @@ def _described(vulkan: ctypes.CDLL, handle: int) -> VulkanDevice:
 
 
 def main() -> int:
-    """Print the verdict; 0, or 3 where rendering does not work."""
-    found = probe()
-    print(found)  # noqa: T201 - this is a small program of its own
-    return 0 if found.works else 3
+    """Print the result; 0, or 3 if rendering does not work."""
+    result = probe()
+    print(result)  # noqa: T201 - a small program of its own
+    return 0 if result.works else 3
 
 
 if __name__ == "__main__":

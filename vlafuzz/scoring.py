@@ -1,4 +1,4 @@
-"""What an outcome is worth: the score that a strategy is told, and the cell of a failure."""
+"""Scores of outcomes for strategies, and the cells of failures."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from vlafuzz.rigs.rig import Workspace
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 
-FAR = 0.5  # severity above which an operator counts as one of a failure's
-_GRID = 4  # rows and columns of the workspace
+FAR = 0.5  # severity above which an operator is part of a cell
+_GRID = 4  # rows and columns of the workspace in a cell
 
 
 class Measure(Protocol):
-    """How far scenes are from nominal."""
+    """Measures how far scenes are from nominal."""
 
     def severity(self, scene: Scene) -> float:
-        """Of the whole scene, 0 at nominal."""
+        """The severity of a scene, 0 at nominal."""
 
     def severities(self, scene: Scene) -> Mapping[str, float]:
-        """Of each operator, in [0, 1]."""
+        """The severity of every operator, in [0, 1]."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """What a strategy is told of a proposal.
+    """The feedback on a proposal for its strategy.
 
     Attributes:
-        progress: of the worst rollout, in [0, 1]; None where the policy was not judged (INVALID, ERROR).
+        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR).
         severity: the scene's distance from nominal.
-        slack: of a pass, how soon its slowest rollout succeeded, in (0, 1]; 0 of everything else.
-        cell: where a failure lies, see ``cell``; None for everything else.
+        slack: how early the slowest rollout succeeded, in (0, 1]; 0 unless PASSED.
+        cell: of a failure, see ``cell``; None unless FAILED.
     """
 
     verdict: Verdict
@@ -47,20 +47,20 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """Whether the policy failed in a fair scene."""
+        """Whether the policy failed."""
         return self.verdict is Verdict.FAILED
 
     @property
     def rolled_out(self) -> bool:
-        """Whether the verdict says something about the policy."""
+        """Whether the verdict is about the policy."""
         return self.verdict >= Verdict.PASSED
 
     @property
     def ease(self) -> float:
-        """How far the scene is from making the policy fail early, in [0, 2]; infinite when not judged.
+        """How far the scene is from an early failure of the policy, in [0, 2]; infinite if not judged.
 
-        Failures come before passes, by how far they came; passes by how late they succeeded: a policy that
-        only just succeeds is taken to be near to failing.
+        Failures rank before passes and by progress; passes rank by their time of success, as a policy that
+        succeeds late is assumed to be close to failing.
         """
         return math.inf if self.progress is None else self.progress + self.slack
 
@@ -69,7 +69,7 @@ Objective = Callable[[Scene, Outcome, Measure], Score]
 
 
 def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
-    """The default objective: everything that a ``Score`` has."""
+    """The default objective."""
     severities = space.severities(scene)
     known = outcome.verdict >= Verdict.PASSED and math.isfinite(outcome.progress)
     passed, failed = outcome.verdict is Verdict.PASSED, outcome.verdict is Verdict.FAILED
@@ -83,24 +83,24 @@ def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
 
 
 def _slack(rollout: Rollout) -> float:
-    """1 for success at the first step, a half at the second, a third at the third."""
+    """1 for success at the first step, 1/2 at the second, 1/3 at the third."""
     done = np.flatnonzero(rollout.trace >= 1.0)
     return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
 
 
 def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], workspace: Workspace) -> str:
-    """Where a failure lies before triage, readable: ``grasp|camera-position+light|x0y3``.
+    """A coarse, readable location of a failure: ``grasp|camera-position+light|x0y3``.
 
-    The lost stage, and the scene's ``site``. Two failures in one cell may well be one bug.
+    Consists of the lost stage and the scene's ``site``. Failures in one cell often have the same cause.
     """
     return f"{outcome.lost_stage or 'none'}|{site(scene, severities, workspace)}"
 
 
 def site(scene: Scene, severities: Mapping[str, float], workspace: Workspace) -> str:
-    """What of a cell is known before a rollout: ``camera-position+light|x0y3``.
+    """The part of a cell that is known before a rollout: ``camera-position+light|x0y3``.
 
-    The operators far from nominal (``base`` for none), and the first target's place in a 4 × 4 grid of the
-    workspace.
+    Consists of the operators far from nominal (``base`` for none) and the first target's position in a 4 × 4
+    grid over the workspace.
     """
     operators = sorted(name for name, value in severities.items() if value > FAR)
     target = scene.targets[0]

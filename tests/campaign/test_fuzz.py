@@ -227,7 +227,9 @@ def test_what_earlier_runs_answered_is_counted(store: Store):
 
 
 def test_an_error_costs_the_rollouts_that_it_ran(store: Store):
-    half_way = Outcome(Verdict.ERROR, passed().rollouts, detail="the connection broke in rollout 2")
+    half_way = Outcome(
+        verdict=Verdict.ERROR, rollouts=passed().rollouts, detail="the connection broke in rollout 2"
+    )
     summary = run(store, budget=6, repeats=3, executor=LocalExecutor(Always(half_way)))
     assert (summary.rollouts, summary.verdicts["error"]) == (4, 4)
 

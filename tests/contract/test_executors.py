@@ -85,7 +85,7 @@ class TestExecutor:
         assert [outcome.detail for outcome in outcomes] == ["the evaluator gave 1 outcomes for 2 scenes"] * 2
 
     def test_progress_that_is_not_a_number_is_an_error(self, make):
-        broken = Outcome(Verdict.FAILED, progress=float("nan"))
+        broken = Outcome(verdict=Verdict.FAILED, progress=float("nan"))
         assert run(make(Always(broken)), [DARK]) == {0: [Verdict.ERROR]}
 
     def test_it_can_be_run_again(self, make):

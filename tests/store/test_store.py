@@ -70,7 +70,12 @@ def test_a_passing_rollout_keeps_its_trace_but_no_actions(store: Store):
 def test_not_a_number_never_goes_in(store: Store, path: Path):
     broken = replace(rollout(float("nan"), ()), seconds=float("nan"))
     run = store.begin(manifest())
-    store.add(run, trial(0, Outcome(Verdict.FAILED, (broken,), float("nan"), "grasp")))
+    store.add(
+        run,
+        trial(
+            0, Outcome(verdict=Verdict.FAILED, rollouts=(broken,), progress=float("nan"), lost_stage="grasp")
+        ),
+    )
     with sqlite3.connect(path) as raw:
         assert raw.execute("SELECT progress, seconds FROM trial").fetchall() == [(None, 0.0)]
         assert raw.execute("SELECT progress, seconds FROM rollout").fetchall() == [(None, 0.0)]

@@ -3,8 +3,9 @@ from itertools import combinations
 import pytest
 
 from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
-from vlafuzz.evidence import Causes, Threshold, signature
+from vlafuzz.evidence import Causes
 from vlafuzz.outcome import Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.shrink import Shrunk, shrink
@@ -35,7 +36,7 @@ def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, s
     ((_, first),) = threshold.at
     assert first == pytest.approx(value, rel=0.03)
     if operator != "light":
-        assert str(threshold) == f"{operator}: {says}"
+        assert describe(threshold) == f"{operator}: {says}"
 
 
 def test_there_is_no_threshold_beside_what_is_not_fair():
@@ -77,17 +78,3 @@ def test_thresholds_of_single_operators_and_pairs_are_within_a_grid_step():
             right.append(path in values and abs(values[path] - first) < 1.01 * step)
     assert len(right) >= 25
     assert sum(right) >= 0.9 * len(right)
-
-
-def test_a_signature_names_task_stage_and_operators():
-    assert signature("pick-up", "grasp", ["light", "camera-orientation"]) == (
-        "pick-up|grasp|camera-orientation+light"
-    )
-    assert signature("put-on", "move", []) == "put-on|move|base"
-
-
-def test_a_threshold_is_said_with_units():
-    both = Threshold("camera-orientation", (("camera.roll", 1.1), ("camera.yaw", -2.0)), 0.25)
-    assert str(both) == "camera-orientation: fails from roll 1.1°, yaw -2° (25% of the way) on"
-    second = Threshold("target-position", (("targets.1.x", 0.02),), 1.0)
-    assert str(second) == "target-position: fails from x of object 2 0.02 m on"

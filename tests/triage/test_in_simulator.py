@@ -11,6 +11,7 @@ from vlafuzz.cli import main
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.policies.base import ActionChunk
 from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -85,7 +86,7 @@ def test_planted_operators_are_found_by_rollouts(evaluator, operators):
 
 def test_a_threshold_is_where_it_was_planted(evaluator):
     _, _, (threshold,), _ = triaged(evaluator, CONDITIONS["camera-orientation"][:1], seed=2)
-    assert str(threshold) == "camera-orientation: fails from yaw 2.6° on"
+    assert describe(threshold) == "camera-orientation: fails from yaw 2.6° on"
 
 
 def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
@@ -97,7 +98,9 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     with Store.open(tmp_path / "a.db") as store:
         (found,) = store.triaged()
     assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
-    assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
+    assert [describe(threshold) for threshold in found.causes.thresholds] == [
+        "camera-orientation: fails from yaw 2.6° on"
+    ]
     player = Player(Expert().spec)
     player.actions = found.witness.actions
     fresh = ManiSkillEvaluator(

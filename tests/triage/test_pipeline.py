@@ -11,6 +11,7 @@ from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.errors import SimulatorError
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Triaged, Trial
@@ -59,7 +60,9 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     (found,) = triaged(opened, runner)
     assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
     assert found.operators == found.causes.necessary == found.causes.sufficient == ("camera-orientation",)
-    assert [str(each) for each in found.causes.thresholds] == ["camera-orientation: fails from yaw 2.6° on"]
+    assert [describe(threshold) for threshold in found.causes.thresholds] == [
+        "camera-orientation: fails from yaw 2.6° on"
+    ]
     assert set(found.counterparts) == {"camera-orientation"}
     assert found.witness is not None
     assert found.policy_rollouts == found.shrink_rollouts + 1 == runner.policy_rollouts

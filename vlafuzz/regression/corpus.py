@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vlafuzz.evidence import Causes, Witness
+from vlafuzz.phrasing import describe
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
@@ -50,7 +51,7 @@ class Case:
     @property
     def title(self) -> str:
         """The operators in a few words, with their thresholds where these are known."""
-        thresholds = {threshold.operator: str(threshold) for threshold in self.causes.thresholds}
+        thresholds = {threshold.operator: describe(threshold) for threshold in self.causes.thresholds}
         return "; ".join(thresholds.get(name, name) for name in self.operators)
 
 

@@ -8,6 +8,7 @@ from dataclasses import fields
 
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
+from vlafuzz.phrasing import failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space import SearchSpace
@@ -27,10 +28,7 @@ from vlafuzz.triage.path import CONFOUNDERS, GROUPS
 def deviations(space: SearchSpace, scene: Scene, causes: Causes) -> tuple[Deviation, ...]:
     """One for every operator that is not nominal in a scene; the confounder operators count as one."""
     nominal = _nominal(space, scene)
-    thresholds = {
-        threshold.operator: str(threshold).removeprefix(f"{threshold.operator}: ")
-        for threshold in causes.thresholds
-    }
+    thresholds = {threshold.operator: failing_range(threshold) for threshold in causes.thresholds}
     values = ((name, _value(name, scene, nominal), _value(name, nominal, scene)) for name in GROUPS)
     return tuple(
         Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in values if value

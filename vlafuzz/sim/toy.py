@@ -1,4 +1,4 @@
-"""Toy: an evaluator in closed form with planted failures, for seeing a strategy work without physics."""
+"""Toy: a closed-form evaluator with planted failures, to test strategies without physics."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 
-SOONEST, LATEST = 10, 70  # control steps to a success, as of real policies at 5 Hz
+SOONEST, LATEST = 10, 70  # control steps until success, as for real policies at 5 Hz
 
 Signal = Literal["smooth", "flat", "noise"]
 Distance = Callable[[Scene], float]
@@ -23,7 +23,7 @@ Distance = Callable[[Scene], float]
 
 
 def read(scene: Scene, path: str) -> float | str:
-    """A value of a scene, such as ``targets.0.x``; of ``confounders`` how many, of the light its log2."""
+    """A value of a scene, such as ``targets.0.x``; the number of ``confounders``; log2 of the intensity."""
     value: object = scene
     for key in path.split("."):
         value = value[int(key)] if isinstance(value, tuple) else getattr(value, key)
@@ -34,53 +34,53 @@ def read(scene: Scene, path: str) -> float | str:
 
 
 def near(path: str, centre: float, span: float, period: float = math.inf) -> Distance:
-    """A number near another one, in units of ``span``; modulo ``period`` for angles."""
+    """The value is near ``centre``, in units of ``span``; modulo ``period`` for angles."""
 
     def distance(scene: Scene) -> float:
-        away = abs(float(read(scene, path)) - centre)
-        return min(away % period, -away % period) / span
+        offset = abs(float(read(scene, path)) - centre)
+        return min(offset % period, -offset % period) / span
 
     return distance
 
 
 def among(path: str, names: Sequence[str]) -> Distance:
-    """A name that is one of several."""
+    """The value is one of several names."""
     return lambda scene: float(read(scene, path) not in names)
 
 
 def band(weights: Mapping[str, float], centre: float) -> Distance:
-    """A weighted sum near a number: a slab across the space."""
+    """A weighted sum is near ``centre``: a slab across the space."""
     return lambda scene: abs(sum(w * float(read(scene, path)) for path, w in weights.items()) - centre)
 
 
 @dataclass(frozen=True)
 class Region:
-    """Where the toy's policy fails: within ``width`` of every one of the conditions."""
+    """The region where the toy policy fails: within ``width`` of all conditions."""
 
     conditions: tuple[Distance, ...]
     width: float = 0.25
 
     def distance(self, scene: Scene) -> float:
-        """From the heart of the region, by the condition that is farthest from holding."""
+        """The largest distance of a condition, 0 in the middle of the region."""
         return max(condition(scene) for condition in self.conditions)
 
     def outside(self, scene: Scene) -> float:
-        """How far a scene is from the region, in [0, 1]: the mean over the conditions; 0 inside."""
+        """Distance of a scene to the region, the mean over the conditions in [0, 1]; 0 inside."""
         excesses = [max(condition(scene) - self.width, 0.0) for condition in self.conditions]
         return min(sum(excesses) / len(excesses), 1.0)
 
     def calibrated(self, scenes: Sequence[Scene], share: float) -> Region:
-        """The region as wide as it takes for that share of the scenes to fail."""
+        """The region with the width at which this share of the scenes fails."""
         distances = [self.distance(scene) for scene in scenes]
         return replace(self, width=float(np.quantile(distances, share)))
 
 
 class Toy:
-    """A policy that fails in a region, and elsewhere succeeds.
+    """A policy that fails in a region and succeeds elsewhere.
 
-    With a ``smooth`` signal it succeeds the later the nearer a scene is to the region, and fails the earlier
-    the deeper it is inside. With a ``flat`` one all successes are alike, and so are all failures. With
-    ``noise``, when it succeeds and how far it comes says nothing.
+    With a ``smooth`` signal, success is later the nearer a scene is to the region, and failure is earlier the
+    deeper a scene is inside. With a ``flat`` signal, all successes are alike, and so are all failures. With
+    ``noise``, time of success and progress are random.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Toy:
         self._min_distance, self._signal = min_distance, signal
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome a scene, in order."""
+        """One outcome per scene, in order."""
         return [self._outcome(scene) for scene in scenes]
 
     def close(self) -> None:
@@ -103,12 +103,12 @@ class Toy:
         stages, distance = TASKS[scene.task].stage_names, self._region.distance(scene)
         fails = distance <= self._region.width
         depth = distance / (self._region.width or 1.0) if fails else self._region.outside(scene)
-        told = {"smooth": depth, "flat": 0.5, "noise": int(scene.digest[:8], 16) / 16**8}[self._signal]
+        signal = {"smooth": depth, "flat": 0.5, "noise": int(scene.digest[:8], 16) / 16**8}[self._signal]
         if fails:
-            progress, steps = 0.9 * told, LATEST
+            progress, steps = 0.9 * signal, LATEST
             reached = stages[: int(progress * len(stages))]
         else:
-            progress, steps, reached = 1.0, LATEST - round(told * (LATEST - SOONEST)), stages
+            progress, steps, reached = 1.0, LATEST - round(signal * (LATEST - SOONEST)), stages
         return Outcome.of((_rollout(scene, progress, steps, reached, success=not fails),), stages)
 
 

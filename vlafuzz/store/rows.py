@@ -118,12 +118,12 @@ def to_trial(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Trial:
 def to_outcome(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Outcome:
     """The outcome in a row of ``trial``."""
     return Outcome(
-        Verdict[row["verdict"].upper()],
-        rollouts,
-        row["progress"] or 0.0,
-        row["lost_stage"],
-        row["detail"],
-        row["check_name"],
+        verdict=Verdict[row["verdict"].upper()],
+        rollouts=rollouts,
+        progress=row["progress"] or 0.0,
+        lost_stage=row["lost_stage"],
+        detail=row["detail"],
+        check=row["check_name"],
     )
 
 

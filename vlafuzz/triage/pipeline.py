@@ -15,9 +15,10 @@ from multiprocessing import get_context
 from typing import NamedTuple, Protocol
 
 from vlafuzz.errors import SceneError, SimulatorError
-from vlafuzz.evidence import Actions, signature
+from vlafuzz.evidence import Actions
 from vlafuzz.execute.processes import single_threaded
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Run, Triaged

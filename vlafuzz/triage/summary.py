@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import get_args
 
+from vlafuzz.phrasing import describe
 from vlafuzz.store.records import Bucket, Triaged
 from vlafuzz.store.store import Store
 
@@ -43,7 +44,7 @@ class TriagedFinding:
             shrunk=triaged.shrunk.digest if triaged.shrunk else None,
             necessary=triaged.causes.necessary,
             sufficient=triaged.causes.sufficient,
-            causes=tuple(map(str, triaged.causes.thresholds)),
+            causes=tuple(map(describe, triaged.causes.thresholds)),
             failures=triaged.failures,
             repeats=triaged.repeats,
             shrink_rollouts=triaged.shrink_rollouts,

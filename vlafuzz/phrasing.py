@@ -1,0 +1,34 @@
+"""Evidence in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vlafuzz.evidence import Threshold
+
+BASE = "base"  # in a signature: even the nominal scene fails
+
+
+def signature(task: str, lost: str, operators: Iterable[str]) -> str:
+    """Identifies a cause, readably: ``pick-up|grasp|camera-orientation+light``."""
+    return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
+
+
+def describe(threshold: Threshold) -> str:
+    """The operator and its failing range: ``light: fails from intensity × 6.25 on``."""
+    return f"{threshold.operator}: {failing_range(threshold)}"
+
+
+def failing_range(threshold: Threshold) -> str:
+    """The values from which on the policy fails."""
+    values = ", ".join(_value(path, value) for path, value in threshold.at)
+    share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
+    return f"fails from {values}{share} on"
+
+
+def _value(path: str, value: float) -> str:
+    slot, _, name = path.rpartition(".")
+    of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
+    if name == "intensity":
+        return f"{name} × {value:.3g}"
+    return f"{name}{of} {value:g}{' m' if name in ('x', 'y', 'distance') else '°'}"
