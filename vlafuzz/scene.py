@@ -86,6 +86,20 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Noise:
+    """Of every image that the policy sees, in this order.
+
+    ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the
+    quality of JPEG compression, 100 for none.
+    """
+
+    __pydantic_config__ = _STRICT
+    blur: Annotated[float, Field(ge=0)] = _quantity(" px", 0.0)
+    grain: Annotated[float, Field(ge=0)] = _quantity(" grey levels", 0.0)
+    jpeg: Annotated[float, Field(ge=1, le=100)] = 100.0
+
+
+@dataclass(frozen=True)
 class Latency:
     """``delay`` in control steps, from the policy's answer to its execution."""
 
@@ -114,6 +128,7 @@ class Scene:
     schema: int = SCHEMA
     frame: str = _later("")
     then: tuple[str, ...] = _later(())
+    noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
 
     @property

@@ -1,15 +1,21 @@
 """A cause that is planted on an extra operator is found like any other."""
 
+from dataclasses import replace
+
 import pytest
 
 from tests.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
+from vlafuzz.evidence import Causes
 from vlafuzz.report.deviations import deviations
+from vlafuzz.scene import Latency, Noise
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.shrink import shrink
 
+NO_NOISE = "blur 0 px, jpeg 100"
 LIGHT = CONDITIONS["light"][0]
 # The threshold of each planted condition, where it is one of a single number.
 FAILS_FROM = {
+    "sensor-noise": "sensor-noise: fails from blur 1.25 px on",
     "control-latency": "control-latency: fails from delay 2 steps on",
 }
 
@@ -28,16 +34,19 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
     assert thresholds.get(name) == FAILS_FROM.get(name)
 
 
-@pytest.mark.parametrize("name", EXTRA_CONDITIONS)
-def test_a_shrunk_extra_is_described_in_words(name):
-    judge = Planted([EXTRA_CONDITIONS[name]], space=WITH_EXTRAS)
-    finding = judge.finding(2)
-    oracle = judge.oracle(finding)
-    shrunk = shrink(finding, oracle, WITH_EXTRAS)
-    (deviation,) = deviations(WITH_EXTRAS, shrunk.scene, attribute(shrunk, oracle, WITH_EXTRAS))
-    assert (deviation.operator, deviation.value, deviation.nominal) == (name, *WORDS[name])
-
-
-WORDS = {
-    "control-latency": ("delay 3 steps", "delay 0 steps"),
-}
+@pytest.mark.parametrize(
+    ("part", "operator", "value", "nominal"),
+    [
+        (
+            {"noise": Noise(blur=1.75, jpeg=40)},
+            "sensor-noise",
+            "blur 1.75 px, jpeg 40",
+            "blur 0 px, jpeg 100",
+        ),
+        ({"latency": Latency(3)}, "control-latency", "delay 3 steps", "delay 0 steps"),
+    ],
+)
+def test_an_extra_is_described_in_words(part, operator, value, nominal):
+    scene = replace(WITH_EXTRAS.nominal(), **part)
+    (deviation,) = deviations(WITH_EXTRAS, scene, Causes())
+    assert (deviation.operator, deviation.value, deviation.nominal) == (operator, value, nominal)

@@ -6,6 +6,15 @@ from vlafuzz.space.base import Extra
 from vlafuzz.space.ranges import Span
 
 
+class SensorNoise(Extra):
+    """How blurred, noisy and compressed the images are that the policy sees."""
+
+    name, says, part = "sensor-noise", "blur, noise and compression of images", "noise"
+    blur: Span
+    grain: Span
+    jpeg: Span
+
+
 class ControlLatency(Extra):
     """How many control steps late the policy's actions are executed."""
 
@@ -13,4 +22,4 @@ class ControlLatency(Extra):
     delay: Span
 
 
-ALL: tuple[type[Extra], ...] = (ControlLatency,)
+ALL: tuple[type[Extra], ...] = (SensorNoise, ControlLatency)

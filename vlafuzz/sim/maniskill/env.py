@@ -33,6 +33,7 @@ from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.latency import DelayedCommands
 from vlafuzz.sim.maniskill.lights import SceneLights
+from vlafuzz.sim.maniskill.noise import SensorNoise
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
@@ -98,6 +99,7 @@ class TabletopEnv(BaseEnv):
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self._aim()
+        self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = Monitor(self.task, self._models, start)
         return start
@@ -106,11 +108,12 @@ class TabletopEnv(BaseEnv):
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
         state = self.world.step(*self._commands.exchange(action, relative_to))
         self.monitor.observe(state)
+        self._step += 1
         return state
 
     def seen(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a policy sees through a camera at present."""
-        return self.picture(camera)
+        return self._noise.degraded(self.picture(camera), self._step, camera)
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
@@ -128,7 +131,7 @@ class TabletopEnv(BaseEnv):
             camera=self._render_camera(third_person[0]).local_pose
             if third_person
             else sapien_pose(self.view),
-            extras={"latency": self._commands.latency},
+            extras={"noise": self._noise.noise, "latency": self._commands.latency},
         )
 
     @property
