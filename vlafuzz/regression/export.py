@@ -20,8 +20,8 @@ from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.triage.path import nominal
-from vlafuzz.triage.pipeline import SceneRunner, repeat
 from vlafuzz.triage.summary import summarise
+from vlafuzz.triage.triager import SceneRunner, repeat
 
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"

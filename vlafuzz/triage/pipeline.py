@@ -1,68 +1,22 @@
-"""triage: confirm, witness, shrink and attribute the findings of a store. It imports no simulator."""
+"""triage: work through the findings of a store, here or in several processes."""
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import groupby
 from multiprocessing import get_context
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
-from vlafuzz.errors import SceneError, SimulatorError
-from vlafuzz.evidence import Actions
+from vlafuzz.errors import SimulatorError
 from vlafuzz.execute.processes import single_threaded
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.phrasing import signature
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.confirm import MOST, Confirmation, confirm
-from vlafuzz.triage.oracle import BudgetedOracle, Judged
-from vlafuzz.triage.path import deviating
-from vlafuzz.triage.shrink import Shrunk, shrink
-from vlafuzz.triage.witness import Search, find_witness
-
-# Rollouts to shrink and attribute one finding; a stochastic policy takes about five a scene, at most twenty.
-MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 100, 1000
-
-
-class SceneRunner(Protocol):
-    """Runs policy and expert in the scenes of one run. Nothing raises for what a scene does."""
-
-    @property
-    def space(self) -> SearchSpace:
-        """The search space with the operators of the run."""
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """The names of the task's stages."""
-
-    @property
-    def deterministic(self) -> bool:
-        """Whether the policy is deterministic."""
-
-    def renew(self) -> None:
-        """Give the next scene an environment that has seen no other."""
-
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """The n-th rollout of the policy in each scene; a deterministic policy repeats itself."""
-
-    def solve(self, scene: Scene, attempt: int) -> Outcome:
-        """One rollout of the expert, in its n-th attempt."""
-
-    def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """The outcome when the robot executes these actions."""
-
-    def close(self) -> None:
-        """Release simulator and policies."""
+from vlafuzz.triage.triager import SceneRunner, Triager
 
 
 class Progress(NamedTuple):
@@ -136,7 +90,7 @@ def _here(
     """Triage in this process, run by run."""
     for run, findings in groupby(jobs, lambda job: job[0]):
         with closing(runner(run)) as tools:
-            triager = _Triager(tools, max_rollouts)
+            triager = Triager(tools, max_rollouts)
             for _, finding in findings:
                 yield triager.triage(finding)
 
@@ -158,7 +112,7 @@ def _in_processes(
         pool.shutdown(cancel_futures=True)
 
 
-_triagers: dict[int, _Triager] = {}  # of a worker process, by run
+_triagers: dict[int, Triager] = {}  # of a worker process, by run
 
 
 def _work(
@@ -169,7 +123,7 @@ def _work(
         for triager in _triagers.values():
             triager.runner.close()
         _triagers.clear()
-        _triagers[run.id] = _Triager(runner(run), max_rollouts)
+        _triagers[run.id] = Triager(runner(run), max_rollouts)
     return _triagers[run.id].triage(finding)
 
 
@@ -181,149 +135,3 @@ def _cells_first(findings: Sequence[Finding]) -> list[Finding]:
         ranked.append((seen[finding.cell], finding))
         seen[finding.cell] += 1
     return [finding for _, finding in sorted(ranked, key=lambda pair: pair[0])]
-
-
-class _BrokenError(Exception):
-    """Policy or simulator broke, which says nothing about the finding."""
-
-
-@dataclass
-class _Triager:
-    runner: SceneRunner
-    max_rollouts: int | None
-    known: dict[Scene, Judged] = field(default_factory=dict)
-
-    def triage(self, finding: Finding) -> Triaged | None:
-        """The finding after triage; None where policy or simulator broke."""
-        try:
-            return self._triage(finding)
-        except _BrokenError:
-            return None
-
-    def _triage(self, finding: Finding) -> Triaged:
-        began = time.monotonic()
-        self.runner.renew()
-        confirmation, judged = repeat(self.runner, finding.scene)
-        clear = confirmation.confirmed or confirmation.refuted or confirmation.repeats == MOST
-        if not clear:
-            raise _BrokenError
-        triaged = Triaged(
-            scene=finding.scene,
-            policy_key=finding.policy_key,
-            bucket="flaky",
-            repeats=confirmation.repeats,
-            failures=confirmation.failures,
-            deviating=self._deviating(finding.scene) or (),
-            policy_rollouts=judged.rollouts,
-            detail=f"{confirmation.failures} of {confirmation.repeats} repeats failed",
-        )
-        if confirmation.confirmed:
-            triaged = self._prove(triaged, judged)
-        return replace(triaged, seconds=time.monotonic() - began)
-
-    def _prove(self, triaged: Triaged, judged: Judged) -> Triaged:
-        """Witness, shrink and attribute a confirmed failure."""
-        search = self._search(triaged.scene)
-        triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=judged.lost, detail="")
-        if search.witness is None:
-            return replace(triaged, bucket="unproven", detail="the expert fails, too")
-        triaged = replace(triaged, bucket="witnessed", witness=search.witness)
-        if self._deviating(triaged.scene) is None:
-            return replace(triaged, detail="not shrunk: it has a value that no operator gives")
-        return self._shrink(triaged, judged)
-
-    def _shrink(self, triaged: Triaged, judged: Judged) -> Triaged:
-        runner = self.runner
-        oracle = BudgetedOracle(
-            self._judge,
-            runner.stages,
-            (triaged.scene, judged),
-            budget=self.max_rollouts or (MAX_ROLLOUTS if runner.deterministic else MAX_OF_STOCHASTIC),
-            rollouts_a_scene=1 if runner.deterministic else MOST,
-        )
-        shrunk = shrink(triaged.scene, oracle, runner.space)
-        if not shrunk.base:
-            triaged = replace(triaged, causes=attribute(shrunk, oracle, runner.space))
-        triaged = replace(
-            triaged,
-            shrunk=shrunk.scene,
-            lost_stage=shrunk.lost,
-            operators=shrunk.operators,
-            counterparts=shrunk.counterparts,
-            signature=signature(triaged.scene.task, shrunk.lost, shrunk.operators),
-            shrink_rollouts=oracle.spent,
-            policy_rollouts=triaged.policy_rollouts + oracle.spent,
-        )
-        if shrunk.base:
-            return replace(triaged, bucket="base", detail="even the nominal scene of the same objects fails")
-        if not shrunk.minimal:
-            return replace(triaged, detail=_why_not(shrunk))
-        return self._crown(triaged, shrunk.scene)
-
-    def _crown(self, triaged: Triaged, scene: Scene) -> Triaged:
-        """A shrunk scene is minimal when it has a witness of its own."""
-        if scene == triaged.scene:
-            return replace(triaged, bucket="minimal")
-        search = self._search(scene)
-        triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
-        if search.witness is None:
-            return replace(triaged, detail="the expert solves the finding, but not the shrunk scene")
-        return replace(triaged, bucket="minimal", witness=search.witness)
-
-    def _search(self, scene: Scene) -> Search:
-        search = find_witness(scene, self.runner.solve, self.runner.play)
-        if search.broken:
-            raise _BrokenError
-        return search
-
-    def _judge(self, scenes: Sequence[Scene]) -> list[Judged]:
-        """The verdicts of candidates; those known from another finding cost nothing."""
-        fresh = [scene for scene in scenes if scene not in self.known]
-        if self.runner.deterministic:
-            judged = [Judged.of(outcome) for outcome in self.runner.evaluate(fresh, 0)]
-        else:
-            judged = [repeat(self.runner, scene)[1] for scene in fresh]
-        if any(verdict.unanswered for verdict in judged):
-            raise _BrokenError
-        answers = dict(zip(fresh, judged, strict=True))
-        verdicts = [answers.get(scene) or self.known[scene] for scene in scenes]
-        self.known |= {
-            scene: answer._replace(rollouts=0)
-            for scene, answer in answers.items()
-            if answer.verdict is not Verdict.ERROR
-        }
-        return verdicts
-
-    def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
-        """The operators that are not nominal; None for a scene with a value that no operator gives."""
-        space = self.runner.space
-        try:
-            return tuple(deviating(space, scene)) if space.reset(scene, []) == scene else None
-        except SceneError:
-            return None
-
-
-def repeat(runner: SceneRunner, scene: Scene) -> tuple[Confirmation, Judged]:
-    """Whether a scene fails again, and the verdict that its repeats mostly have."""
-    seen: list[Judged] = []
-
-    def once(number: int) -> Verdict:
-        seen.append(Judged.of(runner.evaluate([scene], number)[0]))
-        return seen[-1].verdict
-
-    confirmation = confirm(once, deterministic=runner.deterministic)
-    rollouts = sum(judged.rollouts for judged in seen)
-    lost = Counter(judged.lost for judged in seen if judged.lost is not None)
-    if confirmation.confirmed:
-        return confirmation, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
-    if confirmation.refuted:
-        return confirmation, Judged(Verdict.PASSED, None, rollouts)
-    verdict = Verdict.FAILED if confirmation.failures else seen[-1].verdict  # at times
-    return confirmation, Judged(verdict, None, rollouts, seen[-1].unanswered)
-
-
-def _why_not(shrunk: Shrunk) -> str:
-    """Why a shrunk scene is not shown to be minimal."""
-    if not shrunk.complete:
-        return "the limit on rollouts cut shrinking short"
-    return "; ".join(f"without {name} the scene {outcome}" for name, outcome in shrunk.unresolved.items())
