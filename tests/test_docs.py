@@ -81,14 +81,25 @@ def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeyp
     assert json.loads(capsys.readouterr().out)["rollouts"] == 30
 
 
-def test_the_gymnasium_example_runs(tmp_path):
-    write_scenes(tmp_path / "failures.jsonl", [nominal("pick-up")])
-    (tmp_path / "example.py").write_text(EXAMPLES["In gymnasium"] + "print(info['progress'])\n")
+def output_of(example: str, folder: Path) -> str:
+    (folder / "example.py").write_text(example)
     done = subprocess.run(
-        [sys.executable, "example.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, "example.py"], cwd=folder, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert "tensor" in done.stdout
+    return done.stdout
+
+
+def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(tmp_path):
+    example = EXAMPLES["From Python"]
+    lines = output_of(example, tmp_path).splitlines()
+    assert [re.match(r"\w+ pick-up\|\w+\|[\w+-]+", line) is not None for line in lines] == [True, True]
+    assert len([line for line in example.splitlines() if line]) == 5
+
+
+def test_the_gymnasium_example_runs(tmp_path):
+    write_scenes(tmp_path / "failures.jsonl", [nominal("pick-up")])
+    assert "tensor" in output_of(EXAMPLES["In gymnasium"] + "print(info['progress'])\n", tmp_path)
 
 
 @pytest.mark.parametrize("script", ["demo", "test", "setup", "check"])
