@@ -243,7 +243,7 @@ def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(
     assert (one["relative"], one["points"], one["low"]) == (-1.0, -1.0, None)
     assert (one["transfer_seen"], one["transfer_unseen"]) == ([1, 1, 1], [1, 0, None])
     assert (alone["packs"], alone["tests"]) == (["mine"], [])
-    assert "With less than 3 policies there is no test" in (folder / "rq5.md").read_text()
+    assert "With fewer than 3 policies there is no test" in (folder / "rq5.md").read_text()
     several = found(capsys, *flags, "--policy", "frozen", "--policy", "random")
     (test,) = several["tests"]
     assert (test["policies"], test["p"]) == (3, None)  # all three differ by as much

@@ -11,7 +11,7 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.studies.mutants import EACH, kept, mutants, mutating, points
+from vlafuzz.studies.mutants import MUTANTS, kept, mutants, mutating, points
 from vlafuzz.studies.variants import Tried, Variant, pooled
 
 CATALOGUE = load_catalogue()
@@ -31,8 +31,8 @@ def scenes() -> list[Scene]:
 @pytest.mark.parametrize("study", ["rq3", "rq4"])
 def test_a_scene_comes_as_it_is_and_in_mutants_that_differ(study: str, scenes: list[Scene]) -> None:
     made = mutants(space(study), scenes, 0)
-    assert [each.scene for each in made[:: 1 + EACH]] == scenes
-    assert len({each.scene for each in made}) == len(scenes) * (1 + EACH)
+    assert [each.scene for each in made[:: 1 + MUTANTS]] == scenes
+    assert len({each.scene for each in made}) == len(scenes) * (1 + MUTANTS)
     for each in made:
         assert each.scene.placements == scenes[each.origin].placements
         assert (each.scene.light == Light()) or study == "rq3"

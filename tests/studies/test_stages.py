@@ -13,7 +13,8 @@ from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.records import Status, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
-from vlafuzz.studies.similar import Similarity, adjusted, is_similar, similarity
+from vlafuzz.studies.sheet import adjusted
+from vlafuzz.studies.similar import Similarity, is_similar, similarity
 from vlafuzz.studies.stages import in_paper, standing
 from vlafuzz.studies.stages_sheet import StageResult
 from vlafuzz.tasks.tabletop import TASKS
@@ -90,7 +91,16 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
         found = similarity(store, store.runs(), CATALOGUE)
     assert (found.similar, found.other, found.a12) == (8, 8, 0.0)
     assert found.p == pytest.approx(2 / 12870)
-    alone = Similarity("put-in", "idle", 0, 3, None, 0.5, None, None)
+    alone = Similarity(
+        task="put-in",
+        policy="idle",
+        similar=0,
+        other=3,
+        progress_similar=None,
+        progress_other=0.5,
+        a12=None,
+        p=None,
+    )
     assert [each.adjusted for each in adjusted([found, alone])] == [found.p, None]
 
 

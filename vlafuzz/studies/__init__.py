@@ -1,1 +1,1 @@
-"""The experiments of the VLATest paper on any policy, and what they found there."""
+"""The experiments of the VLATest paper for any policy, and the results that the paper reports."""

@@ -1,4 +1,4 @@
-"""How much of the space scenes cover: places of the first object, as the paper counts, and behaviour."""
+"""How much of the space scenes cover: places of the first object, as in the paper, and behaviour."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ class Area(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A scene, as coverage sees it.
+    """What coverage needs of a scene.
 
     Attributes:
-        place: the cell of the box in which its first object is; None outside.
-        site: the operators far from nominal, and the target's place; None where they are not known.
-        cell: its site with the stage at which it was lost, if it was run.
+        place: the cell of the box that has its first object; None outside.
+        site: the operators far from nominal, and the target's place; None if unknown.
+        cell: its site with the stage at which the policy was lost, if the scene was run.
     """
 
     place: tuple[int, int] | None
@@ -50,7 +50,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Track:
-    """The scenes of one task in a file, or of one run in a store, in order."""
+    """The scenes of one task of a file, or of one run of a store, in order."""
 
     task: str
     steps: tuple[Step, ...]
@@ -63,9 +63,9 @@ class Covered:
     """What the first ``scenes`` of a track cover.
 
     Attributes:
-        positions: share of the 10 × 10 cells of the box, ``published`` is what the paper has for as many.
-        sites: different ones.
-        cells, failures: different cells of all rollouts and of those that failed; None where nothing was run.
+        positions: share of the 10 × 10 cells of the box; ``published`` is the paper's for as many scenes.
+        sites: number of distinct sites.
+        cells, failures: distinct cells of all rollouts and of failed ones; None if nothing was run.
     """
 
     task: str
@@ -78,30 +78,30 @@ class Covered:
 
 
 def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue: Catalogue) -> list[Track]:
-    """A track for each task and robot, in the order in which they come first."""
+    """A track per task and robot, in order of first appearance."""
     by_kind: dict[tuple[str, str], list[Scene]] = {}
     for scene in scenes:
         by_kind.setdefault((scene.task, scene.robot), []).append(scene)
     return [
-        Track(task, tuple(_seen(its, _space(operators, catalogue, its[0]))))
-        for (task, _), its in by_kind.items()
+        Track(task, tuple(_steps(alike, _space(operators, catalogue, alike[0]))))
+        for (task, _), alike in by_kind.items()
     ]
 
 
 def tracks_of_store(store: Store) -> list[Track]:
-    """A track for each run: its trials that were judged, whether new or answered with a known outcome."""
+    """A track per run: its judged trials, including those that reused an outcome."""
     return [_run_track(store, run) for run in store.runs()]
 
 
 def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
-    """For as many of the first scenes as there are, and for all."""
-    there = len(track.steps)
-    for size in [*sorted({size for size in sizes if size < there}), there]:
+    """Coverage by the first scenes of a track, for each size that it has, and by all scenes."""
+    total = len(track.steps)
+    for size in [*sorted({size for size in sizes if size < total}), total]:
         yield _covered(track, size)
 
 
 def positions(places: Iterable[tuple[int, int] | None]) -> float:
-    """Share of the cells that are among these places."""
+    """Share of the box's cells that are among these places."""
     return len({place for place in places if place}) / SIDE**2
 
 
@@ -122,7 +122,7 @@ def _along(value: float, bounds: tuple[float, float]) -> int | None:
 
 def _covered(track: Track, size: int) -> Covered:
     steps = track.steps[:size]
-    ran = [step for step in steps if step.cell]
+    run = [step for step in steps if step.cell]
     sites = {step.site for step in steps}
     return Covered(
         task=track.task,
@@ -130,8 +130,8 @@ def _covered(track: Track, size: int) -> Covered:
         positions=positions(step.place for step in steps),
         published=_published().get((track.task, size)),
         sites=None if None in sites else len(sites),
-        cells=len({step.cell for step in ran}) if ran else None,
-        failures=len({step.cell for step in ran if step.failed}) if ran else None,
+        cells=len({step.cell for step in run}) if run else None,
+        failures=len({step.cell for step in run if step.failed}) if run else None,
     )
 
 
@@ -141,26 +141,26 @@ def _published() -> dict[tuple[str, int], float]:
 
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
-    """The space that scenes such as this one are measured in."""
-    if as_original(scene):  # of it, only the task counts
+    """The search space of scenes like this one."""
+    if as_original(scene):  # only its task matters
         return SearchSpace(operators, catalogue, scene.task)
     return SearchSpace(operators, catalogue, scene.task, scene.robot)
 
 
-def _seen(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
+def _steps(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
     for scene in scenes:
-        if theirs := as_original(scene):
+        if original := as_original(scene):
             box = vlatest_table().drawn_from(scene.task)
-            first, area, site = theirs.listing[0], Area(box.x, box.y), None
+            first, area, site = original.listing[0], Area(box.x, box.y), None
         else:
             first, area, site = scene.listing[0], _area(space), space.site(scene, space.severities(scene))
         yield Step(place(first.x, first.y, area), site)
 
 
 def _area(space: SearchSpace) -> Area:
-    """Where first objects are drawn from."""
-    ours = space.operators.get(TargetPosition)
-    return Area((ours.x.low, ours.x.high), (ours.y.low, ours.y.high))
+    """The box from which first objects are drawn."""
+    position = space.operators.get(TargetPosition)
+    return Area((position.x.low, position.x.high), (position.y.low, position.y.high))
 
 
 def _run_track(store: Store, run: Run) -> Track:
@@ -171,10 +171,10 @@ def _run_track(store: Store, run: Run) -> Track:
     operators, catalogue = stored_operators(store.path, manifest), stored_catalogue(manifest)
     space = _space(operators, catalogue, judged[0].scene)
     steps = [
-        seen._replace(
+        step._replace(
             cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space.rig.workspace),
             failed=trial.outcome.verdict is Verdict.FAILED,
         )
-        for trial, seen in zip(judged, _seen((trial.scene for trial in judged), space), strict=True)
+        for trial, step in zip(judged, _steps((trial.scene for trial in judged), space), strict=True)
     ]
     return Track(manifest.task, tuple(steps), run.id, manifest.strategy)

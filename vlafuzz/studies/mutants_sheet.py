@@ -1,4 +1,4 @@
-"""RQ3 and RQ4 on paper."""
+"""The tables and the plot of RQ3 and RQ4."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table
 from vlafuzz.text import Row, percent, points
 
 _NOTES = (
-    "Def.: scenes that the policy passed. Control: the same scenes once more, unmutated, in the seed "
-    "of the mutants. Mut.: of Def., how many are passed with a mutant, the mean of three. The "
-    "interval of Mut./Def. allows for it that mutants of one scene resemble each other. Net: "
-    "Mut./Def. less the control's share, in points. Unfair mutants and errors count in no share.",
+    "Def.: scenes that the policy passed. Control: the same scenes once more, unmutated, with the seed "
+    "of the mutants. Mut.: how many scenes of Def. are passed when mutated, the mean of three mutants. "
+    "The interval of Mut./Def. takes into account that mutants of one scene resemble each other. Net: "
+    "Mut./Def. minus the control's share, in points. Unfair mutants and errors count in no share.",
     BESIDE,
 )
 _DIFFERS = {
-    "rq3": "it has no control arm, so that what a policy loses by chance counts as the light's; its light "
-    "takes effect in pick-up only, as the other environments ignore it, and leaves ambient light as "
-    "it is, here α multiplies every light in every task; it draws α by a coin, dark or bright, and "
-    "then linearly, {alpha}: half of its 4302 draws are dark, and a quarter above 10.",
-    "rq4": "it has no control arm; with the camera its background changes, too, a photo, which here stays as "
-    "it is; it moves the camera by up to 5 cm along each of three axes (8.7 cm in all) and turns it "
-    "about two axes, here it moves by at most 5 cm in any direction and turns by up to 5° about all "
-    "three.",
+    "rq3": "it has no control arm, so that losses by chance count as effects of the light; its light changes "
+    "in pick-up only, as the other environments ignore it, and its ambient light stays as it is, while "
+    "here α multiplies every light in every task; it first draws dark or bright by a coin and then α "
+    "linearly, {alpha}: half of its 4302 draws are dark, and a quarter are above 10.",
+    "rq4": "it has no control arm; its background, a photo, changes with the camera and here it does not; it "
+    "moves the camera by up to 5 cm along each of three axes (8.7 cm in all) and turns it about two "
+    "axes, while here it moves by at most 5 cm in any direction and turns by up to 5° about all three.",
 }
 _ALPHA = {
     "linear": "as here",
@@ -38,7 +37,7 @@ _ALPHA = {
 
 @dataclass(frozen=True)
 class MutationResult(StudyResult):
-    """What RQ3 or RQ4 found.
+    """The result of RQ3 or RQ4.
 
     Attributes:
         alpha: how it was drawn; None in RQ4.
@@ -54,7 +53,7 @@ class MutationResult(StudyResult):
         """The paper's table, and curves."""
         curves = [Table(f"Mutants passed: {curve}", self._curve(curve)) for curve in CURVES[self.study]]
         tables = [
-            Table("Passed by default, and of these when mutated", [_row(each) for each in self.kept]),
+            Table("Passed by default, and of these when mutated", [_row(row) for row in self.kept]),
             *(table for table in curves if table.rows),
             Table("The paper's, as far as known", [_paper_row(row) for row in self.published]),
         ]
@@ -62,12 +61,14 @@ class MutationResult(StudyResult):
         return Sheet(self.title, tables, [*_NOTES, *self.gaps], differs, self._plot)
 
     def _curve(self, curve: str) -> list[Row]:
-        its = {(each.policy, each.low, each.high): each for each in self.points if each.curve == curve}
-        spans = sorted({(low, high) for _, low, high in its})
+        points = {
+            (point.policy, point.low, point.high): point for point in self.points if point.curve == curve
+        }
+        spans = sorted({(low, high) for _, low, high in points})
         return [
             {"policy": policy}
-            | {f"{low:g} to {high:g}": _passed(its.get((policy, low, high))) for low, high in spans}
-            for policy in dict.fromkeys(name for name, *_ in its)
+            | {f"{low:g} to {high:g}": _passed(points.get((policy, low, high))) for low, high in spans}
+            for policy in dict.fromkeys(name for name, *_ in points)
         ]
 
     def _plot(self, path: Path) -> None:
@@ -79,55 +80,53 @@ class MutationResult(StudyResult):
         for axes, curve in zip(every, CURVES[self.study], strict=True):
             for number, policy in enumerate(self.policies):
                 aside = 0.012 * (number - (len(self.policies) - 1) / 2)  # so that intervals lie side by side
-                its = [each for each in self.points if (each.policy, each.curve) == (policy, curve)]
-                series = plots.Series(policy, [each.passed for each in its], colours[policy])
-                plots.line(axes, [_middle(each, aside) for each in its], series)
+                points = [point for point in self.points if (point.policy, point.curve) == (policy, curve)]
+                series = plots.Series(policy, [point.passed for point in points], colours[policy])
+                plots.line(axes, [_middle(point, aside) for point in points], series)
             _scale(axes, curve)
         plots.save(figure, path)
 
     def _plot_kept(self, axes: Any, colours: Mapping[str, str]) -> None:
-        tasks = list(dict.fromkeys(each.task for each in self.kept))
-        its = {(each.policy, each.task): each for each in self.kept}
-        found = [[its.get((policy, task)) for task in tasks] for policy in self.policies]
+        tasks = list(dict.fromkeys(row.task for row in self.kept))
+        by_place = {(row.policy, row.task): row for row in self.kept}
+        rows = [[by_place.get((policy, task)) for task in tasks] for policy in self.policies]
         series = [
-            plots.Series(policy, [each.mutated if each else None for each in row], colours[policy])
-            for policy, row in zip(self.policies, found, strict=True)
+            plots.Series(policy, [kept.mutated if kept else None for kept in row], colours[policy])
+            for policy, row in zip(self.policies, rows, strict=True)
         ]
-        for stands, row in zip(plots.bars(axes, tasks, series), found, strict=True):
-            its_controls = [(x, each.control) for x, each in zip(stands, row, strict=True) if each]
-            marks = [(x, control.share) for x, control in its_controls if control.of]
-            for x, y in marks:
-                axes.scatter(x, y, **plots.MARK, label="control")
+        for xs, row in zip(plots.bars(axes, tasks, series), rows, strict=True):
+            for x, kept in zip(xs, row, strict=True):
+                if kept and kept.control.of:
+                    axes.scatter(x, kept.control.share, **plots.MARK, label="control")
 
 
-def _row(each: Kept) -> Row:
-    both = each.control.of and each.mutated.of
+def _row(row: Kept) -> Row:
+    both = row.control.of and row.mutated.of
     return {
-        "task": each.task,
-        "policy": each.policy,
-        "Def.": each.default,
-        "control": str(each.control),
-        "Mut.": round(each.mean, 1) if each.mutated.of else None,
-        "Mut./Def.": str(each.mutated),
-        "net": points(each.mutated.share - each.control.share) if both else None,
-        "invalid": each.invalid,
-        "errors": each.errors,
+        "task": row.task,
+        "policy": row.policy,
+        "Def.": row.default,
+        "control": str(row.control),
+        "Mut.": round(row.mean, 1) if row.mutated.of else None,
+        "Mut./Def.": str(row.mutated),
+        "net": points(row.mutated.share - row.control.share) if both else None,
+        "invalid": row.invalid,
+        "errors": row.errors,
     }
 
 
 def _paper_row(row: published.Mutated) -> Row:
-    def beside(value: object, right: object) -> str | None:
-        shown = "–" if value is None else str(value)
+    def corrected(printed: object, right: object) -> str:
+        shown = "–" if printed is None else str(printed)
         return shown if right is None else f"{shown} (adds up to {right})"
 
+    right_kept = None if row.right_kept is None else percent(row.right_kept)
     return {
         "task": row.task,
         "policy": row.policy,
-        "Def.": beside(row.default, row.right_default),
-        "Mut.": beside(row.mutated, row.right_mutated),
-        "Mut./Def.": beside(
-            *(None if each is None else percent(each) for each in (row.kept, row.right_kept))
-        ),
+        "Def.": corrected(row.default, row.right_default),
+        "Mut.": corrected(row.mutated, row.right_mutated),
+        "Mut./Def.": corrected(percent(row.kept), right_kept),
     }
 
 
@@ -136,7 +135,7 @@ def _passed(point: Point | None) -> str:
 
 
 def _middle(point: Point, aside: float) -> float:
-    """Of its bin, moved aside by a share of the axis."""
+    """The middle of its bin, moved aside by a share of the axis."""
     if _logarithmic(point.curve):
         return math.sqrt(point.low * point.high) * 20**aside
     return (point.low + point.high) / 2 + aside * EDGES[point.curve][-1]
@@ -148,11 +147,11 @@ def _logarithmic(curve: str) -> bool:
 
 def _scale(axes: Any, curve: str) -> None:
     ticks = EDGES[curve]
-    told = [str(each) for each in ticks]
+    labels = [str(tick) for tick in ticks]
     if _logarithmic(curve):
         axes.set_xscale("log", base=2)
         axes.minorticks_off()
         axes.set_xlabel("α")
-        told = [f"1/{each}" if curve == "darker" and each > 1 else str(each) for each in ticks]
-    axes.set_xticks(ticks, told)
+        labels = [f"1/{tick}" if curve == "darker" and tick > 1 else str(tick) for tick in ticks]
+    axes.set_xticks(ticks, labels)
     axes.set_xlim(ticks[0], ticks[-1])

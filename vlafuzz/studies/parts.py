@@ -1,4 +1,4 @@
-"""The runs of a study: which there are to be, over which operators, and which of them a store has."""
+"""The runs of a study: which are wanted, with which operators, and which of them a store has."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Part(NamedTuple):
     """One run of a study.
 
     Attributes:
-        confounders: None where their number is left to the operators.
-        policy: None for the default one.
-        arm: what is other than in the study's first runs; nothing for these.
+        confounders: their number; None where the operators draw it.
+        policy: None for the default policy.
+        arm: what differs from the study's runs of random scenes; empty for these.
     """
 
     task: str
@@ -33,35 +33,34 @@ class Part(NamedTuple):
     arm: str = ""
 
     def __str__(self) -> str:
-        counted = None if self.confounders is None else f"{self.confounders} confounders"
-        told = [self.policy, self.task, counted, self.arm]
-        return ", ".join(each for each in told if each)
+        confounders = None if self.confounders is None else f"{self.confounders} confounders"
+        return ", ".join(filter(None, (self.policy, self.task, confounders, self.arm)))
 
 
 def parts_of(study: str, tasks: Sequence[str], policies: Sequence[str | None]) -> list[Part]:
-    """The first runs, of each policy: a task each, in RQ2 a task and a number of confounders each."""
+    """The runs of random scenes: one per policy and task, in RQ2 also per number of confounders."""
     counts = COUNTS if study == "rq2" else (None,)
     return [Part(task, count, policy) for policy in policies for task in tasks for count in counts]
 
 
 def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
     """The operators of a part, with its number of confounders."""
-    own = operators.in_task(part.task)
+    in_task = operators.in_task(part.task)
     if part.confounders is None:
-        return own
+        return in_task
     fixed = ConfounderCount(low=part.confounders, high=part.confounders, nominal=part.confounders)
-    return replace(own, operators={**own.operators, ConfounderCount.name: fixed})
+    return replace(in_task, operators={**in_task.operators, ConfounderCount.name: fixed})
 
 
 def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
-    """What a store has of a part: a run that is over, else the newest that ended early.
+    """The run of a part that a store has, finished or not.
 
     Args:
         wanted: the part's manifest, as it would be made now.
-        scenes: of the part, where these are given; those of the run are these, or the first of them.
+        scenes: the variants of the part, if it has any; the run has them or the first of them.
 
     Raises:
-        UsageError: another version made what is there.
+        UsageError: another version made the run.
     """
     same = [
         run

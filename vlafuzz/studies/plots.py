@@ -1,4 +1,4 @@
-"""What the plots of studies share. matplotlib is imported when one is drawn."""
+"""Shared parts of the studies' plots. matplotlib is imported when one is drawn."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 from vlafuzz.statistics import Share
 
-# Okabe, Ito 2008: told apart with any colour vision.
+# Okabe, Ito 2008: distinguishable with any colour vision.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00")
 MARK = {"marker": "D", "color": "#000000", "edgecolor": "#FFFFFF", "s": 24, "zorder": 3, "clip_on": False}
 
 
 class Series(NamedTuple):
-    """Shares that belong together, one a place; None where there is none."""
+    """Shares of one colour and label, one per place; None where there is none."""
 
     label: str
     shares: Sequence[Share | None]
@@ -23,9 +23,9 @@ class Series(NamedTuple):
 
 
 def panels(
-    title: str, names: Sequence[str], says: str, *, columns: int = 4, width: float = 3.2
+    title: str, names: Sequence[str], label: str, *, columns: int = 4, width: float = 3.2
 ) -> tuple[Any, list[Any]]:
-    """A figure, and in it named panels of shares, side by side; ``says`` of what."""
+    """A figure with named panels side by side; ``label`` is that of the y axes, from 0 to 1."""
     from matplotlib.figure import Figure
 
     columns = min(columns, len(names))
@@ -42,40 +42,40 @@ def panels(
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
     for axes in every[: len(names) : columns]:
-        axes.set_ylabel(says)
+        axes.set_ylabel(label)
     figure.suptitle(title, fontsize=11)
     return figure, every[: len(names)]
 
 
 def bars(axes: Any, places: Sequence[str], every: Sequence[Series]) -> list[list[float]]:
-    """Bars with their intervals, the series side by side at each place; where the bars of each stand."""
-    width, stands = 0.8 / max(len(every), 1), []
+    """Draw bars with intervals, the series side by side at each place; the x of each series' bars."""
+    width, positions = 0.8 / max(len(every), 1), []
     for number, series in enumerate(every):
-        where = [place + (number - (len(every) - 1) / 2) * width for place in range(len(places))]
-        there = [(x, each) for x, each in zip(where, series.shares, strict=True) if each and each.of]
-        xs, shares = [x for x, _ in there], [each for _, each in there]
-        heights = [each.share for each in shares]
+        centres = [place + (number - (len(every) - 1) / 2) * width for place in range(len(places))]
+        known = [(x, share) for x, share in zip(centres, series.shares, strict=True) if share and share.of]
+        xs, shares = [x for x, _ in known], [share for _, share in known]
+        heights = [share.share for share in shares]
         axes.bar(xs, heights, width * 0.92, color=series.colour, alpha=series.alpha, label=series.label)
         axes.errorbar(xs, heights, _ends(shares), fmt="none", ecolor="#777777", elinewidth=1, capsize=2)
-        stands.append(where)
+        positions.append(centres)
     axes.set_xticks(range(len(places)), places)
-    return stands
+    return positions
 
 
 def line(axes: Any, xs: Sequence[float], series: Series) -> None:
-    """Points with their intervals, joined."""
-    shares = [each for each in series.shares if each]
+    """Draw points with intervals, joined by lines."""
+    shares = [share for share in series.shares if share]
     if not shares:
-        return  # matplotlib lays out no axes that have empty lines only
+        return  # matplotlib cannot lay out axes with empty lines only
     axes.errorbar(
-        xs, [each.share for each in shares], _ends(shares),
+        xs, [share.share for share in shares], _ends(shares),
         color=series.colour, label=series.label, marker="o", markersize=4, linewidth=1.2, elinewidth=0.8,
         capsize=2, clip_on=False,
     )  # fmt: skip
 
 
 def save(figure: Any, path: Path) -> None:
-    """With one legend for all panels, below them."""
+    """Write a figure with one legend for all panels, below them."""
     drawn = [axes.get_legend_handles_labels() for axes in figure.axes]
     labelled = {
         label: handle for handles, labels in drawn for handle, label in zip(handles, labels, strict=True)
@@ -93,10 +93,10 @@ def save(figure: Any, path: Path) -> None:
 
 
 def coloured(names: Sequence[str]) -> dict[str, str]:
-    """A colour for each of some names."""
+    """A colour for each name."""
     return {name: COLOURS[number % len(COLOURS)] for number, name in enumerate(dict.fromkeys(names))}
 
 
 def _ends(shares: Sequence[Share]) -> list[list[float]]:
-    below = [max(0.0, each.share - each.low) for each in shares]
-    return [below, [max(0.0, each.high - each.share) for each in shares]]
+    below = [max(0.0, share.share - share.low) for share in shares]
+    return [below, [max(0.0, share.high - share.share) for share in shares]]

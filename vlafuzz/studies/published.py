@@ -1,4 +1,4 @@
-"""What the VLATest paper reports, as rows: published/*.csv, each of which names its source."""
+"""The VLATest paper's figures as rows, from published/*.csv; each file names its source."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Success:
     """RQ1: a share as printed, of one policy or the ``mean`` or ``best`` of all.
 
     Attributes:
-        as_well: another value that the paper prints for the same.
+        as_well: another value that the paper prints for the same quantity.
     """
 
     task: str
@@ -53,9 +53,9 @@ class Mutated:
     Attributes:
         task, policy: ``all`` for totals.
         default: passes of RQ1.
-        mutated: of these, the mean of three mutations each.
+        mutated: how many of these it still passes, the mean of three mutations each.
         kept: ``mutated / default``.
-        right_default, right_mutated, right_kept: what a sum or ratio that is printed wrong should be.
+        right_default, right_mutated, right_kept: the correct value of a sum or ratio that is misprinted.
     """
 
     study: str
@@ -92,19 +92,19 @@ def passed() -> tuple[Passed, ...]:
 
 @cache
 def success() -> tuple[Success, ...]:
-    """What is known of the paper's table of RQ1."""
+    """The known rows of the paper's table of RQ1."""
     return _rows("success", Success)
 
 
 @cache
 def mutated() -> tuple[Mutated, ...]:
-    """What is known of the paper's tables of RQ3 and RQ4."""
+    """The known rows of the paper's tables of RQ3 and RQ4."""
     return _rows("mutated", Mutated)
 
 
 @cache
 def sizes() -> tuple[Size, ...]:
-    """Six rows, a study each."""
+    """Six rows, one per study."""
     return _rows("sizes", Size)
 
 
@@ -116,7 +116,7 @@ def _rows(name: str, kind: type[_Row]) -> tuple[_Row, ...]:
     path = published_dir() / f"{name}.csv"
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-        found = [{key: value or None for key, value in row.items()} for row in csv.DictReader(lines)]
-        return tuple(TypeAdapter(list[kind]).validate_python(found))  # type: ignore[valid-type]
+        rows = [{key: value or None for key, value in row.items()} for row in csv.DictReader(lines)]
+        return tuple(TypeAdapter(list[kind]).validate_python(rows))  # type: ignore[valid-type]
     except (OSError, ValidationError) as error:
         raise CatalogueError(f"{path}: {' '.join(str(error).split())}") from None

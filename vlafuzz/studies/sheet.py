@@ -1,17 +1,19 @@
-"""A study on paper: tables, and what to know about them."""
+"""The results of a study as a sheet: tables, notes and a plot."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
+from vlafuzz.statistics import holm
 from vlafuzz.text import Row, markdown_table
 
 BESIDE = (
-    "The paper's figures are of other policies on other robots in another simulator: they stand "
-    "beside, they do not compare."
+    "The paper's figures are of other policies on other robots in another simulator: they are shown "
+    "for reference and cannot be compared."
 )
 
 
@@ -25,11 +27,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Sheet:
-    """What a study says.
+    """The tables of a study, with notes.
 
     Attributes:
-        differs: from the paper's protocol, and why.
-        draw: makes the plot, a PNG.
+        differs: how the paper's protocol differs, and why.
+        draw: draws the plot into a PNG file.
     """
 
     title: str
@@ -39,7 +41,7 @@ class Sheet:
     draw: Callable[[Path], None]
 
     def markdown(self) -> str:
-        """To paste."""
+        """The sheet as markdown."""
         parts = [f"# {self.title}"]
         for table in self.tables:
             parts += [f"**{table.title}**", markdown_table(table.rows)]
@@ -47,16 +49,16 @@ class Sheet:
 
     @property
     def deviation(self) -> str:
-        """What differs from the paper's protocol, as a sentence."""
+        """How the paper's protocol differs, as a sentence."""
         return f"What differs from the paper: {self.differs}"
 
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study found; each has more.
+    """The result of a study; subclasses add rows.
 
     Attributes:
-        left_out: runs that had no scene, and why.
+        left_out: runs without scenes, and why.
     """
 
     study: str
@@ -65,22 +67,39 @@ class StudyResult:
 
     @property
     def title(self) -> str:
-        """Of the sheet and its plot."""
+        """The title of the sheet and the plot."""
         name = self.study.upper() if self.study.startswith("rq") else self.study.capitalize()
         return f"{name}: {', '.join(self.policies)}"
 
     @property
     def gaps(self) -> list[str]:
-        """A note of what was left out, if anything."""
+        """A note on runs that were left out, if any."""
         return [f"Left out: {'; '.join(self.left_out)}."] if self.left_out else []
 
     @abstractmethod
     def sheet(self) -> Sheet:
-        """It on paper."""
+        """The result as tables, notes and a plot."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tested:
+    """A row with a p-value, ``adjusted`` for the number of tests; None where nothing was tested."""
+
+    p: float | None
+    adjusted: float | None = None
+
+
+_Tested = TypeVar("_Tested", bound=Tested)
+
+
+def adjusted(rows: Sequence[_Tested]) -> list[_Tested]:
+    """The rows with their p-values corrected for how many there are, by Holm's method."""
+    values = iter(holm([row.p for row in rows if row.p is not None]))
+    return [row if row.p is None else replace(row, adjusted=next(values)) for row in rows]
 
 
 def chance(p: float | None, adjusted: float | None = None) -> str:
-    """A p-value, and in parentheses what it is among as many tests."""
+    """A p-value, and in parentheses the value corrected for the number of tests."""
     if p is None:
         return "–"
     return f"{p:.3g}" + ("" if adjusted is None else f" ({adjusted:.3g})")

@@ -1,4 +1,4 @@
-"""How far a policy comes: the share of scenes in which it reaches each stage of a task."""
+"""Stage success: the share of scenes in which a policy reaches each stage of a task."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from vlafuzz.tasks.tabletop import TASKS
 
 @dataclass(frozen=True)
 class Reached(Share):
-    """The scenes that reached a stage."""
+    """The share of scenes that reached a stage."""
 
     stage: str = ""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """One run, counted.
+    """The counts of one run.
 
     Attributes:
-        confounders: how many there are in every scene; None where that varies.
+        confounders: their number in every scene; None where it varies.
         judged: distinct scenes that passed or failed; ``invalid`` and ``errors`` are left out of all shares.
         progress: mean over the judged scenes, in [0, 1].
-        stopped: whether it ended before it had all scenes.
+        stopped: whether the run ended before it had all scenes.
     """
 
     task: str
@@ -46,11 +46,11 @@ class Standing:
 
 @dataclass(frozen=True)
 class Published:
-    """What the paper has of a task: other policies on another robot in another simulator.
+    """The paper's success in a task: of other policies on another robot in another simulator.
 
     Attributes:
-        mean, as_well: success over seven policies, printed in two ways for one task.
-        policies: success of each, counted in the authors' data.
+        mean, as_well: success over seven policies; for one task the paper prints two values.
+        policies: success by policy, counted in the authors' data.
     """
 
     task: str
@@ -60,7 +60,7 @@ class Published:
 
 
 def standing(store: Store, run: Run, confounders: int | None = None) -> Standing:
-    """Count a run, each scene once: a stage counts where all rollouts of the scene reached it."""
+    """Count a run, each scene once; a scene reaches a stage when all of its rollouts do."""
     trials = distinct(store, run)
     judged = [trial.outcome for trial in trials if trial.outcome.rollouts]
     verdicts = [trial.outcome.verdict for trial in trials]
@@ -85,7 +85,7 @@ def in_paper(task: str) -> Published:
 
 
 def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
-    """How many scenes reached each stage of a task: in all of their rollouts."""
+    """The share of scenes that reached each stage of a task in all of their rollouts."""
     return tuple(_reached(stage, judged) for stage in TASKS[task].stage_names)
 
 

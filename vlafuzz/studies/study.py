@@ -25,8 +25,8 @@ from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, kept, mutants, mutating
 from vlafuzz.studies.mutants_sheet import MutationResult
 from vlafuzz.studies.parts import Part, operators_of, parts_of
 from vlafuzz.studies.runner import StudyRunner
-from vlafuzz.studies.sheet import Sheet, StudyResult
-from vlafuzz.studies.similar import Similarity, adjusted, similarity
+from vlafuzz.studies.sheet import Sheet, StudyResult, adjusted
+from vlafuzz.studies.similar import Similarity, similarity
 from vlafuzz.studies.stages import Standing, in_paper, standing
 from vlafuzz.studies.stages_sheet import StageResult
 from vlafuzz.studies.unseen import difference, paired_tests
@@ -208,7 +208,7 @@ def _wording_study(runner: StudyRunner, request: StudyRequest) -> WordingResult:
         together.append(wordings.together(task, policy, plain, reworded))
         rows += wordings.compared(task, policy, plain, reworded, prompts[task])
     policies = list(dict.fromkeys(row.policy for row in together))
-    return WordingResult(request.study, policies, runner.left_out, together, wordings.adjusted(rows))
+    return WordingResult(request.study, policies, runner.left_out, together, adjusted(rows))
 
 
 def _varied(

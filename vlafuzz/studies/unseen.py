@@ -1,4 +1,4 @@
-"""RQ5: how much of what a policy does with known objects it still does with others."""
+"""RQ5: how much of its success with seen objects a policy keeps with unseen ones."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from itertools import pairwise
 from statistics import fmean, stdev
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.statistics import Interval
 from vlafuzz.studies.stages import Standing
@@ -21,10 +22,9 @@ class Difference:
     """A policy in a task with seen and with unseen objects.
 
     Attributes:
-        relative: of the success with seen objects, what is gained or lost with unseen ones: (unseen - seen) /
-            seen; None where seen is 0.
-        points: unseen - seen, with a 95 % interval from ``low`` to ``high``: percentile bootstrap over the
-            scenes of each; None where neither varies.
+        relative: change of success relative to seen objects, (unseen - seen) / seen; None where seen is 0.
+        points: unseen - seen, with a 95 % percentile bootstrap interval over the scenes from ``low`` to
+            ``high``; the interval is None where neither varies.
         transfer_seen, transfer_unseen: Tr_n: of the scenes that reach stage n - 1 (all for the first), the
             share that reaches stage n; None where there are none.
     """
@@ -47,8 +47,8 @@ class PairedTest:
 
     Attributes:
         task: ``all`` for each policy's mean over its tasks.
-        d: Cohen's, of paired samples: mean over standard deviation of the differences. Like ``t`` and ``p``
-            None where these do not vary.
+        d: Cohen's for paired samples: mean over standard deviation of the differences. Like ``t`` and ``p``
+            it is None where the differences do not vary.
     """
 
     task: str
@@ -78,25 +78,26 @@ def difference(seen: Standing, unseen: Standing) -> Difference:
 
 
 def transfers(standing: Standing) -> tuple[float | None, ...]:
-    """Of the scenes that reached the stage before, the share that reached the next one, for each stage."""
+    """For each stage, the share of the scenes at the stage before that reached it."""
     counts = [standing.judged, *(stage.count for stage in standing.stages)]
-    return tuple(now / was if was else None for was, now in pairwise(counts))
+    return tuple(after / before if before else None for before, after in pairwise(counts))
 
 
-def paired_tests(found: Sequence[Difference]) -> list[PairedTest]:
-    """A test for each task that enough policies did, and one over all tasks."""
-    pairs: dict[str, dict[str, tuple[float, float]]] = {}
-    for each in found:
-        before, after = _success(each.seen), _success(each.unseen)
+def paired_tests(rows: Sequence[Difference]) -> list[PairedTest]:
+    """A test for each task with enough policies, and one over all tasks."""
+    by_task: dict[str, dict[str, tuple[float, float]]] = {}
+    for row in rows:
+        before, after = _success(row.seen), _success(row.unseen)
         if before is not None and after is not None:
-            pairs.setdefault(each.task, {})[each.policy] = (before, after)
-    common = [name for name in next(iter(pairs.values()), ()) if all(name in its for its in pairs.values())]
+            by_task.setdefault(row.task, {})[row.policy] = (before, after)
+    tables = list(by_task.values())
+    common = [policy for policy in next(iter(tables), ()) if all(policy in table for table in tables)]
     means = {
-        name: (fmean(its[name][0] for its in pairs.values()), fmean(its[name][1] for its in pairs.values()))
-        for name in common
+        policy: (fmean(table[policy][0] for table in tables), fmean(table[policy][1] for table in tables))
+        for policy in common
     }
-    tables = [*pairs.items(), *([("all", means)] if len(pairs) > 1 else [])]
-    return [_test(task, list(its.values())) for task, its in tables if len(its) >= ENOUGH]
+    named = [*by_task.items(), *([("all", means)] if len(tables) > 1 else [])]
+    return [_test(task, list(table.values())) for task, table in named if len(table) >= ENOUGH]
 
 
 def _test(task: str, pairs: Sequence[tuple[float, float]]) -> PairedTest:
@@ -116,18 +117,23 @@ def _test(task: str, pairs: Sequence[tuple[float, float]]) -> PairedTest:
 def _bootstrap(seen: Standing, unseen: Standing) -> Interval | None:
     from scipy.stats import bootstrap
 
-    before, after = (np.repeat([1.0, 0.0], [each.stages[-1].count, each.judged - each.stages[-1].count])
-                     for each in (seen, unseen))  # fmt: skip
+    before, after = _successes(seen), _successes(unseen)
     if min(len(before), len(after)) < 2 or (len({*before}) == 1 and len({*after}) == 1):
         return None
-    found = bootstrap(
+    bounds = bootstrap(
         (after, before),
         lambda x, y, axis: x.mean(axis=axis) - y.mean(axis=axis),
         n_resamples=_RESAMPLES,
         method="percentile",
         rng=np.random.default_rng(0),
     ).confidence_interval
-    return Interval(float(found.low), float(found.high))
+    return Interval(float(bounds.low), float(bounds.high))
+
+
+def _successes(standing: Standing) -> NDArray[np.float64]:
+    """1 for each judged scene that succeeded, else 0."""
+    count = standing.stages[-1].count
+    return np.repeat([1.0, 0.0], [count, standing.judged - count])
 
 
 def _success(standing: Standing) -> float | None:

@@ -1,4 +1,4 @@
-"""RQ5 on paper."""
+"""The tables and the plot of RQ5."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ _NOTE = (
     "1, the share that reaches stage n."
 )
 _TESTED = (
-    "The t-test is paired, over policies, which it takes for a sample of many; d is Cohen's, of paired "
+    "The t-test is paired, over policies, which it takes as a sample of many; d is Cohen's, of paired "
     "samples."
 )
 _FEW = (
-    f"With less than {ENOUGH} policies there is no test over policies: the bootstrap over scenes says "
-    "how sure a difference is of these policies, nothing of others."
+    f"With fewer than {ENOUGH} policies there is no test over policies: the bootstrap over scenes says "
+    "how certain the difference is for these policies, nothing about others."
 )
 _DIFFERS = (
-    "its unseen objects are YCB's, at half size in the put tasks, and 1000 scenes a task; here an "
-    "object has one size in all tasks, and what the hand cannot take is no target. Which objects a "
-    "policy has seen in training, only who trained it knows."
+    "its unseen objects are YCB's, at half size in the put tasks, with 1000 scenes per task; here an "
+    "object has the same size in all tasks, and what the gripper cannot grasp is no target. Only those "
+    "who trained a policy know which objects it has seen."
 )
 
 
 @dataclass(frozen=True)
 class UnseenResult(StudyResult):
-    """What RQ5 found; ``packs`` are those of the unseen objects."""
+    """The result of RQ5; ``packs`` are those of the unseen objects."""
 
     packs: list[str]
     differences: list[Difference]
@@ -43,64 +43,61 @@ class UnseenResult(StudyResult):
     def sheet(self) -> Sheet:
         """Success, transfer rates and, over enough policies, the test."""
         tables = [
-            Table(f"Success; unseen: {', '.join(self.packs)}", [_row(each) for each in self.differences]),
+            Table(f"Success; unseen: {', '.join(self.packs)}", [_row(row) for row in self.differences]),
             *_transfer_tables(self.differences),
-            *([Table("Over policies", [_test_row(each) for each in self.tests])] if self.tests else []),
+            *([Table("Over policies", [_test_row(test) for test in self.tests])] if self.tests else []),
         ]
         notes = [_NOTE, _TESTED if self.tests else _FEW, *self.gaps]
         return Sheet(self.title, tables, notes, _DIFFERS, self._plot)
 
     def _plot(self, path: Path) -> None:
-        """Stages with seen objects, pale, beside the same with unseen ones; a panel a task."""
-        tasks = list(dict.fromkeys(each.task for each in self.differences))
+        """Stages with seen objects, pale, beside those with unseen ones; a panel per task."""
+        tasks = list(dict.fromkeys(row.task for row in self.differences))
         figure, every = plots.panels(self.title, tasks, "share of scenes")
         colours = plots.coloured(self.policies)
         for axes, task in zip(every, tasks, strict=True):
-            its = [each for each in self.differences if each.task == task]
+            rows = [row for row in self.differences if row.task == task]
             series = [
-                plots.Series(f"{each.policy}, {name}", of.stages, colours[each.policy], alpha)
-                for each in its
-                for name, of, alpha in (("seen", each.seen, 0.4), ("unseen", each.unseen, 1.0))
+                plots.Series(f"{row.policy}, {name}", standing.stages, colours[row.policy], alpha)
+                for row in rows
+                for name, standing, alpha in (("seen", row.seen, 0.4), ("unseen", row.unseen, 1.0))
             ]
-            plots.bars(axes, [stage.stage for stage in its[0].seen.stages], series)
+            plots.bars(axes, [stage.stage for stage in rows[0].seen.stages], series)
         plots.save(figure, path)
 
 
-def _row(each: Difference) -> Row:
-    bounds = None if each.low is None else f" ({points(each.low)} to {points(each.high)})"
+def _row(row: Difference) -> Row:
+    bounds = None if row.low is None else f" ({points(row.low)} to {points(row.high)})"
     return {
-        "task": each.task,
-        "policy": each.policy,
-        "seen": str(each.seen.stages[-1]),
-        "unseen": str(each.unseen.stages[-1]),
-        "Diff. %": points(each.relative),
-        "in points": points(each.points) + (bounds or ""),
-        "judged": f"{each.seen.judged}, {each.unseen.judged}",
-        "invalid": f"{each.seen.invalid}, {each.unseen.invalid}",
-        "errors": f"{each.seen.errors}, {each.unseen.errors}",
+        "task": row.task,
+        "policy": row.policy,
+        "seen": str(row.seen.stages[-1]),
+        "unseen": str(row.unseen.stages[-1]),
+        "Diff. %": points(row.relative),
+        "in points": points(row.points) + (bounds or ""),
+        "judged": f"{row.seen.judged}, {row.unseen.judged}",
+        "invalid": f"{row.seen.invalid}, {row.unseen.invalid}",
+        "errors": f"{row.seen.errors}, {row.unseen.errors}",
     }
 
 
-def _transfer_tables(found: Sequence[Difference]) -> list[Table]:
-    """A table for tasks with the same stages."""
-    stages = {each.task: tuple(stage.stage for stage in each.seen.stages) for each in found}
+def _transfer_tables(rows: Sequence[Difference]) -> list[Table]:
+    """One table for all tasks with the same stages."""
+    by_stages: dict[tuple[str, ...], list[Difference]] = {}
+    for row in rows:
+        by_stages.setdefault(tuple(stage.stage for stage in row.seen.stages), []).append(row)
     return [
-        Table(
-            f"Transfer rates, seen > unseen: {' > '.join(names)}",
-            [
-                {"task": each.task, "policy": each.policy}
-                | {
-                    f"Tr_{number}": f"{percent(seen)} > {percent(unseen)}"
-                    for number, (seen, unseen) in enumerate(
-                        zip(each.transfer_seen, each.transfer_unseen, strict=True), start=1
-                    )
-                }
-                for each in found
-                if stages[each.task] == names
-            ],
-        )
-        for names in dict.fromkeys(stages.values())
+        Table(f"Transfer rates, seen > unseen: {' > '.join(stages)}", [_transfer_row(row) for row in alike])
+        for stages, alike in by_stages.items()
     ]
+
+
+def _transfer_row(row: Difference) -> Row:
+    rates = zip(row.transfer_seen, row.transfer_unseen, strict=True)
+    return {"task": row.task, "policy": row.policy} | {
+        f"Tr_{number}": f"{percent(seen)} > {percent(unseen)}"
+        for number, (seen, unseen) in enumerate(rates, start=1)
+    }
 
 
 def _test_row(test: PairedTest) -> Row:

@@ -1,4 +1,4 @@
-"""Variants: scenes that a study derives from those of a run, and what came of them."""
+"""Variants: scenes that a study derives from those of a run, and their outcomes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ JUDGED = (Verdict.PASSED, Verdict.FAILED)
 
 
 class Variant(NamedTuple):
-    """A scene made of the ``origin``-th scene of a run; ``arm`` says what was done to it."""
+    """A scene derived from the ``origin``-th scene of a run; ``arm`` says how."""
 
     scene: Scene
     origin: int
@@ -22,14 +22,14 @@ class Variant(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """A variant with what came of it."""
+    """A variant with its outcome."""
 
     variant: Variant
     outcome: Outcome
 
     @property
     def judged(self) -> bool:
-        """Whether it passed or failed: an error is no failure, an unfair scene neither."""
+        """Whether it passed or failed: neither an error nor an invalid scene is a failure."""
         return self.outcome.verdict in JUDGED
 
     @property
@@ -38,23 +38,21 @@ class Tried(NamedTuple):
         return self.outcome.verdict is Verdict.PASSED
 
 
-def pooled(every: Iterable[Sequence[Tried]]) -> list[Tried]:
-    """Those of several runs together, with origins of their own."""
-    made: list[Tried] = []
-    for found in every:
-        first = 1 + max((each.variant.origin for each in made), default=-1)
-        made += [
-            Tried(each.variant._replace(origin=first + each.variant.origin), each.outcome) for each in found
-        ]
-    return made
+def pooled(runs: Iterable[Sequence[Tried]]) -> list[Tried]:
+    """The variants of several runs together, with distinct origins."""
+    pool: list[Tried] = []
+    for run in runs:
+        first = 1 + max((variant.origin for variant, _ in pool), default=-1)
+        pool += [Tried(variant._replace(origin=first + variant.origin), outcome) for variant, outcome in run]
+    return pool
 
 
 def distinct(store: Store, run: Run) -> list[Trial]:
-    """The trials of a run, without those that were answered with the outcome of another one."""
+    """The trials of a run, without those that reused an outcome."""
     return [trial for trial in store.trials(run.id) if not trial.duplicate]
 
 
 def tried(store: Store, run: Run | None, variants: Sequence[Variant]) -> list[Tried]:
-    """What came of variants in their run, which proposed them in order; nothing without one."""
-    found = store.stored(run.id, 0, len(variants)) if run else []
-    return [Tried(variants[trial.proposal], trial.outcome) for trial in found]
+    """Variants with their outcomes in a run that proposed them in order; none without a run."""
+    trials = store.stored(run.id, 0, len(variants)) if run else []
+    return [Tried(variants[trial.proposal], trial.outcome) for trial in trials]

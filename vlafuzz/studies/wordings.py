@@ -15,7 +15,8 @@ from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.statistics import Share, holm
+from vlafuzz.statistics import Share
+from vlafuzz.studies.sheet import Tested
 from vlafuzz.studies.stages import Reached, reached
 from vlafuzz.studies.variants import Tried, Variant
 from vlafuzz.tasks.instructions import load_wordings, say
@@ -26,23 +27,22 @@ TWO_STEP, STEP_BY_STEP = "two-step", "step-by-step"
 
 
 class Prompt(NamedTuple):
-    """A way to say a task: the instruction, and those that take its place as stages are reached."""
+    """A wording of a task: the instruction, and those that replace it as stages are reached."""
 
     name: str
     says: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Reworded:
-    """What a policy does in the same scenes when they are said in another way.
+@dataclass(frozen=True, kw_only=True)
+class Reworded(Tested):
+    """A policy's outcomes in the same scenes with another wording.
 
     Attributes:
         prompt: ``plain``, or the prompt's name.
         stages: of the scenes that were judged; the last one is success.
-        plain: success with the plain wording in those scenes; ``lost`` of them fail with this one, and
-            ``gained`` fail with the plain one only.
-        p: of the sign test on lost and gained (McNemar's, exact), ``adjusted`` for the number of tests by
-            Holm's method; None for ``plain``.
+        plain: success with the plain wording in those scenes; ``lost`` of them fail with this wording
+            only, ``gained`` with the plain one only.
+        p: of the sign test on lost and gained (McNemar's, exact); None for ``plain``.
     """
 
     task: str
@@ -54,13 +54,11 @@ class Reworded:
     lost: int
     gained: int
     errors: int
-    p: float | None
-    adjusted: float | None = None
 
 
 @dataclass(frozen=True)
 class Together:
-    """Success of a policy in a task with all prompts of a study taken together, beside the plain wording."""
+    """Success of a policy in a task with the plain wording, and with all prompts of a study together."""
 
     task: str
     policy: str
@@ -76,17 +74,19 @@ class _File(BaseModel):
 
 
 def prompts(study: Study, task: str) -> list[Prompt]:
-    """Ten paraphrases in RQ6; else two ways to tell a task of two steps.
+    """Ten paraphrases in RQ6; else two prompts for a task of two steps.
 
     Raises:
         UsageError: the task has one step only.
     """
     file = _file()
     if study == "rq6":
-        ways = [*load_wordings()[task][1:], file.paraphrases[task]]
-        return [Prompt(f"paraphrase {number}", (way,)) for number, way in enumerate(ways, start=1)]
+        wordings = [*load_wordings()[task][1:], file.paraphrases[task]]
+        return [Prompt(f"paraphrase {number}", (text,)) for number, text in enumerate(wordings, start=1)]
     if task not in file.two_step:
-        raise UsageError(f"prompts: {task} has one step only", hint="for: " + ", ".join(file.two_step))
+        raise UsageError(
+            f"prompts: {task} has one step only", hint="tasks of two steps: " + ", ".join(file.two_step)
+        )
     two, steps = file.two_step[task], file.step_by_step[task]
     return [Prompt(TWO_STEP, (two,)), Prompt(STEP_BY_STEP, tuple(steps))]
 
@@ -97,75 +97,73 @@ def two_steps() -> list[str]:
 
 
 def reworded(scene: Scene, prompt: Prompt, catalogue: Catalogue) -> Scene:
-    """The scene, said so."""
+    """The scene with the instructions of a prompt."""
     spoken = [catalogue[target.object].spoken for target in scene.targets]
-    first, *then = (say(way, spoken) for way in prompt.says)
+    first, *then = (say(text, spoken) for text in prompt.says)
     return replace(scene, instruction=first, then=tuple(then))
 
 
-def variants(scenes: Sequence[Scene], ways: Sequence[Prompt], catalogue: Catalogue) -> list[Variant]:
+def variants(scenes: Sequence[Scene], prompts: Sequence[Prompt], catalogue: Catalogue) -> list[Variant]:
     """Every scene with every prompt."""
     return [
-        Variant(reworded(scene, way, catalogue), origin, way.name)
+        Variant(reworded(scene, prompt, catalogue), origin, prompt.name)
         for origin, scene in enumerate(scenes)
-        for way in ways
+        for prompt in prompts
     ]
 
 
 def compared(
-    task: str, policy: str, plain: Sequence[Outcome], found: Sequence[Tried], ways: Sequence[Prompt]
+    task: str, policy: str, plain: Sequence[Outcome], tried: Sequence[Tried], prompts: Sequence[Prompt]
 ) -> list[Reworded]:
-    """The plain wording, then each prompt beside it in those scenes in which it was judged.
+    """The plain wording, then each prompt compared with it in the scenes in which the prompt was judged.
 
     Args:
-        plain: outcomes of the scenes from which the variants were made, all of them judged.
+        plain: outcomes of the scenes from which the variants were made, all judged.
     """
-    own = Prompt(PLAIN, (load_wordings()[task][0],))
-    every = {PLAIN: dict(enumerate(plain))} | {way.name: {} for way in ways}
-    errors = dict.fromkeys(every, 0)
-    for each in found:
-        if each.judged:
-            every[each.variant.arm][each.variant.origin] = each.outcome
-        errors[each.variant.arm] += each.outcome.verdict is Verdict.ERROR
-    return [_reworded(task, policy, way, plain, every[way.name], errors[way.name]) for way in (own, *ways)]
+    wordings = [Prompt(PLAIN, (load_wordings()[task][0],)), *prompts]
+    outcomes: dict[str, dict[int, Outcome]] = {prompt.name: {} for prompt in wordings}
+    outcomes[PLAIN] = dict(enumerate(plain))
+    errors = dict.fromkeys(outcomes, 0)
+    for result in tried:
+        if result.judged:
+            outcomes[result.variant.arm][result.variant.origin] = result.outcome
+        errors[result.variant.arm] += result.outcome.verdict is Verdict.ERROR
+    return [
+        _reworded(task, policy, prompt, plain, outcomes[prompt.name], errors[prompt.name])
+        for prompt in wordings
+    ]
 
 
-def together(task: str, policy: str, plain: Sequence[Outcome], found: Sequence[Tried]) -> Together:
-    """See ``compared``."""
-    cases = [(each.variant.origin, each.passed) for each in found if each.judged]
+def together(task: str, policy: str, plain: Sequence[Outcome], tried: Sequence[Tried]) -> Together:
+    """All prompts taken as one; see ``compared`` for the arguments."""
+    cases = [(result.variant.origin, result.passed) for result in tried if result.judged]
     passed = [outcome.verdict is Verdict.PASSED for outcome in plain]
     return Together(task, policy, Share.of_counts(sum(passed), len(passed)), Share.grouped(cases))
-
-
-def adjusted(found: Sequence[Reworded]) -> list[Reworded]:
-    """With p-values for as many tests as there are."""
-    values = iter(holm([each.p for each in found if each.p is not None]))
-    return [each if each.p is None else replace(each, adjusted=next(values)) for each in found]
 
 
 def _reworded(
     task: str,
     policy: str,
-    way: Prompt,
+    prompt: Prompt,
     plain: Sequence[Outcome],
     outcomes: Mapping[int, Outcome],
     errors: int,
 ) -> Reworded:
     before = [plain[origin].verdict is Verdict.PASSED for origin in outcomes]
     after = [outcome.verdict is Verdict.PASSED for outcome in outcomes.values()]
-    lost = sum(was and not now for was, now in zip(before, after, strict=True))
-    gained = sum(now and not was for was, now in zip(before, after, strict=True))
+    lost = sum(old and not new for old, new in zip(before, after, strict=True))
+    gained = sum(new and not old for old, new in zip(before, after, strict=True))
     return Reworded(
         task=task,
         policy=policy,
-        prompt=way.name,
-        says=way.says,
+        prompt=prompt.name,
+        says=prompt.says,
         stages=reached(task, list(outcomes.values())),
         plain=Share.of_counts(sum(before), len(before)),
         lost=lost,
         gained=gained,
         errors=errors,
-        p=None if way.name == PLAIN else _sign_test(lost, gained),
+        p=None if prompt.name == PLAIN else _sign_test(lost, gained),
     )
 
 
