@@ -121,22 +121,22 @@ class Raising(ClosedForm):
 
 
 class Gone(ClosedForm):
-    """Answers no more after so many scenes; with ``every``, only each so manieth."""
+    """Stops answering after ``after`` scenes; with ``every``, then only answers every n-th."""
 
     def __init__(self, after: int = 0, every: int = 0) -> None:
         super().__init__()
         self._after, self._every = after, every
 
     def outcome(self, scene: Scene) -> Outcome:
-        outcome, asked = super().outcome(scene), len(self.evaluated)
-        answers = asked <= self._after or (self._every and asked % self._every == 0)
+        outcome, number = super().outcome(scene), len(self.evaluated)
+        answers = number <= self._after or (self._every and number % self._every == 0)
         if answers or outcome.verdict is Verdict.INVALID:
             return outcome
         return Outcome.error("policy: connect: refused", unanswered=True)
 
 
 class Backwards:
-    """An executor that pulls all batches and is done with the last one first."""
+    """An executor that takes all batches and finishes the last one first."""
 
     def __init__(self, evaluator: ClosedForm) -> None:
         self._evaluator = evaluator
@@ -150,7 +150,7 @@ class Backwards:
 
 
 class Scripted:
-    """A strategy that proposes given genomes, and keeps what it is told."""
+    """A strategy that proposes given genomes, and records the scores."""
 
     def __init__(self, genomes: Sequence[Genome]) -> None:
         self._genomes, self._asked = genomes, 0
@@ -165,7 +165,7 @@ class Scripted:
 
 
 class Idle:
-    """A policy that is never asked."""
+    """A policy that is never called."""
 
     spec = PolicySpec("idle")
 

@@ -83,7 +83,7 @@ def test_a_stochastic_policy_gets_the_corpus_own_as_its_baseline(
     assert regress("idle", "--max-rollouts", "80") == 0
     captured = capsys.readouterr()
     assert "note: a stochastic policy cannot be compared fairly with recorded outcomes" in captured.err
-    assert "idle rolls out beside it" in captured.err
+    assert "idle is rolled out, too" in captured.err
     assert "at most 160 rollouts" in captured.err
     assert len(MADE) == 2
 

@@ -149,11 +149,11 @@ def test_a_control_that_failed_is_recorded_as_such():
 
 
 def test_a_scene_is_rolled_out_with_the_seed_of_its_run_by_one_runner_for_all_runs():
-    made: list[RuleRunner] = []
+    runners: list[RuleRunner] = []
 
     def runner(run):
-        made.append(RuleRunner(lambda shown: True, run))
-        return made[-1]
+        runners.append(RuleRunner(lambda shown: True, run))
+        return runners[-1]
 
     corpus = make_corpus(case(1), case(2, run=1), runs=2)
     rerun = Rerun("new", [replace(run, seed=run.seed + 5) for run in corpus.runs], runner)
@@ -161,18 +161,18 @@ def test_a_scene_is_rolled_out_with_the_seed_of_its_run_by_one_runner_for_all_ru
         assert rerun.answer(probe, 0).passed
         rerun.answer(probe, 3)
     rerun.close()
-    assert len(made) == made[0].closed == 1
-    assert [seed for _, seed in made[0].calls] == [5, 8, 6, 9]
+    assert len(runners) == runners[0].closed == 1
+    assert [seed for _, seed in runners[0].calls] == [5, 8, 6, 9]
 
 
 def test_runs_under_other_conditions_get_runners_of_their_own():
-    made = []
+    runners = []
     Rerun(
         "new",
         [manifest(), manifest(min_distance=0.2)],
-        lambda run: made.append(run) or RuleRunner(lambda shown: True, run),
+        lambda run: runners.append(run) or RuleRunner(lambda shown: True, run),
     )
-    assert [run.min_distance for run in made] == [0, 0.2]
+    assert [run.min_distance for run in runners] == [0, 0.2]
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get i
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("page")
-    made = filmed(view(store(folder / "a.db", triaged=3)), MadeUpFilms(), 50, lambda *_: None)
-    (folder / "page.html").write_text(render(made), encoding="utf-8")
+    shown = filmed(view(store(folder / "a.db", triaged=3)), MadeUpFilms(), 50, lambda *_: None)
+    (folder / "page.html").write_text(render(shown), encoding="utf-8")
     return (folder / "page.html").as_uri()
 
 
@@ -31,9 +31,9 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 def browser() -> Iterator["sync.Browser"]:
     with sync.sync_playwright() as playwright:
         # no sandbox: as root there is none, and the page is ours
-        made = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield made
-        made.close()
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(
     picture = io.BytesIO()
     imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
     rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]
-    made = Sheet(
+    sheet = Sheet(
         title="a",
         source="a.db",
         headline="b",
@@ -113,7 +113,7 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(
         pictures=(Picture("c", picture.getvalue(), "d"),),
         tables=(Table("e", rows),),
     )
-    (tmp_path / "sheet.html").write_text(render_sheet(made), encoding="utf-8")
+    (tmp_path / "sheet.html").write_text(render_sheet(sheet), encoding="utf-8")
     page = browser.new_page(viewport={"width": width, "height": 800})
     page.goto((tmp_path / "sheet.html").as_uri())
     assert page.evaluate("document.querySelector('img').naturalWidth") == 1200

@@ -35,8 +35,8 @@ class Page(HTMLParser):
 
 
 def page_of(path: Path, films: bool = False) -> Page:
-    made = view(path)
-    return Page(render(filmed(made, MadeUpFilms(), 50, lambda *_: None) if films else made))
+    shown = view(path)
+    return Page(render(filmed(shown, MadeUpFilms(), 50, lambda *_: None) if films else shown))
 
 
 @pytest.fixture(scope="module")
@@ -69,24 +69,24 @@ def test_filters_offer_what_the_cards_have(page: Page):
 
 
 def test_foreign_text_stays_text(tmp_path: Path):
-    made = page_of(store(tmp_path / "a.db", policy=HOSTILE), films=True)
-    assert len(made.all("script")) == 1
-    assert HOSTILE in made.text
-    assert "b" not in {name for name, attributes in made.tags if "title" in attributes}
+    page = page_of(store(tmp_path / "a.db", policy=HOSTILE), films=True)
+    assert len(page.all("script")) == 1
+    assert HOSTILE in page.text
+    assert "b" not in {name for name, attributes in page.tags if "title" in attributes}
 
 
 def test_every_picture_has_a_description():
-    made = make_corpus()
-    made.runs[0] = MANIFEST
-    (picture,) = Page(render(view_of_corpus(Path("dark"), made))).all("img")
+    corpus = make_corpus()
+    corpus.runs[0] = MANIFEST
+    (picture,) = Page(render(view_of_corpus(Path("dark"), corpus))).all("img")
     assert picture["alt"] == "The scene before anything moves: pick up green cube"
 
 
 def test_an_empty_store_gives_a_page_that_says_so(tmp_path: Path):
     Store.open(tmp_path / "a.db", "write").close()
-    made = page_of(tmp_path / "a.db")
-    assert "there are no failures to show" in made.text
-    assert made.all("select") == []
+    page = page_of(tmp_path / "a.db")
+    assert "there are no failures to show" in page.text
+    assert page.all("select") == []
 
 
 def test_the_same_store_gives_the_same_page(tmp_path: Path):

@@ -9,7 +9,7 @@ ROWS = (
 
 
 def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> Page:
-    made = Sheet(
+    page = Sheet(
         title=title,
         source="a.db",
         headline="All of it.",
@@ -18,7 +18,7 @@ def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> P
         tables=(Table("Found", rows, "medians"),),
         todo=(("Next:", "vlafuzz report a.db"),),
     )
-    return Page(render_sheet(made))
+    return Page(render_sheet(page))
 
 
 def test_a_sheet_has_all_its_parts():

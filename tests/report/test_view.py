@@ -56,18 +56,18 @@ def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
 
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
-    made = view(store(tmp_path / "a b.db", triaged=0))
-    assert {card.bucket for card in made.cards} == {"observed"}
-    assert {card.lost_stage for card in made.cards} == {"grasp"}
-    ((sentence, command),) = made.todo
+    shown = view(store(tmp_path / "a b.db", triaged=0))
+    assert {card.bucket for card in shown.cards} == {"observed"}
+    assert {card.lost_stage for card in shown.cards} == {"grasp"}
+    ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
-    assert (made.operators, made.signatures) == ((), ())
+    assert (shown.operators, shown.signatures) == ((), ())
 
 
 def test_those_with_the_most_evidence_come_first(tmp_path: Path):
-    made = view(store(tmp_path / "a.db", triaged=2))
-    assert [card.bucket for card in made.cards] == ["minimal", "minimal", *["observed"] * 4]
+    shown = view(store(tmp_path / "a.db", triaged=2))
+    assert [card.bucket for card in shown.cards] == ["minimal", "minimal", *["observed"] * 4]
 
 
 def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
@@ -81,10 +81,10 @@ def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
 
 def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     cases = [case(0), case(1)]
-    made = make_corpus(*cases)
-    for run in range(len(made.runs)):
-        made.runs[run] = MANIFEST
-    shown = view_of_corpus(Path("dark"), made)
+    corpus = make_corpus(*cases)
+    for run in range(len(corpus.runs)):
+        corpus.runs[run] = MANIFEST
+    shown = view_of_corpus(Path("dark"), corpus)
     evidence, lost = shown.charts
     assert counts(evidence) == {"confirmed": (8, 9)}
     assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
@@ -130,10 +130,10 @@ def test_scenes_from_elsewhere_are_shown_as_well():
 
 def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: View):
     films, seen = MadeUpFilms(), []
-    made = filmed(triaged, films, 5, lambda done, of: seen.append((done, of)))
-    assert [card.failure is not None for card in made.cards] == [True] * 5 + [False] * (len(made.cards) - 5)
-    assert made.filmed
-    assert made.notes == ()
+    shown = filmed(triaged, films, 5, lambda done, of: seen.append((done, of)))
+    assert [card.failure is not None for card in shown.cards] == [True] * 5 + [False] * (len(shown.cards) - 5)
+    assert shown.filmed
+    assert shown.notes == ()
     assert [actions is None for _, _, actions in films.requests] == [True, False] * 5
     seeds = [run.seed for run, _, _ in films.requests]
     assert seeds == sorted(seeds)
@@ -141,6 +141,6 @@ def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: 
 
 
 def test_films_in_which_the_policy_passes_are_noted(triaged: View):
-    made = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
-    (note,) = made.notes
+    shown = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
+    (note,) = shown.notes
     assert note.startswith("In 2 of 6 films the policy passes:")

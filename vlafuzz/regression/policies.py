@@ -1,4 +1,4 @@
-"""Compare a policy with a baseline in the scenes of a corpus, both in the simulator as far as necessary."""
+"""Compare a policy with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def compare_policies(
 
     Args:
         folder: of the corpus, for messages.
-        baseline: None for the outcomes that the corpus recorded of its own policy; a stochastic policy is
-            rolled out instead.
+        baseline: None for the recorded outcomes of the corpus's own policy; a stochastic policy is rolled out
+            instead.
     """
 
     def progress(now: regress.Progress) -> None:
@@ -43,7 +43,7 @@ def compare_policies(
             baseline = corpus.policy
             watch.note(
                 "note: a stochastic policy cannot be compared fairly with recorded outcomes, which were "
-                f"selected; {baseline} rolls out beside it, as the baseline"
+                f"selected; {baseline} is rolled out, too, as the baseline"
             )
         old: Side = Recorded(f"{corpus.policy} as recorded")
         if baseline is not None:
@@ -53,7 +53,7 @@ def compare_policies(
 
 
 def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
-    """A policy that rolls out; notes which conditions differ from those of the corpus."""
+    """A policy that is rolled out; notes conditions that differ from those of the corpus."""
     changed: dict[str, None] = {}
 
     def make(run: Manifest) -> scene_runner.SimulatorSceneRunner:
@@ -75,7 +75,7 @@ def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
 
 
 def _estimate(corpus: Corpus, scenes: Sequence[Probe], new: Side, old: Side, most: int | None) -> str:
-    """How long it may take, at the speed of the corpus's own rollouts."""
+    """A forecast at the speed of the corpus's own rollouts."""
     sides = 1 if isinstance(old, Recorded) else 2
     rollouts = sides * regress.most_rollouts(scenes, new, old, most)
     evidence = corpus.evidence

@@ -47,7 +47,7 @@ def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchS
     scene = finding.scene
     return Card(
         scene=scene,
-        found=(scene.digest,),
+        findings=(scene.digest,),
         run=run,
         bucket="observed",
         lost_stage=finding.cell.partition("|")[0],
@@ -70,7 +70,7 @@ def card_of_triaged(
     causes = triaged.causes if minimal else Causes()
     return Card(
         scene=scene,
-        found=(triaged.scene.digest,),
+        findings=(triaged.scene.digest,),
         run=run,
         bucket=triaged.bucket,
         lost_stage=triaged.lost_stage or finding.cell.partition("|")[0],
@@ -89,7 +89,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
     run = corpus.runs[case.run]
     return Card(
         scene=case.scene,
-        found=(case.found,),
+        findings=(case.found,),
         run=run,
         bucket="minimal",
         lost_stage=case.lost_stage,

@@ -136,5 +136,5 @@ def _merged(cards: Iterable[Card]) -> Iterable[Card]:
     for card in cards:
         key = (card.scene.digest, card.run.key(), card.bucket)
         first = merged.get(key)
-        merged[key] = replace(first, found=first.found + card.found) if first else card
+        merged[key] = replace(first, findings=first.findings + card.findings) if first else card
     return merged.values()

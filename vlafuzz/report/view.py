@@ -89,7 +89,7 @@ class Card:
 
     Attributes:
         scene: the minimal scene of the finding if there is one, else the finding itself.
-        found: digests of the findings with this scene.
+        findings: digests of the findings with this scene.
         run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
         operators: those that are not nominal in the scene; the confounder operators count as one.
@@ -100,7 +100,7 @@ class Card:
     """
 
     scene: Scene
-    found: tuple[str, ...]
+    findings: tuple[str, ...]
     run: Manifest
     bucket: str
     lost_stage: str
@@ -171,7 +171,7 @@ class View:
         counted: Counter[str] = Counter()
         for card in self.cards:
             if card.signature and card.bucket != "base":
-                counted[card.signature] += len(card.found)
+                counted[card.signature] += len(card.findings)
         return tuple(counted.most_common())
 
     @property
