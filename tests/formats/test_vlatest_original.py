@@ -149,7 +149,7 @@ def test_its_coordinates_are_not_those_of_our_rigs(tmp_path: Path) -> None:
     (scene,) = original(write(tmp_path / "t-grasp.json", GRASP))
     rejection = check_semantic(scene, CATALOGUE)
     assert rejection
-    assert rejection.reason == "its coordinates are those of vlatest, not of its robot"
+    assert rejection.reason == "its coordinates are in the frame of vlatest, not of its robot"
 
 
 def test_the_robot_sees_the_same_in_our_frame(tmp_path: Path) -> None:

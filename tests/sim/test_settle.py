@@ -74,4 +74,4 @@ def test_two_that_are_near_already_are_solved_before_anybody_acts(distance, chec
 
 def test_a_solved_scene_says_which_task_and_when():
     found = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, 0.06), task=MOVE_NEAR)
-    assert found.reason == "move-near is solved at the start, before anybody acts"
+    assert found.reason == "move-near is solved at the start, before the policy acts"

@@ -70,7 +70,7 @@ def test_targets_are_within_reach_and_confounders_need_not_be() -> None:
 def test_targets_are_in_the_view_of_the_scenes_own_camera(camera: Camera) -> None:
     assert check_geometry(scene(can(0, 0)), CATALOGUE, 0.15) is None
     assert (
-        reason(scene(can(0, 0), camera=camera)) == "coke can: 0% of it is in view, 90% and its centre must be"
+        reason(scene(can(0, 0), camera=camera)) == "coke can: 0% of it is in view; 90% and its centre must be"
     )
 
 

@@ -53,7 +53,7 @@ UNFAIR = {
     "'plate' and 'large plate' cannot be told apart by name": scene(
         "put-on", at("apple"), at("plate"), confounders=(at("large_plate"),)
     ),
-    "plate is not there to be grasped": scene("pick-up", at("plate")),
+    "plate is not graspable": scene("pick-up", at("plate")),
     "sponge, flat, is 0.140 m wide: the gripper takes up to 0.074 m": scene(
         "pick-up", at("sponge", scale=2.0)
     ),

@@ -1,4 +1,4 @@
-"""The faces of boxes: one cell of the texture each. Lengths in metres."""
+"""Textures of boxes, with one cell for each face. Lengths in metres."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from PIL import Image, ImageDraw
 from vlafuzz.objects.canvas import Canvas, dot, rgb
 from vlafuzz.objects.hulls import Array
 
-SIDE = 512  # pixels of a face's longer side
+SIDE = 512  # a face's longer side, pixels
 CELL = 1 / 3
 
 
 def cell(face: int, square: Array) -> Array:
-    """UV of the unit square ``(n, 2)`` on a face: +x, -x, +y, -y, +z, -z, three to a row, from the top."""
+    """UV of points ``(n, 2)`` in the unit square of a face: +x, -x, +y, -y, +z, -z, in rows of three."""
     margin = 0.004
     corner = np.array([face % 3 * CELL, 0.5 - face // 3 * 0.5])
     return np.asarray(corner + margin + square * (np.array([CELL, 0.5]) - 2 * margin))
 
 
 def paint_box(canvas: Canvas, size: tuple[float, float, float]) -> None:
-    """Paint the six faces of a box, each in its own cell."""
+    """Paint the six faces of a box into their cells."""
     width, height = canvas.image.size
     for face in range(6):
         axis = face // 2
@@ -38,13 +38,13 @@ def paint_box(canvas: Canvas, size: tuple[float, float, float]) -> None:
 
 
 def box_plain(canvas: Canvas, face: int, pixel: float) -> None:
-    """Faces with darker edges."""
+    """Darker edges."""
     width, height = canvas.image.size
     canvas.draw.rectangle([0, 0, width - 1, height - 1], None, rgb(canvas.colour, 0.8), max(2, width // 24))
 
 
 def box_pores(canvas: Canvas, face: int, pixel: float) -> None:
-    """A sponge: pores all over; the bottom is a scouring pad, which shows as a stripe on the sides."""
+    """A sponge: pores, and a scouring pad at the bottom, visible as a stripe on the sides."""
     width, height = canvas.image.size
     for x, y, r in np.random.default_rng(11 + face).random((170, 3)):
         reach = (0.0006 + 0.0016 * r * r) / pixel
@@ -64,7 +64,7 @@ def box_stripes(canvas: Canvas, face: int, pixel: float) -> None:
 
 
 def box_checks(canvas: Canvas, face: int, pixel: float) -> None:
-    """Gingham: stripes both ways, full where they cross."""
+    """Gingham: stripes in both directions, in the full colour where they cross."""
     width, height = canvas.image.size
     mix = tuple((a + b) / 2 for a, b in zip(canvas.colour, canvas.look.accent, strict=True))
     step = 0.0225 / pixel

@@ -1,4 +1,4 @@
-"""A picture to draw on, and what every painter needs."""
+"""Canvas, and drawing functions for all painters."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Canvas(NamedTuple):
 
 
 def rgb(colour: Iterable[float], shade: float = 1.0) -> tuple[int, int, int]:
-    """SRGB in 0..1, times ``shade``, as bytes."""
+    """SRGB in [0, 1], scaled by ``shade``, as bytes."""
     red, green, blue = (min(255, max(0, round(255 * part * shade))) for part in colour)
     return red, green, blue
 
 
 def write(draw: ImageDraw.ImageDraw, word: str, box: tuple[float, float, float, float], ink: Colour) -> None:
-    """Write a word, its lines one below the other, as large as fits into a box (left, top, right, bottom)."""
+    """Write centred lines of text as large as fits into a box (left, top, right, bottom)."""
     left, top, right, bottom = box
     size = 200
     while True:
@@ -52,7 +52,7 @@ def dot(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: It
 
 
 def speckle(canvas: Canvas, strength: float, grain: int = 2) -> None:
-    """Make the whole picture uneven by a fixed noise."""
+    """Apply fixed noise to the whole picture."""
     width, height = canvas.image.size
     noise = np.random.default_rng(7).normal(0, strength, (height // grain, width // grain, 1))
     noise = noise.repeat(grain, axis=0).repeat(grain, axis=1)

@@ -1,4 +1,4 @@
-"""Convex hulls of points: triangles, volumes, what is left when planes cut them. Lengths in metres."""
+"""Convex hulls: corners, triangles, volumes and sections. Lengths in metres."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ Faces = NDArray[np.int64]
 
 
 def corners(points: Array) -> Array:
-    """The ``(m, 3)`` corners of the hull of ``(n, 3)`` points, sorted and rounded to a micrometre."""
-    rounded = np.round(points, 6) + 0.0  # + 0.0 makes -0.0 a 0.0, which would print differently
+    """The corners ``(m, 3)`` of the hull of points ``(n, 3)``, sorted and rounded to a micrometre."""
+    rounded = np.round(points, 6) + 0.0  # + 0.0 replaces -0.0, which prints differently
     kept = rounded[ConvexHull(rounded).vertices]
     return np.unique(kept, axis=0)
 
 
 def triangles(points: Array) -> Faces:
-    """The ``(k, 3)`` triangles of the hull of ``(n, 3)`` points, outward.
+    """The triangles ``(k, 3)`` of the hull of points ``(n, 3)``, oriented outwards.
 
-    Flat faces are cut into fans from their first corner, and all is sorted, so that the result does not
-    depend on the order in which a version of Qhull finds them.
+    Flat faces are cut into fans from their first corner, and everything is sorted, so that the result is
+    independent of Qhull's version.
     """
     hull = ConvexHull(points)
-    found: set[tuple[int, int, int]] = set()
+    faces: set[tuple[int, int, int]] = set()
     for normal in np.unique(hull.equations[:, :3], axis=0):
         flat = np.unique(hull.simplices[np.all(hull.equations[:, :3] == normal, axis=1)])
         ring = [int(i) for i in flat[_around(points[flat], normal)]]
         first = ring.index(min(ring))
         ring = ring[first:] + ring[:first]
-        found.update((ring[0], a, b) for a, b in pairwise(ring[1:]))
-    return np.array(sorted(found), dtype=np.int64)
+        faces.update((ring[0], a, b) for a, b in pairwise(ring[1:]))
+    return np.array(sorted(faces), dtype=np.int64)
 
 
 def _around(points: Array, normal: Array) -> NDArray[np.int64]:
-    """The order of ``(n, 3)`` points of one plane, counter-clockwise as seen from the tip of ``normal``."""
+    """The counter-clockwise order of points ``(n, 3)`` in a plane, seen from the tip of ``normal``."""
     arm = points - points.mean(axis=0)
     x = arm[0] / np.linalg.norm(arm[0])
     return np.argsort(np.arctan2(arm @ np.cross(normal, x), arm @ x))
@@ -58,7 +58,7 @@ def outline(points: Array) -> Array:
 
 
 def section(points: Array, edges: Faces, z: float) -> Array:
-    """Where the plane at height ``z`` cuts a convex body: ``(k, 2)`` points, the cut's corners among them.
+    """Points ``(k, 2)`` on the section of a convex body at height ``z``, including its corners.
 
     Args:
         points: ``(n, 3)`` corners of the body.

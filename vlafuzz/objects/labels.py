@@ -1,4 +1,4 @@
-"""What decorates a can's label. Colours and plain forms only: nobody's artwork."""
+"""Motifs of cans' labels: plain shapes and colours, no artwork."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def motif_splash(canvas: Canvas) -> None:
 
 
 def motif_checks(canvas: Canvas) -> None:
-    """Two slanted fields of the accent, as large as what is left of the base colour."""
+    """Two slanted fields in the accent colour, half of the area."""
     width, height = canvas.image.size
     for left, top in ((0.0, 0.0), (0.5, 0.5)):
         x, y = left * width, top * height

@@ -1,6 +1,6 @@
-"""The solid side of every kind of shape: convex parts, lean enough for PhysX (it takes 255 corners a part).
+"""The convex parts of every kind of shape, with few enough corners for PhysX (at most 255 per part).
 
-How the surface looks is in ``surfaces.py``. Lengths in metres; every shape in its own natural frame.
+Visual surfaces are in ``surfaces.py``. Lengths in metres; every shape has its own natural frame.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from vlafuzz.objects.hulls import Array
 from vlafuzz.objects.schema import Ball, Basket, Bottle, Box, Can, Carrot, Egg, Plate, Shape, Spoon
 
-SIDES = 24  # of a can: 0.3 mm flatter than round, and a face to lie on
-SLIM = 12  # of thinner things
+SIDES = 24  # of a can, which deviates by 0.3 mm from a circle and has faces to lie on
+SLIM = 12  # sides of thinner shapes
 RIM_PIECES = 12
-PROMINENT = 0.0008  # PhysX drops a corner that stands out by less than 0.7 mm (its planeTolerance), metres
+PROMINENT = 0.0008  # metres; PhysX drops corners that protrude by less than 0.7 mm (its planeTolerance)
 
 
 def convex_parts(shape: Shape) -> list[Array]:
-    """The convex bodies of which a shape consists: ``(n, 3)`` points each, metres."""
+    """The convex bodies of a shape: arrays of points ``(n, 3)``."""
     match shape:
         case Can():
             return [revolve(can_profile(shape), SIDES)]
@@ -43,9 +43,9 @@ def convex_parts(shape: Shape) -> list[Array]:
 
 
 def revolve(profile: Sequence[tuple[float, float]], sides: int) -> Array:
-    """Points of the prism with ``sides`` faces, one of them towards +x, through the rings ``(radius, z)``.
+    """Points of a prism with ``sides`` faces, one of them towards +x, through rings ``(radius, z)``.
 
-    A ring that is too small for so many corners gets half as many.
+    The number of corners is halved for rings that are too small.
     """
     rings = []
     for radius, z in profile:
@@ -58,7 +58,7 @@ def revolve(profile: Sequence[tuple[float, float]], sides: int) -> Array:
 
 
 def along_x(points: Array) -> Array:
-    """Turn the axis from z to x, so that the face towards +x looks down."""
+    """Rotate the axis from z to x, so that the face towards +x faces down."""
     return np.stack([points[:, 2], points[:, 1], -points[:, 0]], axis=1)
 
 

@@ -1,7 +1,7 @@
-"""The visible side of every kind of shape: smooth meshes with UV maps, written as GLB. Lengths in metres.
+"""The visual mesh of every kind of shape, smooth and with a UV map, written as GLB. Lengths in metres.
 
-Textures are unwrapped in one way for all turned shapes: u runs once around, with +x in the middle; v is given
-for each ring, because what is printed on a can does not care how long its lid is. v = 0 is the bottom row.
+All surfaces of revolution share one unwrapping: u runs once around, with +x in the middle; v is specified per
+ring, so that labels do not depend on the dimensions of lids. v = 0 is the bottom row.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from vlafuzz.objects.schema import (
 )
 from vlafuzz.objects.shapes import along_x, convex_parts, spoon
 
-ROUND = 48  # sides of a turned surface
+ROUND = 48  # sides of a surface of revolution
 CREASE = np.cos(np.radians(40))
 SMALL = 1e-9
 Ring = tuple[float, float, float]
@@ -98,9 +98,9 @@ def surfaces(shape: Shape) -> list[Surface]:
 
 
 def turned(rings: Sequence[Ring], stretch: Array | None = None) -> Surface:
-    """The surface of revolution about z through rings ``(radius, z, v)``, bottom first, along the outside.
+    """The surface of revolution about z through rings ``(radius, z, v)``, starting at the bottom.
 
-    Edges sharper than 40° stay sharp. ``stretch`` scales x, y and z afterwards.
+    Edges of more than 40° stay sharp. ``stretch`` scales x, y and z afterwards.
     """
     line = np.array(rings)
     step = np.diff(line[:, :2], axis=0)
@@ -120,7 +120,7 @@ def turned(rings: Sequence[Ring], stretch: Array | None = None) -> Surface:
 
 
 def _band(ends: Array, slopes: Array, turn: Array) -> Surface:
-    """The strip between two rings. ``slopes``: ``(2, 2)`` radial and axial part of the normal at each."""
+    """The strip between two rings. ``slopes``: ``(2, 2)``, radial and axial part of their normals."""
     angle = 2 * np.pi * (turn - 0.5)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices, normals, uv = [], [], []
@@ -138,7 +138,7 @@ def _band(ends: Array, slopes: Array, turn: Array) -> Surface:
 
 
 def laid(surface: Surface) -> Surface:
-    """Turn the axis from z to x, as ``shapes.along_x`` does."""
+    """Rotate the axis from z to x, as ``shapes.along_x``."""
     return Surface(along_x(surface.vertices), along_x(surface.normals), surface.uv, surface.faces)
 
 
@@ -207,17 +207,17 @@ def stalk(shape: Ball) -> list[Surface]:
     across = np.array([-0.36, 0.93, 0.0])
     vertices = np.concatenate([spine + side[:, None] * across, spine - side[:, None] * across])
     i = np.arange(8)
-    one = np.concatenate([np.stack([i, i + 9, i + 10], axis=1), np.stack([i, i + 10, i + 1], axis=1)])
+    faces = np.concatenate([np.stack([i, i + 9, i + 10], axis=1), np.stack([i, i + 10, i + 1], axis=1)])
     up = np.tile([0.0, 0.0, 1.0], (18, 1))
     leaf = [
-        Surface(vertices, up, np.tile(uv[1], (18, 1)), one),
-        Surface(vertices, -up, np.tile(uv[1], (18, 1)), one[:, ::-1]),
+        Surface(vertices, up, np.tile(uv[1], (18, 1)), faces),
+        Surface(vertices, -up, np.tile(uv[1], (18, 1)), faces[:, ::-1]),
     ]
     return [Surface(thin.vertices, thin.normals, np.tile(uv[0], (len(thin.uv), 1)), thin.faces), *leaf]
 
 
 def carrot_rings(carrot: Carrot) -> list[Ring]:
-    """The stub of the leaves, which is drawn only, then the root."""
+    """The leaves' stub, which is visual only, then the root."""
     bulge = [(t, np.sqrt(1 - (1 - t) ** 2)) for t in (0.0, 0.05, 0.15, 0.4, 0.7, 1.0)]
     radius, end = carrot.radius, carrot.tip
     leaves = [(0.0, -0.010, 0.0), (0.40 * radius, -0.014, 0.02), (0.22 * radius, 0.0, 0.04)]
@@ -251,7 +251,7 @@ def plate_rings(shape: Plate) -> list[Ring]:
 
 
 def spoon_surfaces(shape: Spoon) -> list[Surface]:
-    """A hollow bowl, and the handle's bars as they are."""
+    """A hollow bowl, and the bars of the handle."""
     outer = [(0.0, 0.0, 0.0), (0.55, 0.0, 0.1), (0.75, 0.22, 0.2), (0.9, 0.6, 0.3), (1.0, 1.0, 0.4)]
     inner = [(0.94, 1.0, 0.5), (0.8, 0.55, 0.6), (0.55, 0.25, 0.8), (0.0, 0.15, 1.0)]
     bowl = turned(outer + inner, np.array([shape.bowl / 2, shape.width / 2, shape.depth]))
@@ -260,7 +260,7 @@ def spoon_surfaces(shape: Spoon) -> list[Surface]:
 
 
 def faceted(points: Array) -> Surface:
-    """The hull of ``(n, 3)`` points with sharp edges, all of one colour."""
+    """The hull of points ``(n, 3)`` with sharp edges, in one colour."""
     corner = points[triangles(points)]
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -274,7 +274,7 @@ def faceted(points: Array) -> Surface:
 
 
 def box_surface(points: Array, size: Sequence[float] | None) -> Surface:
-    """A box whose faces show the cells of ``boxes.cell``, or without ``size`` one pattern by the metre."""
+    """A box with the texture cells of ``boxes.cell``, or without ``size`` with a uniform pattern."""
     low, high = points.min(axis=0), points.max(axis=0)
     pieces = []
     for face, (axis, side) in enumerate((a, s) for a in range(3) for s in (1, -1)):
@@ -286,7 +286,7 @@ def box_surface(points: Array, size: Sequence[float] | None) -> Surface:
         vertices = (
             middle
             + normal * half
-            + sum((2 * square[:, [i]] - 1) * way * half for i, way in enumerate((right, top)))
+            + sum((2 * square[:, [i]] - 1) * direction * half for i, direction in enumerate((right, top)))
         )
         spread = np.array([abs(right) @ (high - low), abs(top) @ (high - low)]) / textures.METRE
         uv = cell(face, square) if size is not None else square * spread

@@ -1,4 +1,4 @@
-"""Draws the objects' surfaces with Pillow. Nobody else's pictures are used."""
+"""Draws the objects' textures with Pillow; no other pictures are used."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from vlafuzz.objects.canvas import Canvas, dot, rgb, speckle, write
 from vlafuzz.objects.labels import MOTIFS
 from vlafuzz.objects.schema import Box, ObjectSpec
 
-WALL = (0.12, 0.87)  # v of the lower and upper end of a can's straight wall
+WALL = (0.12, 0.87)  # v at the lower and upper end of a can's straight wall
 CAP = 0.84  # v at which a bottle's cap begins
-METRE = 0.2  # that much of a woven surface fills the picture, metres
+METRE = 0.2  # side of a woven surface that the texture covers, metres
 STALK_UV = (0.01, 0.995)
 LEAF_UV = (0.99, 0.995)
 SILVER = (0.78, 0.79, 0.81)
 SIDE = 512
-REPEATS = 3  # of a label around a can, so that one is always in view
+REPEATS = 3  # of a label around a can, so that it is always in view
 
 
 def paint(spec: ObjectSpec) -> Image.Image:
@@ -37,7 +37,7 @@ def paint(spec: ObjectSpec) -> Image.Image:
 
 
 def paint_plain(canvas: Canvas) -> None:
-    """Nothing more than the colour, slightly uneven."""
+    """The base colour, slightly uneven."""
     speckle(canvas, 0.04)
 
 
@@ -76,7 +76,7 @@ def paint_bottle(canvas: Canvas) -> None:
 
 
 def paint_fruit(canvas: Canvas) -> None:
-    """Pale streaks from the dimple down, and swatches for stalk and leaf in the topmost rows."""
+    """Pale streaks from the dimple down; the topmost rows have the colours of stalk and leaf."""
     image, draw, colour, look = canvas
     width, height = image.size
     random = np.random.default_rng(5)
@@ -118,7 +118,7 @@ def paint_calyx(canvas: Canvas) -> None:
 
 
 def paint_weave(canvas: Canvas) -> None:
-    """Over and under, by the metre."""
+    """A plain weave."""
     _, draw, colour, look = canvas
     step = SIDE // 16
     for i in range(16):

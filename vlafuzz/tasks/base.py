@@ -1,4 +1,4 @@
-"""Task and Stage: what the robot is told to do, its milestones, and how far a rollout came."""
+"""Task, Stage and Monitor: what the robot is to do, its milestones, and the progress of a rollout."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vlafuzz.tasks.state import Array, State, corners
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """A moment and what it is judged against: the objects' models and the state at the start."""
+    """A state with what it is judged against: the objects' models and the state at the start."""
 
     models: tuple[ObjectModel, ...]
     start: State
@@ -22,7 +22,7 @@ class Situation:
     _corners: dict[int, Array] = field(default_factory=dict, init=False, repr=False)
 
     def corners(self, index: int) -> Array:
-        """``(m, 3)`` hull vertices of an object now, metres. Several stages ask for the same ones."""
+        """``(m, 3)`` hull vertices of an object now, metres; cached, since several stages use them."""
         if index not in self._corners:
             self._corners[index] = corners(self.models[index], self.now, index)
         return self._corners[index]
@@ -30,9 +30,9 @@ class Situation:
 
 @dataclass(frozen=True)
 class Stage:
-    """A milestone, reached once ``holds`` was true for ``steps`` consecutive control steps.
+    """A milestone, reached when ``holds`` has been true for ``steps`` consecutive control steps.
 
-    ``nearness`` says in [0, 1] how close the moment is to it.
+    ``nearness`` measures in [0, 1] how close a situation is to it.
     """
 
     name: str
@@ -43,13 +43,13 @@ class Stage:
 
 @dataclass(frozen=True)
 class Task:
-    """What the robot is told to do.
+    """What the robot is to do.
 
     Attributes:
         targets: number of objects that the instruction names.
-        onto: what the second target must offer (``support``, ``container``), if anything.
         stages: in order; the last one is success, which implies the others.
         published: the weaker success of the published environments, judged at a single step.
+        onto: what the second target must be (``support``, ``container``), if anything.
     """
 
     name: str
@@ -60,16 +60,16 @@ class Task:
 
     @property
     def stage_names(self) -> tuple[str, ...]:
-        """In order."""
+        """The names of the stages in order."""
         return tuple(stage.name for stage in self.stages)
 
     def solved(self, models: tuple[ObjectModel, ...], state: State) -> bool:
-        """Whether the success condition holds at a moment that is also the start."""
+        """Whether the success condition holds in a start state."""
         return self.stages[-1].holds(Situation(models, state, state))
 
 
 class Monitor:
-    """Watches one rollout, a control step at a time."""
+    """Tracks stages and progress of a rollout."""
 
     def __init__(self, task: Task, models: tuple[ObjectModel, ...], start: State) -> None:
         self._task, self._models, self._start = task, models, start
@@ -79,7 +79,7 @@ class Monitor:
         self._trace: list[float] = []
 
     def observe(self, state: State) -> None:
-        """Judge the state after a control step."""
+        """Add the state after a control step."""
         situation = Situation(self._models, self._start, state)
         for index, stage in enumerate(self._task.stages):
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
@@ -89,17 +89,17 @@ class Monitor:
 
     @property
     def success_now(self) -> bool:
-        """Whether success holds at the last step, for as many steps as it takes."""
+        """Whether success holds at the last step, and has for long enough."""
         return self._streaks[-1] >= self._task.stages[-1].steps
 
     @property
     def success_once(self) -> bool:
-        """Whether success was reached at any step."""
+        """Whether success has been reached at any step."""
         return len(self.reached) == len(self._task.stages)
 
     @property
     def progress(self) -> float:
-        """The best so far, in [0, 1]."""
+        """The best progress so far, in [0, 1]."""
         return max(self._trace, default=0.0)
 
     @property

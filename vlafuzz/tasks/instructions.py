@@ -1,4 +1,4 @@
-"""How a task is said: wordings of ``operators/instructions.yaml`` with the targets' spoken names."""
+"""Instructions: the wordings in ``operators/instructions.yaml`` with the targets' spoken names."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
     """The wordings of every task, the nominal one first.
 
     Raises:
-        CatalogueError: the file is not of that form, a task has no wording, or a wording lacks a target.
+        CatalogueError: the file is malformed, a task has no wording, or a wording lacks a target.
     """
     path = path or operators_dir() / "instructions.yaml"
     try:
-        found = _WORDINGS.validate_python(yaml.safe_load(path.read_text(encoding="utf-8")))
+        wordings = _WORDINGS.validate_python(yaml.safe_load(path.read_text(encoding="utf-8")))
     except (OSError, yaml.YAMLError, ValidationError) as error:
         reason = str(error).splitlines()[0]
-        raise CatalogueError(f"{path}: {reason}", hint="expected one list of wordings a task") from None
+        raise CatalogueError(f"{path}: {reason}", hint="expected one list of wordings per task") from None
     for name, task in TASKS.items():
-        for wording in found.get(name) or [""]:
+        for wording in wordings.get(name) or [""]:
             for slot in _SLOTS[: task.targets]:
                 if slot not in wording:
                     raise CatalogueError(
                         f"{path}: {name}: {wording!r} does not say {slot}",
                         hint="every wording names all targets",
                     )
-    return {name: tuple(found[name]) for name in TASKS}
+    return {name: tuple(wordings[name]) for name in TASKS}
 
 
 def say(wording: str, spoken: Sequence[str]) -> str:
-    """A wording, filled with the targets' spoken names."""
+    """A wording with the targets' spoken names filled in."""
     for slot, name in zip(_SLOTS, spoken, strict=False):
         wording = wording.replace(slot, name)
     return wording

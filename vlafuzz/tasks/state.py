@@ -1,4 +1,4 @@
-"""State: what the simulator knows about a moment, as arrays. Stages and progress are pure functions of it."""
+"""State: a snapshot of the simulation as arrays. Stages and progress are pure functions of it."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Array = NDArray[np.float64]
 TABLE, HAND, ARM = "table", "hand", "arm"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class State:
-    """One moment. Objects in the scene's order: targets, then confounders.
+    """A snapshot. Objects are in the scene's order: targets, then confounders.
 
     Attributes:
         positions: ``(n, 3)`` of the objects' origins, metres.
         rotations: ``(n, 3, 3)`` matrices.
         tcp: ``(3,)`` tool centre point, metres; ``tcp_rotation``: ``(3, 3)``.
-        opening: between the fingers, metres.
-        held: index of the object that both fingers press on, or None.
-        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); both
-            orders of two objects are in it. Only those with object 0 or the hand, and only from the first
-            closing of the gripper on; empty before.
-        earlier: positions and rotations ``seconds`` ago, one control step; None at the start.
+        opening: gap between the fingers, metres.
+        held: index of the object that all fingers press on, or None.
+        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs
+            of objects in both orders. Only contacts of object 0 and of the hand; empty until the gripper
+            first closes.
+        earlier: positions and rotations one control step of ``seconds`` ago; None at the start.
     """
 
     positions: Array
@@ -42,12 +42,12 @@ class State:
 
     def touches(self, index: int) -> set[int | str]:
         """What object ``index`` touches."""
-        return {other for one, other in self.contacts if one == index}
+        return {other for touching, other in self.contacts if touching == index}
 
     def at_rest(self, index: int) -> bool:
-        """Slower than 1 cm/s and 0.1 rad/s over the last control step.
+        """Whether an object was slower than 1 cm/s and 0.1 rad/s over the last control step.
 
-        PhysX's own velocities are of no use for this: a can that stands still has up to 3 cm/s and 0.5 rad/s.
+        PhysX's velocities are unsuitable: a can that stands still has up to 3 cm/s and 0.5 rad/s.
         """
         if self.earlier is None:
             return True

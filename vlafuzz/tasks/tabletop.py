@@ -1,6 +1,6 @@
-"""The four tasks of VLATest (FSE 2025, section 4.1), with success as the paper words it.
+"""The four tasks of VLATest (FSE 2025, section 4.1), with success as described in the paper.
 
-The published environments judge more weakly; those criteria are here too, as ``published``.
+The weaker criteria of the published environments are here too, as ``published``.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from vlafuzz.tasks.base import Situation, Stage, Task
 from vlafuzz.tasks.state import ARM, HAND, TABLE, State, corners
 
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
-LIFTED = 0.02  # metres above rest
-MOVED = 0.03  # metres
-NEAR = 0.05  # metres between two footprints
-ON_TABLE = 0.004  # metres between an object's lowest point and the table: contact offset and settling
+LIFTED = 0.02  # height above the start, metres
+MOVED = 0.03  # displacement, metres
+NEAR = 0.05  # gap between two footprints, metres
+ON_TABLE = 0.004  # gap between an object and the table, due to contact offset and settling, metres
 UPRIGHT = np.cos(np.radians(30.0))
-INSIDE = 0.005  # metres by which a hull may overlap a container's wall: collision parts are slightly rounded
+INSIDE = 0.005  # overlap of a hull with a container's wall, as collision parts are slightly rounded, metres
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 32)
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 64)
 
@@ -75,20 +75,21 @@ def _moved(s: Situation) -> bool:
 
 @lru_cache(maxsize=256)
 def _radius(model: ObjectModel) -> float:
-    """Of the sphere about its origin that it fits into, metres."""
+    """Radius of the bounding sphere about an object's origin, metres."""
     return float(np.linalg.norm(model.vertices, axis=1).max())
 
 
 def _least_gap(s: Situation) -> float:
-    """What ``_gap`` is at least, for a hundredth of its cost."""
+    """A lower bound of ``_gap`` at a hundredth of its cost."""
     return _level_distance(s.now) - _radius(s.models[A]) - _radius(s.models[B])
 
 
-@lru_cache(maxsize=4)  # of the start and of now, which are asked for again
+@lru_cache(maxsize=4)  # start and present are needed repeatedly
 def _gap(models: tuple[ObjectModel, ...], state: State) -> float:
-    """Metres between the two targets' footprints; negative when they overlap.
+    """Gap between the two targets' footprints in metres; negative if they overlap.
 
-    The distance of two convex sets is their widest separation over all directions; 64 are exact to 0.12 %.
+    The distance of two convex sets is their largest separation over all directions; 64 directions are exact
+    to 0.12 %.
     """
     a, b = (corners(models[index], state, index)[:, :2] @ _DIRECTIONS for index in (A, B))
     return float((b.min(axis=0) - a.max(axis=0)).max())
@@ -125,9 +126,9 @@ def _published_move_near(s: Situation) -> bool:
 
 
 def _claimed(s: Situation, index: int) -> Array:
-    """Half the sides of an object as the published environments have them: turned as a vector is.
+    """Half the side lengths of an object as in the published environments: rotated like a vector.
 
-    They are those that its pack says, wrong ones too, and those of the start from then on.
+    They are those stated by its pack, even if wrong, at the start of the rollout.
     """
     model = s.models[index]
     sides = np.ptp(model.vertices, axis=0) if model.box is None else model.box
@@ -150,7 +151,7 @@ def _is_over(s: Situation) -> bool:
     if a[2] <= s.now.positions[B, 2] or _least_gap(s) > 0:
         return False
     farthest = ((s.corners(B)[:, :2] - a[:2]) @ _DIRECTIONS).max(axis=0)
-    return bool(farthest.min() > 0)  # outside, some direction has all of b behind it
+    return bool(farthest.min() > 0)  # if a is outside, all of b is behind it in some direction
 
 
 def _lowering(s: Situation) -> float:
@@ -224,7 +225,7 @@ def task(name: str) -> Task:
     """The task of that name.
 
     Raises:
-        UsageError: no such task.
+        UsageError: there is no such task.
     """
     if name not in TASKS:
         raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))

@@ -1,4 +1,4 @@
-"""Whether a scene is fair, judged without a simulator. Nothing here changes a scene."""
+"""Checks without a simulator whether a scene is fair. They never change a scene."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ __all__ = ["CHECKS", "Rejection", "check_geometry", "check_semantic", "check_sta
 
 
 def check_static(scene: Scene, catalogue: Catalogue, min_distance: float) -> Rejection | None:
-    """The checks that need no simulator, the cheapest first. ``min_distance`` between centres, metres."""
+    """Run the checks that need no simulator, cheapest first. ``min_distance``: of centres, metres."""
     return check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)

@@ -1,4 +1,4 @@
-"""How close the objects of a scene stand, fair or not: figures about files of scenes."""
+"""Crowding: statistics on how close objects stand in the scenes of a file, fair or not."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.validity.footprint import apart, footprint
 
-MARKER = "dummy_"  # planes that mark a place in SIMPLER's tasks: they take no room
+MARKER = "dummy_"  # prefix of planes that mark a place in SIMPLER's tasks and occupy no space
 
 
 @dataclass(frozen=True)
 class Crowding:
-    """A scene of two objects or more.
+    """The crowding of a scene with at least two objects.
 
     Attributes:
-        nearest: between the centres of the two that are closest, metres.
-        overlap: whether any two footprints overlap; None where an object is not in the catalogue.
+        nearest: distance between the closest two centres, metres.
+        overlap: whether any two footprints overlap; None if an object is not in the catalogue.
     """
 
     nearest: float
@@ -28,8 +28,8 @@ class Crowding:
 
 
 def crowding(scene: Scene, catalogue: Catalogue) -> Crowding | None:
-    """How close its objects stand; None where there are not two."""
-    things = [each for each in scene.placements if not each.object.rpartition(":")[2].startswith(MARKER)]
+    """The crowding of a scene; None with fewer than two objects."""
+    things = [thing for thing in scene.placements if not thing.object.rpartition(":")[2].startswith(MARKER)]
     pairs = list(combinations(things, 2))
     if not pairs:
         return None
@@ -37,24 +37,24 @@ def crowding(scene: Scene, catalogue: Catalogue) -> Crowding | None:
     return Crowding(nearest, _overlap(things, catalogue))
 
 
-def share_closer(found: Iterable[Crowding], metres: float) -> float | None:
-    """Share of the scenes that have a pair of centres closer than this; None of no scenes."""
-    return share([each.nearest < metres for each in found])
+def share_closer(scenes: Iterable[Crowding], metres: float) -> float | None:
+    """Share of the scenes with centres closer than this; None without scenes."""
+    return share([scene.nearest < metres for scene in scenes])
 
 
-def share_overlapping(found: Iterable[Crowding]) -> float | None:
-    """Share of the scenes with overlapping footprints; None where an object is not known in one of them."""
-    overlaps = [each.overlap for each in found]
-    return None if None in overlaps else share([bool(each) for each in overlaps])
+def share_overlapping(scenes: Iterable[Crowding]) -> float | None:
+    """Share of the scenes with overlapping footprints; None if that is not known of all scenes."""
+    overlaps = [scene.overlap for scene in scenes]
+    return None if None in overlaps else share([bool(overlap) for overlap in overlaps])
 
 
-def share(found: list[bool]) -> float | None:
-    """Of those that are true; None of none."""
-    return round(sum(found) / len(found), 4) if found else None
+def share(flags: list[bool]) -> float | None:
+    """Share of true flags; None without flags."""
+    return round(sum(flags) / len(flags), 4) if flags else None
 
 
 def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
-    """Whether it is known where each of some things is solid."""
+    """Whether the footprints of all things are known."""
     return all(
         thing.object in catalogue
         and thing.scale > 0
@@ -66,5 +66,5 @@ def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
 def _overlap(things: list[Placement], catalogue: Catalogue) -> bool | None:
     if not is_known(things, catalogue):
         return None
-    prints = [footprint(thing, catalogue[thing.object]) for thing in things]
-    return any(not apart(a, b) for a, b in combinations(prints, 2))
+    outlines = [footprint(thing, catalogue[thing.object]) for thing in things]
+    return any(not apart(a, b) for a, b in combinations(outlines, 2))

@@ -1,4 +1,4 @@
-"""Where an object of a scene is: its corners in space and its outline on the table. Metres."""
+"""The space that an object of a scene occupies: its corners and its outline on the table, in metres."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Footprint:
 
 
 def footprint(placement: Placement, model: ObjectModel) -> Footprint:
-    """The outline of an object where it stands."""
+    """The outline of an object where it is placed."""
     polygon, radius = _outline(model, placement.rest, placement.quaternion)
     turned = (polygon * placement.scale) @ _turn(placement).T
     centre = _centre(placement, model)
@@ -35,21 +35,21 @@ def footprint(placement: Placement, model: ObjectModel) -> Footprint:
 
 
 def solid(placement: Placement, model: ObjectModel) -> Array:
-    """``(m, 3)`` hull vertices of an object where it stands on the table."""
+    """``(m, 3)`` hull vertices of an object where it is placed."""
     points = _standing(model, placement.rest, placement.quaternion) * placement.scale
     return np.column_stack([points[:, :2] @ _turn(placement).T + _centre(placement, model), points[:, 2]])
 
 
 def apart(a: Footprint, b: Footprint) -> bool:
-    """Whether two outlines are disjoint: then an edge of one of them separates them."""
+    """Whether two outlines are disjoint, that is, an edge of one of them separates them."""
     if math.dist(a.centre, b.centre) > a.radius + b.radius:
         return True
     return _separates(a.polygon, b.polygon) or _separates(b.polygon, a.polygon)
 
 
 def extents(polygon: Array) -> Array:
-    """``(90, 2)`` length along and across each of 90 directions, every 2 degrees."""
-    along = polygon @ _AXES  # (k, 180): the second half is across the first
+    """``(90, 2)`` extents along and across 90 directions, every 2 degrees."""
+    along = polygon @ _AXES  # (k, 180): 45 columns on is across
     sides = along.max(axis=0) - along.min(axis=0)
     return np.asarray(np.stack([sides[:90], np.roll(sides, -45)[:90]], axis=1))
 
@@ -65,7 +65,7 @@ def _separates(a: Array, b: Array) -> bool:
 
 
 def _centre(placement: Placement, model: ObjectModel) -> tuple[float, float]:
-    """Where an object's origin is."""
+    """The position of an object's origin."""
     if placement.quaternion is None:
         return placement.x, placement.y
     x, y, _ = model.shift(placement.quaternion) * placement.scale

@@ -1,4 +1,4 @@
-"""What a validity check says of a scene."""
+"""Rejection: the result of a failed validity check."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ CHECKS = ("semantic", "geometry", "settling", "solved")
 
 @dataclass(frozen=True)
 class Rejection:
-    """A scene is not fair: the check that it fails, one of ``CHECKS``, and why, with the values."""
+    """Why a scene is not fair: the failed check, one of ``CHECKS``, and the reason with values."""
 
     check: str
     reason: str

@@ -1,4 +1,4 @@
-"""Whether a scene means something: names that tell objects apart, and a task that these objects allow."""
+"""Checks that a scene makes sense: known values, unambiguous names, and objects that allow the task."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.footprint import extents, footprint
 from vlafuzz.validity.report import Rejection
 
-OVERHANG = 0.35  # share of its length by which an object may stick out of its support, at each end
-MARGIN = 0.004  # metres on each side of an object inside a container
-DISH = 0.003  # metres between floor and rim that keep a rolling object in place
+OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
+MARGIN = 0.004  # clearance on each side of an object inside a container, metres
+DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
 
 
 def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
-    """Judge what a scene says, not where things are."""
+    """Check the values of a scene apart from the positions."""
     problem = next(_problems(scene, catalogue), None)
     return Rejection("semantic", problem) if problem else None
 
 
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
-    """Each problem in a sentence. Only the first is taken, so later ones may rely on there being none."""
+    """The problems in a sentence each. Only the first is used: later checks assume that there is none."""
     yield from _unknown(scene)
-    if not all(said.strip() for said in scene.instructions):
+    if not all(instruction.strip() for instruction in scene.instructions):
         yield "an instruction is empty"
     if scene.light.intensity < 0:
         yield f"light: an intensity of {scene.light.intensity:g} is negative"
@@ -44,7 +44,7 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         yield from _placement_problems(placement, catalogue)
     setup = rig(scene.robot)
     if setup.photos and scene.camera != Camera():
-        yield f"camera: what {scene.robot} has behind it is a photo, which fits the nominal view only"
+        yield f"camera: the background of {scene.robot} is a photo, which fits the nominal view only"
     models = [catalogue[placement.object] for placement in scene.placements]
     for a, b in combinations(models, 2):
         if ambiguous(a.spoken, b.spoken):
@@ -58,7 +58,7 @@ def _unknown(scene: Scene) -> Iterator[str]:
     if scene.robot not in RIGS:
         yield f"unknown robot {scene.robot!r}"
     if scene.frame:
-        yield f"its coordinates are those of {scene.frame}, not of its robot"
+        yield f"its coordinates are in the frame of {scene.frame}, not of its robot"
 
 
 def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
@@ -83,25 +83,25 @@ def _task_problems(
 
 
 def ambiguous(a: str, b: str) -> bool:
-    """Whether one spoken name has all the words of the other, as ``large plate`` those of ``plate``."""
-    one, other = set(a.lower().split()), set(b.lower().split())
-    return one <= other or other <= one
+    """Whether one spoken name contains all words of the other, as ``large plate`` and ``plate``."""
+    words, others = set(a.lower().split()), set(b.lower().split())
+    return words <= others or others <= words
 
 
 def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
-    """Why a gripper cannot grasp an object from above as it lies; of a raw orientation nothing is known."""
+    """Why a gripper cannot grasp an object from above; None for raw orientations, which have no grasps."""
     if model.role != "graspable":
-        return f"{model.spoken} is not there to be grasped"
+        return f"{model.spoken} is not graspable"
     if a.quaternion is not None:
         return None
     grasps = [(grasp.width * a.scale, grasp.z * a.scale) for grasp in model.stable_pose(a.rest).grasps]
     if not any(hand.takes(*grasp) for grasp in grasps):
         width, height = min(grasps, default=(0.0, 0.0))
         if grasps and height > hand.highest:
-            lifts = f"the hand lifts from {hand.highest:g} m"
-            return f"{model.spoken}, {a.rest}, is grasped {height:.3f} m up: {lifts}"
-        said = f"{width:.3f} m wide" if grasps else "without a grasp"
-        return f"{model.spoken}, {a.rest}, is {said}: the gripper takes {_range(hand)} m"
+            lifts = f"the hand can lift from at most {hand.highest:g} m"
+            return f"{model.spoken}, {a.rest}, is grasped at a height of {height:.3f} m: {lifts}"
+        problem = f"{width:.3f} m wide" if grasps else "without a grasp"
+        return f"{model.spoken}, {a.rest}, is {problem}: the gripper takes {_range(hand)} m"
     return None
 
 
@@ -112,7 +112,7 @@ def _range(hand: Hand) -> str:
 def cannot_place(
     onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
 ) -> str | None:
-    """Why ``a``, as it lies there, cannot stay on the ``support`` or in the ``container`` ``b``."""
+    """Why ``a`` in its orientation cannot stay on the ``support`` or in the ``container`` ``b``."""
     return _cannot_place(onto, _at_origin(a), model_a, _at_origin(b), model_b)
 
 
@@ -132,10 +132,10 @@ def _cannot_place(
         return f"{model_a.spoken}, {a.rest}, rolls off {model_b.spoken}"
     sides = extents(footprint(a, model_a).polygon)
     short, long = float(sides.min()), float(sides.max())
-    room = float(extents(footprint(b, model_b).polygon).min())
-    if short > room or long * (1 - 2 * OVERHANG) > room:
+    width = float(extents(footprint(b, model_b).polygon).min())
+    if short > width or long * (1 - 2 * OVERHANG) > width:
         size = f"{long:.3f} x {short:.3f} m"
-        return f"{model_a.spoken}, {size}, is too large for {model_b.spoken}, {room:.3f} m across"
+        return f"{model_a.spoken}, {size}, is too large for {model_b.spoken}, {width:.3f} m across"
     return None
 
 
@@ -148,9 +148,9 @@ def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: Ob
     container = model_b.container
     if container is None:
         return f"nothing can be put into {model_b.spoken}"
-    room = np.array([container.width, container.depth]) * b.scale - 2 * MARGIN
-    if not np.any(np.all(extents(footprint(a, model_a).polygon) <= room, axis=1)):
+    inside = np.array([container.width, container.depth]) * b.scale - 2 * MARGIN
+    if not np.any(np.all(extents(footprint(a, model_a).polygon) <= inside, axis=1)):
         size = f"{container.width:g} x {container.depth:g} m inside"
-        lies = f", {a.rest}," if a.rest else ""  # of a raw orientation there is no name
+        lies = f", {a.rest}," if a.rest else ""  # raw orientations have no name
         return f"{model_a.spoken}{lies} does not fit into {model_b.spoken}, {size}"
     return None

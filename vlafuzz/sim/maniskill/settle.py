@@ -94,7 +94,7 @@ def _restless(
 
 
 def _solved(task: str, moments: Sequence[str]) -> Rejection | None:
-    return Rejection("solved", f"{task} is solved {moments[0]}, before anybody acts") if moments else None
+    return Rejection("solved", f"{task} is solved {moments[0]}, before the policy acts") if moments else None
 
 
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
