@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from vlafuzz.evidence import Threshold
+from vlafuzz.scene import in_words
 
 BASE = "base"  # in a signature: even the nominal scene fails
 
@@ -21,14 +22,6 @@ def describe(threshold: Threshold) -> str:
 
 def failing_range(threshold: Threshold) -> str:
     """The values from which on the policy fails."""
-    values = ", ".join(_value(path, value) for path, value in threshold.at)
+    values = ", ".join(in_words(path, value) for path, value in threshold.at)
     share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
     return f"fails from {values}{share} on"
-
-
-def _value(path: str, value: float) -> str:
-    slot, _, name = path.rpartition(".")
-    of = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-    if name == "intensity":
-        return f"{name} × {value:.3g}"
-    return f"{name}{of} {value:g}{' m' if name in ('x', 'y', 'distance') else '°'}"

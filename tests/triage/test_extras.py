@@ -6,6 +6,7 @@ import pytest
 
 from tests.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
 from vlafuzz.evidence import Causes
+from vlafuzz.phrasing import describe
 from vlafuzz.report.deviations import deviations
 from vlafuzz.scene import Latency, Noise
 from vlafuzz.triage.attribute import attribute
@@ -30,7 +31,7 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
     causes = attribute(shrunk, oracle, WITH_EXTRAS)
     assert set(shrunk.operators) == set(causes.necessary) == {name, *beside}
     assert causes.sufficient == (() if beside else (name,))
-    thresholds = {threshold.operator: str(threshold) for threshold in causes.thresholds}
+    thresholds = {threshold.operator: describe(threshold) for threshold in causes.thresholds}
     assert thresholds.get(name) == FAILS_FROM.get(name)
 
 
