@@ -85,6 +85,20 @@ class Camera:
         return level * math.cos(azimuth), level * math.sin(azimuth), self.distance * math.sin(elevation)
 
 
+@dataclass(frozen=True, kw_only=True)
+class InitialPose:
+    """Offsets of the arm's joints at the start of an episode, from the base on; degrees."""
+
+    __pydantic_config__ = _STRICT
+    j1: float = _quantity("°", 0.0)
+    j2: float = _quantity("°", 0.0)
+    j3: float = _quantity("°", 0.0)
+    j4: float = _quantity("°", 0.0)
+    j5: float = _quantity("°", 0.0)
+    j6: float = _quantity("°", 0.0)
+    j7: float = _quantity("°", 0.0)
+
+
 @dataclass(frozen=True)
 class Noise:
     """Of every image that the policy sees, in this order.
@@ -128,6 +142,7 @@ class Scene:
     schema: int = SCHEMA
     frame: str = _later("")
     then: tuple[str, ...] = _later(())
+    initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
 

@@ -15,7 +15,7 @@ from vlafuzz.conditions.operators import operators_json, stored_operators
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import EXTRAS as PARTS
-from vlafuzz.scene import Latency, Noise, Scene
+from vlafuzz.scene import InitialPose, Latency, Noise, Scene
 from vlafuzz.space import OPERATORS, SearchSpace, load_operators
 from vlafuzz.space.operators import EXTRAS
 from vlafuzz.tasks.tabletop import TASKS
@@ -98,6 +98,17 @@ def test_stored_operators_are_read_back_whether_an_extra_varies_or_not(name: str
         assert stored.operators == operators.operators
 
 
+@pytest.mark.parametrize(("robot", "joints"), [("panda", 7), ("widowx", 6), ("google", 7)])
+def test_a_robot_has_a_gene_for_each_joint_of_its_arm(robot: str, joints: int) -> None:
+    one = SearchSpace(
+        load_operators(robot if robot != "panda" else None).only(["initial-pose"]),
+        load_catalogue(),
+        "pick-up",
+        robot,
+    )
+    assert [gene.path for gene in one.genes] == [f"initial_pose.j{joint + 1}" for joint in range(joints)]
+
+
 def test_a_file_without_extras_gets_the_shipped_ranges_and_varies_none(tmp_path: Path) -> None:
     operators = load_operators()
     kept = {name: operator for name, operator in operators.operators.items() if name not in EXTRAS}
@@ -134,6 +145,7 @@ def test_a_wrong_range_of_an_extra_is_an_error(tmp_path: Path, text: str, says: 
     [
         ({"latency": {"delay": -1}}, "latency.delay: input should be greater than or equal to 0"),
         ({"latency": {"delay": 1.5}}, "latency.delay: "),
+        ({"initial_pose": {"j8": 1}}, "initial_pose.j8: "),
         ({"noise": {"blur": -1}}, "noise.blur: input should be greater than or equal to 0"),
         ({"noise": {"jpeg": 101}}, "noise.jpeg: "),
         ({"latency": {"dealy": 1}}, "latency.dealy: "),
@@ -149,10 +161,11 @@ def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, objec
 @pytest.mark.parametrize(
     ("scene", "digest"),
     [
+        (replace(space().nominal(), initial_pose=InitialPose(j2=1.5)), "c956229646bea75a49d280a6a2141503"),
         (replace(space().nominal(), noise=Noise(blur=1.5, jpeg=40)), "a75e681a2a2321f97c4596d330d1f7b5"),
         (replace(space().nominal(), latency=Latency(2)), "42d1766cd9fa71426097fb06c5d88623"),
     ],
-    ids=["noise", "latency"],
+    ids=["initial-pose", "noise", "latency"],
 )
 def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
     assert scene.digest == digest

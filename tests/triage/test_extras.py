@@ -8,7 +8,7 @@ from tests.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Plan
 from vlafuzz.evidence import Causes
 from vlafuzz.phrasing import describe
 from vlafuzz.report.deviations import deviations
-from vlafuzz.scene import Latency, Noise
+from vlafuzz.scene import InitialPose, Latency, Noise
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.shrink import shrink
 
@@ -16,6 +16,7 @@ NO_NOISE = "blur 0 px, jpeg 100"
 LIGHT = CONDITIONS["light"][0]
 # The threshold of each planted condition, where it is one of a single number.
 FAILS_FROM = {
+    "initial-pose": "initial-pose: fails from j2 1.5° on",
     "sensor-noise": "sensor-noise: fails from blur 1.25 px on",
     "control-latency": "control-latency: fails from delay 2 steps on",
 }
@@ -44,6 +45,7 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
             "blur 1.75 px, jpeg 40",
             "blur 0 px, jpeg 100",
         ),
+        ({"initial_pose": InitialPose(j2=1.5, j7=-3)}, "initial-pose", "j2 1.5°, j7 -3°", "j2 0°, j7 0°"),
         ({"latency": Latency(3)}, "control-latency", "delay 3 steps", "delay 0 steps"),
     ],
 )

@@ -161,6 +161,12 @@ class Rig:
     operators: str = "tabletop"
     original: Original | None = None
 
+    @property
+    def arm_joints(self) -> int:
+        """The number of joints from the base to the hand, the first ones of ``rest``."""
+        fingers = (index for index, name in enumerate(self.joints) if "finger" in name)
+        return next(fingers, len(self.rest) - 2)
+
     def neutral_yaw(self, x: float, y: float) -> float:
         """The closing axis' yaw, in radians, at which the last joint is in the middle of its range.
 

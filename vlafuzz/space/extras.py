@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
-from vlafuzz.space.base import Extra
+from collections.abc import Mapping
+
+from vlafuzz.rigs.rig import Rig
+from vlafuzz.space.base import Extra, Options
 from vlafuzz.space.ranges import Span
+
+
+class InitialPose(Extra):
+    """How far each of the arm's joints is from its usual position at the start: as many as the robot has."""
+
+    name, says, part = "initial-pose", "how the arm is bent at the start", "initial_pose"
+    j1: Span
+    j2: Span
+    j3: Span
+    j4: Span
+    j5: Span
+    j6: Span
+    j7: Span
+
+    def spans(self, rig: Rig) -> Mapping[str, Options]:
+        return dict(list(super().spans(rig).items())[: rig.arm_joints])
 
 
 class SensorNoise(Extra):
@@ -22,4 +41,4 @@ class ControlLatency(Extra):
     delay: Span
 
 
-ALL: tuple[type[Extra], ...] = (SensorNoise, ControlLatency)
+ALL: tuple[type[Extra], ...] = (InitialPose, SensorNoise, ControlLatency)

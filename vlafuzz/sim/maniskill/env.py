@@ -91,7 +91,7 @@ class TabletopEnv(BaseEnv):
         self._scene_shown = scene
         self._models = models_of(scene.placements, self.catalogue)
         self.poses = start_poses(scene, self._models, self.rig, dropped=self._dropped)
-        start = self.world.begin(self._models, scene.placements, self.poses)
+        start = self.world.begin(self._models, scene.placements, self.poses, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
@@ -131,7 +131,11 @@ class TabletopEnv(BaseEnv):
             camera=self._render_camera(third_person[0]).local_pose
             if third_person
             else sapien_pose(self.view),
-            extras={"noise": self._noise.noise, "latency": self._commands.latency},
+            extras={
+                "initial_pose": self.world.initial_pose,
+                "noise": self._noise.noise,
+                "latency": self._commands.latency,
+            },
         )
 
     @property

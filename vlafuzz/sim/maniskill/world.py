@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import sapien
@@ -20,7 +20,7 @@ from vlafuzz import rotation
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Placement
+from vlafuzz.scene import InitialPose, Placement
 from vlafuzz.sim.maniskill.arm import MetricArm
 from vlafuzz.sim.maniskill.contacts import Link, Pressed, held_object, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
@@ -54,6 +54,7 @@ class World:
         self._pads = {link: finger[0] for finger in robot.fingers for link in finger}
         by_name = dict(zip(rig.joints or robot.joints, rig.rest, strict=True))
         self._start = np.array([by_name[name] for name in robot.joints], dtype=np.float32)
+        self._arm = [robot.joints.index(name) for name in list(by_name)[: rig.arm_joints]]
         self._bodies: list[physx.PhysxRigidDynamicComponent] = []
         self._fresh = True
         self._touched = False
@@ -64,11 +65,13 @@ class World:
         models: Sequence[ObjectModel],
         placements: Sequence[Placement],
         poses: Sequence[sapien.Pose] | None = None,
+        initial: InitialPose | None = None,
     ) -> State:
         """Place the objects and reset the robot; the state at the start.
 
         Args:
             poses: of the objects, unless they start at their resting poses.
+            initial: of the arm, unless it starts as the rig does.
         """
         if not self._fresh:
             self._move_over()
@@ -78,7 +81,7 @@ class World:
         for index, (model, placement, pose) in enumerate(posed):  # building one may raise: keep the others
             body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
             self._bodies.append(body)
-        self._reset_robot()
+        self._reset_robot(initial or InitialPose())
         self._labels = self._label_bodies()
         self._touched = False
         self._before = None
@@ -159,13 +162,16 @@ class World:
             new.add_entity(entity)
         self.scene = new
 
-    def _reset_robot(self) -> None:
-        robot = self._robot.articulation
+    def _reset_robot(self, initial: InitialPose) -> None:
+        robot, start = self._robot.articulation, self._start.copy()
+        start[self._arm] += np.radians(astuple(initial)[: len(self._arm)])
         robot.root_pose = sapien.Pose(self._rig.base)
-        robot.qpos = self._start
+        robot.qpos = start
         robot.qvel = np.zeros(robot.dof, dtype=np.float32)
         robot.qf = np.zeros(robot.dof, dtype=np.float32)
         self._robot.arm.reset()
+        offsets = np.degrees(robot.qpos - self._start)[self._arm].tolist()
+        self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
 
     def _label_bodies(self) -> dict[object, int | str]:
         links = self._robot.articulation.links
