@@ -1,4 +1,4 @@
-"""What comes from outside runs no code and names no file: replies, scenes, profiles, packs, corpora."""
+"""Untrusted input runs no code and opens no file: replies, scenes, profiles, packs, corpora."""
 
 import ast
 import base64
@@ -37,31 +37,31 @@ AWAY = "../../../outside"
 
 
 def complaints(source: str) -> list[str]:
-    """Where data could become code."""
-    found = []
+    """Calls by which data could become code."""
+    problems = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import | ast.ImportFrom):
             names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
-            found += [
+            problems += [
                 f"line {node.lineno}: {name}" for name in names if name.partition(".")[0] in CODE_IN_DATA
             ]
         if isinstance(node, ast.Call):
-            called, given = ast.unparse(node.func), ast.unparse(node)
+            called, source = ast.unparse(node.func), ast.unparse(node)
             unsafe = (
                 called in ("eval", "exec", "compile", "__import__", "os.system")
                 or called.endswith(("torch.load", "yaml.unsafe_load", "yaml.full_load"))
-                or (called == "yaml.load" and "SafeLoader" not in given)
-                or (called == "np.load" and "allow_pickle=True" in given)
-                or "shell=True" in given
+                or (called == "yaml.load" and "SafeLoader" not in source)
+                or (called == "np.load" and "allow_pickle=True" in source)
+                or "shell=True" in source
             )
-            found += [f"line {node.lineno}: {given}"] if unsafe else []
-    return found
+            problems += [f"line {node.lineno}: {source}"] if unsafe else []
+    return problems
 
 
 def test_no_code_comes_from_data():
-    found = {str(path): complaints(path.read_text(encoding="utf-8")) for path in FILES}
-    assert not {path: told for path, told in found.items() if told}
-    assert len(found) > 200
+    by_file = {str(path): complaints(path.read_text(encoding="utf-8")) for path in FILES}
+    assert not {path: lines for path, lines in by_file.items() if lines}
+    assert len(by_file) > 200
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_the_bomb_is_one():
 
 @pytest.fixture(scope="module")
 def audited() -> list[list[str]]:
-    """The lists that every opened path is noted in."""
+    """The lists in which every opened path is recorded."""
     noting: list[list[str]] = []
 
     def hook(event: str, arguments: tuple) -> None:
@@ -141,7 +141,7 @@ def audited() -> list[list[str]]:
 
 @pytest.fixture
 def opened(audited) -> Iterator[list[str]]:
-    """Paths of files and folders that were opened meanwhile."""
+    """Paths of files and folders opened during the test."""
     audited.append([])
     yield audited[0]
     audited.clear()
@@ -158,15 +158,15 @@ SERVERS = {
     "http": lambda: test_act.scripted((200, json.dumps(ACTIONS | POISONED))),
     "groot": lambda: groot_server.served(
         [groot_server.parts(np.ones((1, 1, 7))) | POISONED, POISONED],
-        told=groot_server.config(groot_server.MODALITIES | {"video": []}) | POISONED,
+        modalities=groot_server.config(groot_server.MODALITIES | {"video": []}) | POISONED,
     ),
 }
 
 
 @pytest.mark.parametrize("protocol", SERVERS)
 def test_no_path_comes_from_a_reply(protocol: str, opened):
-    with SERVERS[protocol]() as made:
-        policy = make_policy(f"{made if isinstance(made, str) else made[0]}?camera=0")
+    with SERVERS[protocol]() as server:
+        policy = make_policy(f"{server if isinstance(server, str) else server[0]}?camera=0")
         policy.reset([served.start("one")])
         policy.act([served.seen("one")])
         policy.close()

@@ -1,11 +1,11 @@
-"""What tests of model servers share."""
+"""Fixtures for tests of model servers."""
 
 import pytest
 
 
 @pytest.fixture
 def no_pause(monkeypatch):
-    """No waiting between attempts to connect."""
+    """No pauses between attempts to connect."""
     from vlafuzz.clients import wire
 
     monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
@@ -13,11 +13,13 @@ def no_pause(monkeypatch):
 
 @pytest.fixture
 def opened(monkeypatch):
-    """All connections that a test opens; it leaves none of them open."""
+    """All connections that a test opens, which it must close."""
     from tests.clients.served import still_open
     from vlafuzz.clients import websocket_connection as sockets
 
-    made, connect = [], sockets.connect
-    monkeypatch.setattr(sockets, "connect", lambda *a, **k: made.append(connect(*a, **k)) or made[-1])
-    yield made
-    assert still_open(made) == 0
+    connections, connect = [], sockets.connect
+    monkeypatch.setattr(
+        sockets, "connect", lambda *a, **k: connections.append(connect(*a, **k)) or connections[-1]
+    )
+    yield connections
+    assert still_open(connections) == 0

@@ -1,4 +1,4 @@
-"""What goes wrong with servers: relays in front of a real one that lose, spoil and hold up its replies."""
+"""Faulty servers: relays in front of a real one that lose, corrupt and delay its replies."""
 
 import socket
 import threading
@@ -27,7 +27,7 @@ NAMES, TASK = GrootOptions().action_key.split(","), GrootOptions().instruction_k
 
 
 class Drifting:
-    """Goes about as instruction and proprioception tell it, 20 steps at a time, and remembers nothing."""
+    """Moves as a function of instruction and proprioception, 20 steps at a time, without memory."""
 
     spec = PolicySpec("drifting", state=True, execute=None)
 
@@ -47,7 +47,7 @@ class Drifting:
 
 
 class Faults:
-    """Which fault comes with each reply, one after the other; those that came are kept.
+    """The fault of each reply in order; keeps those that occurred.
 
     ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the
     connection, say ``error`` as OpenVLA's servers do, or ``kill`` GR00T's. Before ``begin`` there are none.
@@ -75,7 +75,7 @@ def free_port() -> int:
 
 
 def drawn(rates: dict[str, float], seed: int) -> Iterator[str | None]:
-    """Faults at random, each with its rate."""
+    """Random faults by their rates."""
     rng = np.random.default_rng(seed)
     while True:
         yield str(rng.choice([*rates, ""], p=[*rates.values(), 1 - sum(rates.values())])) or None
@@ -83,7 +83,7 @@ def drawn(rates: dict[str, float], seed: int) -> Iterator[str | None]:
 
 @contextmanager
 def relayed(name: str, faults: Faults) -> Iterator[str]:
-    """The name under which a server that is found under another one is found by way of a relay."""
+    """The name of a server behind a relay."""
     address, question, query = name.partition("?")
     protocol = "http" if address.startswith("http") else "ws"
     scheme, _, _ = address.partition("://")
@@ -96,8 +96,8 @@ def relayed(name: str, faults: Faults) -> Iterator[str]:
 @contextmanager
 def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
     def session(client: Any) -> None:
-        told = client.request.headers.get(ROLLOUT)
-        headers = {ROLLOUT: told} if told else {}
+        header = client.request.headers.get(ROLLOUT)
+        headers = {ROLLOUT: header} if header else {}
         with suppress(OSError, ConnectionClosed), ExitStack() as stack:
             server = stack.enter_context(
                 connect(target, compression=None, max_size=None, additional_headers=headers, close_timeout=1)
@@ -131,7 +131,7 @@ def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
 @contextmanager
 def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
     class Handler(BaseHTTPRequestHandler):
-        """A connection, and one of its own to the server."""
+        """A connection, and its own connection to the server."""
 
         protocol_version = "HTTP/1.1"
 
@@ -183,7 +183,7 @@ def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
 
 @contextmanager
 def groot(faults: Faults) -> Iterator[str]:
-    """The name of a server of GR00T's protocol with ``Drifting`` behind it, which goes wrong by itself."""
+    """The name of a faulty server of GR00T's protocol with ``Drifting`` behind it."""
     context, policy = zmq.Context(), Drifting()
     port = free_port()
     modality = {"delta_indices": [0], "modality_keys": [*NAMES]}
@@ -194,9 +194,9 @@ def groot(faults: Faults) -> Iterator[str]:
             return config
         if request["endpoint"] == "reset":
             return {}
-        told = request["data"]["observation"]
-        state = np.concatenate([told["state"][key][0, 0] for key in NAMES])
-        moves = policy.moves(told["language"][TASK][0][0], state).astype(np.float32)
+        message = request["data"]["observation"]
+        state = np.concatenate([message["state"][key][0, 0] for key in NAMES])
+        moves = policy.moves(message["language"][TASK][0][0], state).astype(np.float32)
         return [{key: moves[None, :, [number]] for number, key in enumerate(NAMES)}, {}]
 
     def listening() -> Any:
@@ -217,8 +217,8 @@ def groot(faults: Faults) -> Iterator[str]:
                 faults.over.wait(faults.seconds)
                 line = listening()
             elif fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
-                said = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
-                line.send_multipart([client, empty, said.get(fault, reply)])
+                replies = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
+                line.send_multipart([client, empty, replies.get(fault, reply)])
         context.destroy(linger=0)
 
     ready, thread = threading.Event(), threading.Thread(target=serve)

@@ -1,4 +1,4 @@
-"""A server of GR00T's policy protocol, written to its format and not with our own code."""
+"""A server of GR00T's policy protocol that uses none of our code for its format."""
 
 import io
 import threading
@@ -28,25 +28,25 @@ def nd(array: np.ndarray) -> dict[bytes, Any]:
 
 def config(keys: dict[str, list[str]], mark: str = "__ModalityConfig_class__") -> dict[str, Any]:
     moments = {"action": list(range(16))}
-    told = {
+    configs = {
         kind: {"delta_indices": moments.get(kind, [0]), "modality_keys": names}
         for kind, names in keys.items()
     }
-    return {kind: {mark: True, "as_json": value} for kind, value in told.items() if value["modality_keys"]}
+    return {kind: {mark: True, "as_json": value} for kind, value in configs.items() if value["modality_keys"]}
 
 
 def parts(moves: np.ndarray, write: Callable[[np.ndarray], Any] = npy, prefix: str = "") -> dict[str, Any]:
-    """``(count, steps, 7)`` moves as a reply has them: an array for every number."""
+    """``(count, steps, 7)`` moves as a reply contains them: one array per dimension."""
     return {f"{prefix}{name}": write(moves[:, :, [number]]) for number, name in enumerate(NAMES)}
 
 
 @contextmanager
-def served(*replies: Any, told: Any = None, port: int = 0) -> Iterator[tuple[str, list]]:
-    """A server that answers observations with the next of some replies; its name, and what it was asked.
+def served(*replies: Any, modalities: Any = None, port: int = 0) -> Iterator[tuple[str, list]]:
+    """A server with scripted replies to observations; its name, and the requests that it got.
 
-    A reply is bytes as they are, a value to pack, or None for none at all.
+    A reply is raw bytes, a value to pack, or None for no reply.
     """
-    left, asked, over = list(replies), [], threading.Event()
+    left, requests, over = list(replies), [], threading.Event()
     context = zmq.Context()
     line = context.socket(zmq.REP)
     line.setsockopt(zmq.LINGER, 0)
@@ -55,10 +55,10 @@ def served(*replies: Any, told: Any = None, port: int = 0) -> Iterator[tuple[str
 
     def answer(request: dict[str, Any]) -> Any:
         if request["endpoint"] == "get_modality_config":
-            return config(MODALITIES) if told is None else told
+            return config(MODALITIES) if modalities is None else modalities
         if request["endpoint"] == "reset":
             return {}
-        asked.append(request)
+        requests.append(request)
         return left.pop(0)
 
     def serve() -> None:
@@ -74,7 +74,7 @@ def served(*replies: Any, told: Any = None, port: int = 0) -> Iterator[tuple[str
     thread = threading.Thread(target=serve)
     thread.start()
     try:
-        yield f"groot:{url}", asked
+        yield f"groot:{url}", requests
     finally:
         over.set()
         thread.join()

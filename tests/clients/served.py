@@ -27,9 +27,9 @@ GRIPPERS = {
 
 
 class Served(PredictModelServer):
-    """Any policy that needs pictures, proprioception and words only, as a vla-eval model server.
+    """A policy that needs only pictures, proprioception and words, as a vla-eval model server.
 
-    ``more`` goes to the real server: ``chunk_size``, ``max_batch_size``, … Whatever it is asked is kept.
+    ``more`` goes to the real server: ``chunk_size``, ``max_batch_size``, … It keeps all requests.
     """
 
     def __init__(self, policy: Policy, **more: Any) -> None:
@@ -42,10 +42,10 @@ class Served(PredictModelServer):
 
     async def on_episode_start(self, config: dict[str, Any], ctx: Any) -> None:
         await super().on_episode_start(config, ctx)
-        told = config["task"]
+        task = config["task"]
         with self._lock:
-            self.started.append(EpisodeStart(told["episode"], told["name"], told["task"], told["seed"]))
-            self.policy.reset([EpisodeStart(ctx.session_id, told["name"], told["task"], told["seed"])])
+            self.started.append(EpisodeStart(task["episode"], task["name"], task["task"], task["seed"]))
+            self.policy.reset([EpisodeStart(ctx.session_id, task["name"], task["task"], task["seed"])])
 
     async def on_episode_end(self, result: dict[str, Any], ctx: Any) -> None:
         await super().on_episode_end(result, ctx)
@@ -56,14 +56,14 @@ class Served(PredictModelServer):
             self.seen += obs_batch
             self.batches.append(len(obs_batch))
             pairs = zip(obs_batch, ctx_batch, strict=True)
-            chunks = self.policy.act([self._observation(told, ctx) for told, ctx in pairs])
+            chunks = self.policy.act([self._observation(message, ctx) for message, ctx in pairs])
         return [{"actions": chunk.actions} for chunk in chunks]
 
-    def _observation(self, told: dict[str, Any], ctx: Any) -> Observation:
+    def _observation(self, message: dict[str, Any], ctx: Any) -> Observation:
         names = [camera.name for camera in self.policy.spec.cameras]
-        images = dict(zip(names, told["images"].values(), strict=True))
+        images = dict(zip(names, message["images"].values(), strict=True))
         return Observation(
-            ctx.session_id, ctx.step, told["task_description"], images=images, state=told.get("state")
+            ctx.session_id, ctx.step, message["task_description"], images=images, state=message.get("state")
         )
 
     def get_action_spec(self) -> dict[str, DimSpec]:
@@ -83,7 +83,7 @@ class Served(PredictModelServer):
 
 @contextmanager
 def serving(server: PredictModelServer | Policy, **more: Any) -> Iterator[str]:
-    """The name under which vlafuzz finds it, up to the options."""
+    """The name by which vlafuzz reaches it, without options."""
     served = server if isinstance(server, PredictModelServer) else Served(server, **more)
     with serve_background(served) as handle:
         yield f"vla-eval:{handle.url}"
@@ -93,7 +93,7 @@ def serving(server: PredictModelServer | Policy, **more: Any) -> Iterator[str]:
 
 
 class Rounded:
-    """Another policy, its actions rounded as a server's are: to 32 bits."""
+    """A policy whose actions are rounded to 32 bits, like a server's."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy, self.spec = policy, policy.spec
@@ -107,14 +107,14 @@ class Rounded:
 
 
 class Attentive:
-    """Goes down and about as instruction, proprioception, pictures and steps so far tell it, 3 at a time."""
+    """Moves as a function of instruction, proprioception, pictures and steps so far, 3 steps at a time."""
 
     def __init__(self, *cameras: CameraRequest, **more: Any) -> None:
         self.spec = PolicySpec("attentive", cameras=cameras, state=True, **{"execute": None} | more)
-        self._asked: dict[str, int] = {}
+        self._calls: dict[str, int] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        self._asked |= {start.episode: start.seed for start in episodes}
+        self._calls |= {start.episode: start.seed for start in episodes}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self._decide(seen)) for seen in observations]
@@ -123,8 +123,8 @@ class Attentive:
         pass
 
     def _decide(self, seen: Observation) -> np.ndarray:
-        self._asked[seen.episode] += 1
-        known = [zlib.crc32(seen.instruction.encode()), self._asked[seen.episode]]
+        self._calls[seen.episode] += 1
+        known = [zlib.crc32(seen.instruction.encode()), self._calls[seen.episode]]
         known += [zlib.crc32(picture.tobytes()) for picture in seen.images.values()]
         rng = np.random.default_rng([*known, *np.abs(seen.state * 1e6).astype(int)])
         moves = rng.uniform(-1, 1, (3, 7)) * [0.03, 0.03, 0.01, 0.1, 0.1, 0.1, 1]
@@ -132,7 +132,7 @@ class Attentive:
 
 
 class Answering(PredictModelServer):
-    """The real server with a model that answers with what a function makes of the observation."""
+    """The real server with a model that answers by a function of the observation."""
 
     def __init__(self, answer: Callable[[dict[str, Any]], Any], **declared: Any) -> None:
         super().__init__()
@@ -157,7 +157,7 @@ CLOSE, HANG = object(), object()
 
 @contextmanager
 def scripted(*replies: Any, hello: Any = HELLO) -> Iterator[str]:
-    """A server of our own whose sessions answer an observation with the next of some replies.
+    """Our own server, with scripted replies to the observations of a session.
 
     A reply is bytes or text as they are, a function of the observation's number, or ``CLOSE`` or ``HANG``.
     """
@@ -165,11 +165,11 @@ def scripted(*replies: Any, hello: Any = HELLO) -> Iterator[str]:
 
     def session(connection: Any) -> None:
         for frame in connection:
-            told = msgpack.unpackb(frame)
-            if told["type"] == "hello":
-                reply(connection, told["seq"], lambda number: message("hello", hello, number))
-            elif told["type"] == "observation":
-                reply(connection, told["seq"], left.pop(0))
+            received = msgpack.unpackb(frame)
+            if received["type"] == "hello":
+                reply(connection, received["seq"], lambda number: message("hello", hello, number))
+            elif received["type"] == "observation":
+                reply(connection, received["seq"], left.pop(0))
 
     def reply(connection: Any, number: int, answer: Any) -> None:
         if answer is CLOSE:

@@ -1,4 +1,4 @@
-"""Against genuine code of others: openpi-client, json-numpy, msgpack-numpy, in an environment of their own.
+"""Against the reference implementations openpi-client, json-numpy and msgpack-numpy, in a separate venv.
 
 openpi-client 0.1.2 wants NumPy 1, which excludes our own packages. So it is not among them; name the Python
 of an environment in which it is: python -m venv there; there/bin/pip install openpi-client==0.1.2
@@ -83,17 +83,17 @@ except RuntimeError as error:
 
 
 def others(script: str, *arguments: object) -> str:
-    """What a script of theirs prints."""
-    told = [OTHERS, "-c", script, *map(str, arguments)]
-    done = subprocess.run(told, capture_output=True, text=True, check=False, timeout=60)
+    """The output of a script in that environment."""
+    command = [OTHERS, "-c", script, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_the_golden_frames_are_what_they_write_today(tmp_path):
     others(MADE, tmp_path)
-    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert made == {path.name: path.read_bytes() for path in GOLDEN.iterdir()}
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert files == {path.name: path.read_bytes() for path in GOLDEN.iterdir()}
 
 
 def test_they_read_what_we_write_and_write_it_again_byte_by_byte(tmp_path):

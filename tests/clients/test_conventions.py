@@ -1,4 +1,4 @@
-"""How models write actions, against SciPy's rotations: whatever the words, the move is the same."""
+"""Conventions of actions against SciPy's rotations: the move is the same in all of them."""
 
 import numpy as np
 import pytest
@@ -22,15 +22,15 @@ angles = st.tuples(*[st.floats(-1.4, 1.4)] * 3)
 
 
 def moved(convention: Convention, shift: list[float], turn: Rotation) -> tuple[np.ndarray, Rotation]:
-    """Where the hand is after one action, when nothing is in its way."""
+    """The hand's pose after one action in free space."""
     action = np.hstack([shift, WRITTEN[convention.rotation](turn), 1.0])
     move = convention.moves(action[None], HAND)[0]
     assert move[6] == 1.0
     return HAND[:3] + move[:3], Rotation.from_rotvec(move[3:6]) * Rotation.from_rotvec(HAND[3:])
 
 
-def close(one: Rotation, other: Rotation) -> bool:
-    return (one * other.inv()).magnitude() < 1e-6
+def close(a: Rotation, b: Rotation) -> bool:
+    return (a * b.inv()).magnitude() < 1e-6
 
 
 @pytest.mark.parametrize("rotation", ROTATIONS)
@@ -62,8 +62,8 @@ class TestMoves:
 
 
 def test_three_numbers_are_scaled_to_radians():
-    found = Convention(False, True, "rpy", 0.05, 0.5).moves(np.array([[1.0, 0, 0, 0, 0, 1, -1]]), np.zeros(6))
-    assert found[0] == pytest.approx([0.05, 0, 0, 0, 0, 0.5, -1])
+    moves = Convention(False, True, "rpy", 0.05, 0.5).moves(np.array([[1.0, 0, 0, 0, 0, 1, -1]]), np.zeros(6))
+    assert moves[0] == pytest.approx([0.05, 0, 0, 0, 0, 0.5, -1])
 
 
 @pytest.mark.parametrize("rotation", ["quaternion_xyzw", "rot6d"])

@@ -1,4 +1,4 @@
-"""Faults on the way to a server cost new attempts and ERROR outcomes; no scene fails for them."""
+"""Faults of a connection cost retries and ERROR outcomes, but never make a scene fail."""
 
 import json
 import subprocess
@@ -31,7 +31,7 @@ RATES = {"drop": 0.05, "cut": 0.02, "stall": 0.005, "garbage": 0.005, "huge": 0.
 
 @contextmanager
 def faulty(protocol: str, faults: Faults):
-    """The name of ``Drifting`` behind a server whose replies go wrong on the way."""
+    """The name of ``Drifting`` behind a faulty connection."""
     with ExitStack() as stack:
         if protocol == "groot":
             yield stack.enter_context(groot(faults))
@@ -49,13 +49,13 @@ def evaluator(policy) -> ManiSkillEvaluator:
 
 @pytest.fixture(scope="module")
 def undisturbed() -> list[Outcome]:
-    """What comes of the scenes in process."""
-    made = evaluator(Drifting())
-    yield made.evaluate(sampled(4))
-    made.close()
+    """The outcomes of the scenes in process."""
+    simulator = evaluator(Drifting())
+    yield simulator.evaluate(sampled(4))
+    simulator.close()
 
 
-def told(outcome: Outcome) -> tuple[Verdict, list[str]]:
+def summary(outcome: Outcome) -> tuple[Verdict, list[str]]:
     return outcome.verdict, [rollout.states_hash for rollout in outcome.rollouts]
 
 
@@ -65,51 +65,53 @@ class TestScenes:
     def outcomes(self, protocol: str, scenes: int, *plan: str | None) -> tuple[list[Outcome], Faults]:
         faults = Faults(plan, seconds=1.0)
         with faulty(protocol, faults) as name:
-            made = evaluator(make_policy(f"{name}&timeout=0.5"))
+            simulator = evaluator(make_policy(f"{name}&timeout=0.5"))
             faults.begin()
-            found = made.evaluate(sampled(4)[:scenes])
-            made.close()
-        return found, faults
+            outcomes = simulator.evaluate(sampled(4)[:scenes])
+            simulator.close()
+        return outcomes, faults
 
     def test_what_is_lost_on_the_way_is_begun_again_and_every_time_is_logged(
         self, protocol, undisturbed, caplog
     ):
-        found, faults = self.outcomes(protocol, 2, *[None] * 3, "drop", *[None] * 6, "cut", None, "stall")
-        assert [told(outcome) for outcome in found] == [told(outcome) for outcome in undisturbed[:2]]
+        outcomes, faults = self.outcomes(protocol, 2, *[None] * 3, "drop", *[None] * 6, "cut", None, "stall")
+        assert [summary(outcome) for outcome in outcomes] == [summary(outcome) for outcome in undisturbed[:2]]
         assert faults.came == ["drop", "cut", "stall"]
         assert len([record for record in caplog.records if "again in" in record.message]) == 3
 
     def test_answers_that_are_none_are_errors_and_the_other_scenes_are_as_ever(self, protocol, undisturbed):
-        found, faults = self.outcomes(protocol, 4, None, None, "garbage", None, None, None, "huge", "error")
-        broken = [index for index, outcome in enumerate(found) if outcome.verdict is Verdict.ERROR]
+        outcomes, faults = self.outcomes(
+            protocol, 4, None, None, "garbage", None, None, None, "huge", "error"
+        )
+        broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
         assert len(broken) == len(faults.came) - (protocol == "groot")  # ZeroMQ cuts off what is huge
-        for index, (outcome, alone) in enumerate(zip(found, undisturbed, strict=True)):
-            assert index in broken or told(outcome) == told(alone)
+        for index, (outcome, alone) in enumerate(zip(outcomes, undisturbed, strict=True)):
+            assert index in broken or summary(outcome) == summary(alone)
 
 
 @pytest.mark.usefixtures("no_pause")
 def test_what_is_lost_three_times_is_an_error_with_its_cause(undisturbed):
     faults = Faults(["drop"] * 3, seconds=1.0)
     with faulty("http", faults) as name:
-        made = evaluator(make_policy(f"{name}&timeout=0.5"))
+        simulator = evaluator(make_policy(f"{name}&timeout=0.5"))
         faults.begin()
-        lost, *others = made.evaluate(sampled(4))
-        made.close()
+        lost, *others = simulator.evaluate(sampled(4))
+        simulator.close()
     assert lost.verdict is Verdict.ERROR
     assert lost.detail.startswith("policy: timeout: ")
-    assert [told(outcome) for outcome in others] == [told(outcome) for outcome in undisturbed[1:]]
+    assert [summary(outcome) for outcome in others] == [summary(outcome) for outcome in undisturbed[1:]]
 
 
 @contextmanager
 def killed_twice(protocol: str) -> Iterator[str]:
-    """The name of ``Drifting`` in a process that is killed twice, and is there again some seconds later."""
+    """The name of ``Drifting`` in a process that is killed twice, and restarted some seconds later."""
     port, over = free_port(), threading.Event()
-    asked = [sys.executable, "-m", "vlafuzz", "serve", HERE, "--protocol", protocol, "--port", str(port)]
+    command = [sys.executable, "-m", "vlafuzz", "serve", HERE, "--protocol", protocol, "--port", str(port)]
 
     def process() -> subprocess.Popen[str]:
-        made = subprocess.Popen(asked, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        names.append(made.stdout.readline().strip())
-        return made
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        names.append(server.stdout.readline().strip())
+        return server
 
     def keep() -> None:
         for left in (2, 1, 0):
@@ -136,22 +138,22 @@ def scenes(tmp_path_factory) -> Path:
 
 
 def run(name: str, scenes: Path, store: Path, capsys) -> dict[str, tuple[Verdict, list[str]]]:
-    """What came of each scene."""
+    """The outcome of each scene."""
     assert main(["run", "--policy", name, "--scenes", str(scenes), "--store", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["proposals"] == 200
     with Store.open(store) as opened:
-        return {trial.scene.digest: told(trial.outcome) for trial in opened.trials(1)}
+        return {trial.scene.digest: summary(trial.outcome) for trial in opened.trials(1)}
 
 
 @pytest.fixture(scope="module")
 def alone(scenes, tmp_path_factory):
     """``alone(capsys)``: the run without a server, once."""
-    found = {}
+    cached = {}
 
     def results(capsys) -> dict[str, tuple[Verdict, list[str]]]:
-        if not found:
-            found.update(run(HERE, scenes, tmp_path_factory.mktemp("alone") / "a.db", capsys))
-        return found
+        if not cached:
+            cached.update(run(HERE, scenes, tmp_path_factory.mktemp("alone") / "a.db", capsys))
+        return cached
 
     return results
 
@@ -170,12 +172,12 @@ def test_a_run_of_200_scenes_goes_through_with_every_scene_as_without_faults_or_
         else:
             name = stack.enter_context(relayed(stack.enter_context(killed_twice(protocol)), faults))
         faults.begin()
-        found = run(f"{name}&timeout=2", scenes, tmp_path / "a.db", capsys)
+        results = run(f"{name}&timeout=2", scenes, tmp_path / "a.db", capsys)
     expected = alone(capsys)
-    errors = [digest for digest, (verdict, _) in found.items() if verdict is Verdict.ERROR]
+    errors = [digest for digest, (verdict, _) in results.items() if verdict is Verdict.ERROR]
     again = [record for record in caplog.records if "again in" in record.message]
-    assert {digest: found[digest] for digest in found if digest not in errors} == {
-        digest: expected[digest] for digest in found if digest not in errors
+    assert {digest: results[digest] for digest in results if digest not in errors} == {
+        digest: expected[digest] for digest in results if digest not in errors
     }
     assert len(errors) < 50
     assert {"drop", "stall", "garbage", "huge"} < {*faults.came}

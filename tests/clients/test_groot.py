@@ -1,4 +1,4 @@
-"""The client of GR00T's policy server: golden frames, conversations, and what goes wrong."""
+"""The client of GR00T's policy server: golden frames, conversations and errors."""
 
 import re
 from pathlib import Path
@@ -37,16 +37,16 @@ def file(descr: str, shape: str, data: bytes) -> bytes:
 
 
 class TestFrames:
-    """Against bytes that are put together by hand, and against those of msgpack-numpy."""
+    """Against bytes written by hand, and against those of msgpack-numpy."""
 
     def test_a_request(self):
         picture = np.arange(18, dtype=np.uint8).reshape(1, 1, 2, 3, 3)
-        told = {
+        observation = {
             "video": {"image": picture},
             "state": {"x": np.array([[[0.5]]], dtype=np.float32)},
             "language": {"task": [["up"]]},
         }
-        assert pack({"endpoint": "get_action", "data": {"observation": told, "options": None}}) == (
+        assert pack({"endpoint": "get_action", "data": {"observation": observation, "options": None}}) == (
             b"\x82\xa8endpoint\xaaget_action\xa4data\x82\xabobservation\x83"
             b"\xa5video\x81\xa5image"
             + file("|u1", "(1, 1, 2, 3, 3)", bytes(range(18)))
@@ -57,12 +57,12 @@ class TestFrames:
 
     def test_a_reply_of_n16(self):
         moves = b"\x00\x00\x80\x3f\x00\x00\x00\x40"
-        found, info = unpack(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
-        assert (found["x"].tolist(), found["x"].dtype, info) == ([[[1.0], [2.0]]], np.float32, {})
+        reply, info = unpack(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
+        assert (reply["x"].tolist(), reply["x"].dtype, info) == ([[[1.0], [2.0]]], np.float32, {})
 
     def test_a_reply_of_n17(self):
-        found, info = unpack((GOLDEN / "groot_reply.msgpack").read_bytes())
-        assert np.array_equal(found["x"], np.linspace(-1, 1, 14).reshape(1, 2, 7).astype(np.float32))
+        reply, info = unpack((GOLDEN / "groot_reply.msgpack").read_bytes())
+        assert np.array_equal(reply["x"], np.linspace(-1, 1, 14).reshape(1, 2, 7).astype(np.float32))
         assert info == {"milliseconds": 1.5}
 
     @pytest.mark.parametrize("mark", [b"\xb8__ModalityConfig_class__", b"\xb2__ModalityConfig__"])
@@ -86,41 +86,41 @@ class TestConversation:
             "action": [*NAMES],
             "language": [TASK],
         }
-        with served([parts(STILL[None]), {}], told=config(keys)) as (name, asked):
+        with served([parts(STILL[None]), {}], modalities=config(keys)) as (name, requests):
             policy = make_policy(f"{name}?profile=libero&camera=48x32")
             policy.reset([start("one")])
             policy.act([seen("one", images=black(policy.spec))])
             policy.close()
-        told = asked[0]["data"]["observation"]
-        state = {key: unpack(msgpack.packb(part)) for key, part in told["state"].items()}
-        assert [*told["video"]] == ["image", "wrist_image"]
-        assert unpack(msgpack.packb(told["video"]["image"])).shape == (1, 1, 32, 48, 3)
+        observation = requests[0]["data"]["observation"]
+        state = {key: unpack(msgpack.packb(part)) for key, part in observation["state"].items()}
+        assert [*observation["video"]] == ["image", "wrist_image"]
+        assert unpack(msgpack.packb(observation["video"]["image"])).shape == (1, 1, 32, 48, 3)
         assert [part.shape for part in state.values()] == [(1, 1, 1)] * 6 + [(1, 1, 2)]
         assert {part.dtype.str for part in state.values()} == {"<f4"}
         assert state["yaw"][0, 0, 0] == STATE[5]
-        assert told["language"] == {TASK: [["pick up apple"]]}
-        assert asked[0]["data"]["options"] is None
+        assert observation["language"] == {TASK: [["pick up apple"]]}
+        assert requests[0]["data"]["options"] is None
 
     @pytest.mark.parametrize(("write", "prefix"), [(npy, ""), (nd, ""), (npy, "action.")])
     def test_all_observations_go_in_one_request(self, write, prefix):
         moves = np.arange(2 * 16 * 7, dtype=np.float32).reshape(2, 16, 7)
-        with served([parts(moves, write, prefix), {}]) as (name, asked):
+        with served([parts(moves, write, prefix), {}]) as (name, requests):
             policy = make_policy(f"{name}?camera=32")
             policy.reset([start("a"), start("b")])
-            found = policy.act(looking("a", "b"))
+            chunks = policy.act(looking("a", "b"))
             policy.close()
-        assert len(asked) == 1
-        assert [chunk.actions.tolist() for chunk in found] == moves.tolist()
+        assert len(requests) == 1
+        assert [chunk.actions.tolist() for chunk in chunks] == moves.tolist()
 
     def test_the_wrapper_for_simulators_wants_flat_keys(self):
-        with served([parts(STILL[None], prefix="action."), {}]) as (name, asked):
+        with served([parts(STILL[None], prefix="action."), {}]) as (name, requests):
             policy = make_policy(f"{name}?camera=32&flat=1")
             policy.reset([start("one")])
             policy.act(looking("one"))
             policy.close()
-        told = asked[0]["data"]["observation"]
-        assert [*told] == ["video.image", TASK]
-        assert told[TASK] == ["pick up apple"]
+        observation = requests[0]["data"]["observation"]
+        assert [*observation] == ["video.image", TASK]
+        assert observation[TASK] == ["pick up apple"]
 
     def test_a_widowx_hand_that_points_down_has_no_angles(self):
         keys = {
@@ -130,20 +130,23 @@ class TestConversation:
             "language": [TASK],
         }
         down = np.array([0.1, 0.2, 0.3, np.pi, 0, 0, 0.5], dtype=np.float32)
-        with served([parts(np.repeat(STILL[None], 8, axis=1)), {}], told=config(keys)) as (name, asked):
+        with served([parts(np.repeat(STILL[None], 8, axis=1)), {}], modalities=config(keys)) as (
+            name,
+            requests,
+        ):
             policy = make_policy(f"{name}?profile=bridge")
             policy.reset([start("one")])
             policy.act([Observation("one", 0, "up", images=black(policy.spec), state=down)])
             policy.close()
-        told = asked[0]["data"]["observation"]["state"]
-        state = [float(unpack(msgpack.packb(part))[0, 0, 0]) for part in told.values()]
+        observation = requests[0]["data"]["observation"]["state"]
+        state = [float(unpack(msgpack.packb(part))[0, 0, 0]) for part in observation.values()]
         assert state == pytest.approx([0.1, 0.2, 0.3, 0, 0, 0, 0, 0.5], abs=1e-6)
 
     def test_in_the_simulator(self):
         scenes = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
         keys = MODALITIES | {"video": []}
         replies = [b"?", [parts(np.repeat(STILL[None], 80, axis=1)), {}]]
-        with served(*replies, told=config(keys)) as (name, _):
+        with served(*replies, modalities=config(keys)) as (name, _):
             policy = make_policy(f"{name}?camera=0")
             evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
             broken, whole = evaluator.evaluate(scenes)
@@ -216,7 +219,7 @@ class TestWrongAnswers:
     def test_another_server_in_its_place_is_noticed(self):
         with served() as (name, _):
             policy = make_policy(f"{name}?camera=32")
-        with served(told=config(MODALITIES | {"video": ["other"]}), port=int(name.rpartition(":")[2])):
+        with served(modalities=config(MODALITIES | {"video": ["other"]}), port=int(name.rpartition(":")[2])):
             with pytest.raises(PolicyError, match="another server answers") as caught:
                 policy.reset([start("one")])
             policy.close()
@@ -224,7 +227,7 @@ class TestWrongAnswers:
 
 
 class TestRefused:
-    """Before anything is rolled out."""
+    """Errors before the first rollout."""
 
     @pytest.mark.parametrize(
         ("keys", "says"),
@@ -237,16 +240,19 @@ class TestRefused:
     )
     def test_a_model_whose_keys_nobody_names(self, keys, says):
         with (
-            served(told=config(MODALITIES | keys)) as (name, _),
+            served(modalities=config(MODALITIES | keys)) as (name, _),
             pytest.raises(UsageError, match=says) as caught,
         ):
             make_policy(name)
         assert caught.value.hint.startswith("a profile, or the option ")
 
     def test_a_model_that_wants_the_past(self):
-        told = config(MODALITIES)
-        told["video"]["as_json"]["delta_indices"] = [-1, 0]
-        with served(told=told) as (name, _), pytest.raises(UsageError, match="wants 2 time steps of video"):
+        modalities = config(MODALITIES)
+        modalities["video"]["as_json"]["delta_indices"] = [-1, 0]
+        with (
+            served(modalities=modalities) as (name, _),
+            pytest.raises(UsageError, match="wants 2 time steps of video"),
+        ):
             make_policy(name)
 
     @pytest.mark.parametrize(
@@ -268,7 +274,10 @@ class TestRefused:
             make_policy("groot:tcp://127.0.0.1:9")
         assert caught.value.hint.startswith("start it first")
 
-    @pytest.mark.parametrize("told", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])
-    def test_a_server_of_something_else(self, told):
-        with served(told=told) as (name, _), pytest.raises(PrerequisiteError, match="its modality config: "):
+    @pytest.mark.parametrize("modalities", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])
+    def test_a_server_of_something_else(self, modalities):
+        with (
+            served(modalities=modalities) as (name, _),
+            pytest.raises(PrerequisiteError, match="its modality config: "),
+        ):
             make_policy(name)

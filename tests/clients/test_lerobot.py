@@ -1,4 +1,4 @@
-"""Policies of lerobot: what is said and refused without it; with it, tiny ones against lerobot's own way.
+"""Policies of lerobot: messages without it; with it, tiny policies against lerobot's own evaluation.
 
 lerobot 0.4.4 wants another torch than ours, so it is not among our packages; name the Python of an
 environment in which it is. python -m venv there; there/bin/pip install torch==2.13.0 pydantic scipy trimesh
@@ -81,20 +81,20 @@ class TestNames:
 
 
 class TestFitting:
-    """What a policy's card says goes with what the options say."""
+    """A policy's card is combined with the options."""
 
     def test_pictures_have_the_sizes_that_the_policy_takes(self):
-        found = fit("profile=libero")
-        assert (found.camera, found.wrist_camera) == ((96, 64), (32, 32))
-        assert (found.image_key, found.wrist_key, found.execute) == (FRONT, WRIST, 5)
+        options = fit("profile=libero")
+        assert (options.camera, options.wrist_camera) == ((96, 64), (32, 32))
+        assert (options.image_key, options.wrist_key, options.execute) == (FRONT, WRIST, 5)
 
     def test_names_may_be_short(self):
-        found = fit("state=eef_pos3_axisangle3_gripper2&image_key=image2&wrist=1&wrist_key=image")
-        assert (found.image_key, found.wrist_key) == (WRIST, FRONT)
+        options = fit("state=eef_pos3_axisangle3_gripper2&image_key=image2&wrist=1&wrist_key=image")
+        assert (options.image_key, options.wrist_key) == (WRIST, FRONT)
 
     def test_an_only_picture_needs_no_name(self):
-        one = Card(kind="act", pictures={"observation.image": (96, 96)}, state=0, actions=7, execute=5)
-        assert fit("hz=10", one).image_key == "observation.image"
+        card = Card(kind="act", pictures={"observation.image": (96, 96)}, state=0, actions=7, execute=5)
+        assert fit("hz=10", card).image_key == "observation.image"
 
     def test_empty_cameras_are_not_asked_for(self):
         pictures = {FRONT: (9, 9), "observation.images.empty_camera_0": (9, 9)}
@@ -203,23 +203,23 @@ print(json.dumps({
 
 
 def there(script: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    """A script in lerobot's environment."""
+    """Run a script in lerobot's environment."""
     path = f"{ROOT}{os.pathsep}{Path(__file__).parent}"
     environment = os.environ | {"PYTHONPATH": path, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
-    told = [THERE, "-c", script, *map(str, arguments)]
-    return subprocess.run(told, capture_output=True, text=True, check=False, timeout=300, env=environment)
+    command = [THERE, "-c", script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, env=environment)
 
 
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
-    """``policy(kind)``: the folder of a tiny one."""
+    """``policy(kind)``: the folder of a tiny policy."""
 
     @cache
     def make(kind: str) -> Path:
         folder = tmp_path_factory.mktemp("policies") / kind
-        made = there("from tiny_policies import make; import pathlib, sys;"
+        creation = there("from tiny_policies import make; import pathlib, sys;"
                      "make(sys.argv[1], pathlib.Path(sys.argv[2]))", kind, folder)  # fmt: skip
-        assert made.returncode == 0, made.stderr
+        assert creation.returncode == 0, creation.stderr
         return folder
 
     return make
@@ -228,7 +228,7 @@ def policy(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.skipif(THERE is None, reason="VLAFUZZ_LEROBOT names no Python with lerobot")
 class TestReal:
-    """Policies of 0.2 to 12 million random weights, loaded and asked by lerobot 0.4.4."""
+    """Policies of 0.2 to 12 million random weights, loaded and run by lerobot 0.4.4."""
 
     @pytest.mark.parametrize(
         ("kind", "execute", "length", "ignores"),
@@ -241,12 +241,12 @@ class TestReal:
     def test_answers_as_lerobot_itself_does(self, policy, kind, execute, length, ignores):
         done = there(COMPARE, policy(kind), kind)
         assert done.returncode == 0, done.stderr
-        found = json.loads(done.stdout)  # nothing else is printed there
-        assert found["spec"] == [execute, True, [96, 96]]
-        assert [len(chunk) for chunk in found["ours"]] == [length] * 6
-        assert found["ours"] == found["theirs"] == found["interleaved"]
+        answers = json.loads(done.stdout)  # nothing else is printed there
+        assert answers["spec"] == [execute, True, [96, 96]]
+        assert [len(chunk) for chunk in answers["ours"]] == [length] * 6
+        assert answers["ours"] == answers["theirs"] == answers["interleaved"]
         for other in ("other seed", "black", "other words"):
-            assert (found[other] == found["ours"]) is (other in ignores), other
+            assert (answers[other] == answers["ours"]) is (other in ignores), other
 
     def test_weights_that_are_none_are_told_in_a_sentence(self, policy, tmp_path):
         folder = shutil.copytree(policy("smolvla"), tmp_path / "broken")

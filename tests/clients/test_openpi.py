@@ -26,13 +26,13 @@ pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 
 @contextmanager
 def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
-    """A server that answers observations with the next of some replies; its name, and what it was asked."""
-    left, asked = list(replies), []
+    """A server with scripted replies to observations; its name, and the requests that it got."""
+    left, requests = list(replies), []
 
     def session(connection: Any) -> None:
         connection.send(pack({}) if metadata is None else metadata)
         for frame in connection:
-            asked.append((unpack(frame), connection.request.headers.get("Vlafuzz-Rollout")))
+            requests.append((unpack(frame), connection.request.headers.get("Vlafuzz-Rollout")))
             reply = left.pop(0)
             if reply is CLOSE:
                 return
@@ -45,7 +45,7 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
     try:
-        yield f"openpi:ws://127.0.0.1:{server.socket.getsockname()[1]}", asked
+        yield f"openpi:ws://127.0.0.1:{server.socket.getsockname()[1]}", requests
     finally:
         server.shutdown()
         thread.join()
@@ -72,9 +72,9 @@ class TestFrames:
         assert pack(OBSERVATION) == (GOLDEN / "openpi_observation.msgpack").read_bytes()
 
     def test_those_of_openpis_own_packer_are_read(self):
-        told = unpack((GOLDEN / "openpi_observation.msgpack").read_bytes())
-        assert told.keys() == OBSERVATION.keys()
-        assert np.array_equal(told["observation/image"], PICTURE)
+        message = unpack((GOLDEN / "openpi_observation.msgpack").read_bytes())
+        assert message.keys() == OBSERVATION.keys()
+        assert np.array_equal(message["observation/image"], PICTURE)
         reply = unpack((GOLDEN / "openpi_reply.msgpack").read_bytes())
         assert np.array_equal(reply["actions"], np.linspace(-1, 1, 14).reshape(2, 7).astype(np.float32))
         assert reply["server_timing"] == {"infer_ms": 1.5, "prev_total_ms": 2.5}
@@ -84,30 +84,30 @@ class TestFrames:
 class TestConversation:
     def test_an_observation_has_the_models_keys(self):
         query = "?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2"
-        with scripted({"actions": STILL}) as (name, asked):
+        with scripted({"actions": STILL}) as (name, requests):
             policy = make_policy(name + query)
             policy.reset([start("one", 3)])
             policy.act([seen("one", images=black(policy.spec))])
             policy.close()
-        (told, header) = asked[0]
-        assert list(told) == [
+        (message, header) = requests[0]
+        assert list(message) == [
             "observation/image",
             "observation/wrist_image",
             "observation/state",
             "prompt",
         ]
-        assert told["observation/image"].shape == (32, 48, 3)
-        assert told["observation/state"][:6].tolist() == STATE[:6].tolist()
-        assert told["prompt"] == "pick up apple"
+        assert message["observation/image"].shape == (32, 48, 3)
+        assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
+        assert message["prompt"] == "pick up apple"
         assert header == '{"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}'
 
     def test_keys_of_other_models(self):
-        with scripted({"actions": STILL}) as (name, asked):
+        with scripted({"actions": STILL}) as (name, requests):
             policy = make_policy(name + "?camera=32&image_key=cam&instruction_key=task")
             policy.reset([start("one")])
             policy.act([seen("one", images=black(policy.spec))])
             policy.close()
-        assert list(asked[0][0]) == ["cam", "task"]
+        assert list(requests[0][0]) == ["cam", "task"]
 
     def test_of_a_chunk_as_many_actions_as_asked_are_executed(self):
         chunk = np.hstack([np.arange(10.0)[:, None], np.zeros((10, 6))])

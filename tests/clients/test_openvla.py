@@ -30,19 +30,19 @@ pytestmark = pytest.mark.usefixtures("no_pause")
 
 @contextmanager
 def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, threading.Semaphore]]:
-    """A server that answers with the next of some (status, body) or waits; its name, what it was asked,
+    """A server with scripted replies (status, body) or waits; its name, the requests that it got,
     and a count of the connections that are closed.
 
     ``keep``: as HTTP 1.1 keeps a connection; else it is closed after the reply, without a word.
     """
-    left, asked, over = list(replies), [], threading.Event()
+    left, requests, over = list(replies), [], threading.Event()
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
         def do_POST(self) -> None:
             body = self.rfile.read(int(self.headers["Content-Length"]))
-            asked.append((self.path, body, self.headers.get("Vlafuzz-Rollout")))
+            requests.append((self.path, body, self.headers.get("Vlafuzz-Rollout")))
             reply = left.pop(0)
             if isinstance(reply, float):
                 over.wait(reply)
@@ -66,7 +66,7 @@ def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, thre
     thread = threading.Thread(target=server.serve_forever, args=(0.02,))
     thread.start()
     try:
-        yield f"http://127.0.0.1:{server.server_port}/act", asked, closed
+        yield f"http://127.0.0.1:{server.server_port}/act", requests, closed
     finally:
         over.set()
         server.shutdown()
@@ -75,35 +75,35 @@ def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, thre
 
 
 def answered(*replies: Any, options: str = "?camera=0", keep: bool = True) -> tuple[list, list]:
-    """The actions that these replies are, and what was asked."""
-    with scripted(*replies, keep=keep) as (name, asked, closed):
+    """The actions in these replies, and the requests."""
+    with scripted(*replies, keep=keep) as (name, requests, closed):
         policy = make_policy(name + options)
         policy.reset([start("one", 3)])
         pictures = black(policy.spec)
         closed.acquire()  # the connection of the policy's making
-        found = []
+        answers = []
         for _ in replies:
-            found += [policy.act([seen("one", images=pictures)])[0].actions.tolist()]
+            answers += [policy.act([seen("one", images=pictures)])[0].actions.tolist()]
             keep or closed.acquire()
         policy.close()
-    return found, asked
+    return answers, requests
 
 
-ASKED = {"image": PICTURE, "instruction": "pick up apple", "unnorm_key": "bridge_orig"}
+MESSAGE = {"image": PICTURE, "instruction": "pick up apple", "unnorm_key": "bridge_orig"}
 
 
 class TestJson:
     def test_a_request_equals_that_of_json_numpy(self):
-        assert request(ASKED).decode() == (GOLDEN / "act_request.txt").read_text()
+        assert request(MESSAGE).decode() == (GOLDEN / "act_request.txt").read_text()
 
     def test_so_does_one_that_is_encoded_twice(self):
-        assert request(ASKED, twice=True).decode() == (GOLDEN / "act_request_encoded.txt").read_text()
+        assert request(MESSAGE, twice=True).decode() == (GOLDEN / "act_request_encoded.txt").read_text()
 
     @pytest.mark.parametrize("name", ["act_reply", "act_reply_chunk", "act_reply_encoded"])
     def test_replies_of_json_numpy_are_read(self, name):
-        found = np.atleast_2d(decode((GOLDEN / f"{name}.txt").read_bytes()))
+        decoded = np.atleast_2d(decode((GOLDEN / f"{name}.txt").read_bytes()))
         expected = np.linspace(-1, 1, 14).reshape(2, 7) if "chunk" in name else np.linspace(-1, 1, 7)[None]
-        assert np.array_equal(found, expected)
+        assert np.array_equal(decoded, expected)
 
 
 class TestConversation:
@@ -123,24 +123,24 @@ class TestConversation:
         assert answered((200, reply))[0] == [[STILL] * steps]
 
     def test_a_request_is_openvlas(self):
-        _, asked = answered((200, json.dumps(STILL)), options="?camera=48x32&unnorm_key=bridge_orig")
-        path, body, header = asked[0]
-        told = decode(body)
-        assert (path, list(told)) == ("/act", ["image", "instruction", "unnorm_key"])
-        assert (told["image"].shape, told["image"].dtype) == ((32, 48, 3), np.uint8)
-        assert (told["instruction"], told["unnorm_key"]) == ("pick up apple", "bridge_orig")
+        _, requests = answered((200, json.dumps(STILL)), options="?camera=48x32&unnorm_key=bridge_orig")
+        path, body, header = requests[0]
+        message = decode(body)
+        assert (path, list(message)) == ("/act", ["image", "instruction", "unnorm_key"])
+        assert (message["image"].shape, message["image"].dtype) == ((32, 48, 3), np.uint8)
+        assert (message["instruction"], message["unnorm_key"]) == ("pick up apple", "bridge_orig")
         assert json.loads(header) == {"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}
 
     def test_it_may_be_encoded_twice(self):
-        _, asked = answered((200, json.dumps(STILL)), options="?camera=0&encoded=1")
-        assert list(json.loads(asked[0][1])) == ["encoded"]
-        assert decode(json.loads(asked[0][1])["encoded"]) == {"instruction": "pick up apple"}
+        _, requests = answered((200, json.dumps(STILL)), options="?camera=0&encoded=1")
+        assert list(json.loads(requests[0][1])) == ["encoded"]
+        assert decode(json.loads(requests[0][1])["encoded"]) == {"instruction": "pick up apple"}
 
     def test_a_connection_that_the_server_has_closed_in_between_is_opened_anew(self):
         reply = (200, json.dumps(STILL))
-        found, asked = answered(reply, reply, keep=False)
-        assert found == [[STILL]] * 2
-        assert [json.loads(header)["asked"] for _, _, header in asked] == [0, 1]
+        answers, requests = answered(reply, reply, keep=False)
+        assert answers == [[STILL]] * 2
+        assert [json.loads(header)["asked"] for _, _, header in requests] == [0, 1]
 
 
 def failure(*replies: Any, options: str = "?camera=0") -> PolicyError:

@@ -1,4 +1,4 @@
-"""Profiles of known models: what they say, who wins over them, and what is refused."""
+"""Profiles of known models: their options, what overrides them, and what is refused."""
 
 import re
 from pathlib import Path
@@ -64,9 +64,9 @@ class TestKnown:
         assert (options.image_key, options.gripper, options.chunk) == ("full_image", "open_01", 8)
 
     def test_libero_behind_vla_eval_says_what_its_servers_do_not_declare(self):
-        asked = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
+        options = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
         declared = {"action_spec": {"rotation": {"format": "euler_xyz"}}, "protocol_version": 1}
-        spec = spec_of("it", Hello.model_validate(declared), asked)
+        spec = spec_of("it", Hello.model_validate(declared), options)
         assert spec.action == ActionSpec(
             relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
         )
@@ -167,7 +167,7 @@ def test_joints_are_refused_of_a_model_that_declares_itself_too(tmp_path):
 OPTIONS = (ActOptions, GrootOptions, LeRobotOptions, OpenPiOptions)
 
 
-@pytest.mark.parametrize("option", sorted(set().union(*(each.model_fields for each in OPTIONS))))
+@pytest.mark.parametrize("option", sorted(set().union(*(kind.model_fields for kind in OPTIONS))))
 def test_readme_has_a_row_for_every_option(option):
     assert re.search(rf"^\| .*`{option}`", README, flags=re.MULTILINE)
 

@@ -141,5 +141,5 @@ def test_readme_has_a_row_for_every_option(name):
 
 
 def test_every_layout_can_be_asked_for():
-    asked = VlaEvalOptions.model_fields["state"].annotation
-    assert all(name in str(asked) for name in LAYOUTS)
+    annotation = VlaEvalOptions.model_fields["state"].annotation
+    assert all(name in str(annotation) for name in LAYOUTS)

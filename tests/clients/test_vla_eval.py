@@ -36,7 +36,7 @@ STILL = [0.0] * 6 + [1.0]
 
 
 class TestRollouts:
-    """Whole rollouts in the simulator: what comes over the wire is what came without it."""
+    """Whole rollouts in the simulator are the same over the wire as without it."""
 
     def same_as_in_process(
         self,
@@ -73,11 +73,11 @@ class TestRollouts:
         self.same_as_in_process(lambda: Rounded(Random()))
 
     def test_conventions_that_the_server_declares(self):
-        spoken = ActionSpec(rotation="rpy", gripper="close_01")
-        self.same_as_in_process(lambda: Attentive(action=spoken))
+        action = ActionSpec(rotation="rpy", gripper="close_01")
+        self.same_as_in_process(lambda: Attentive(action=action))
 
     def test_conventions_that_options_say(self):
-        spoken = ActionSpec(
+        action = ActionSpec(
             rotation="euler_xyz",
             relative_to="current",
             position_scale=0.5,
@@ -87,7 +87,7 @@ class TestRollouts:
             hz=10,
         )
         query = "?rotation=euler_xyz&relative_to=current&position_scale=0.5&rotation_scale=2&gripper=open_01"
-        self.same_as_in_process(lambda: Attentive(action=spoken), f"{query}&sticky=2&hz=10")
+        self.same_as_in_process(lambda: Attentive(action=action), f"{query}&sticky=2&hz=10")
 
     @pytest.mark.render
     def test_pictures(self):
@@ -108,7 +108,7 @@ class TestRollouts:
 
 
 class TestWire:
-    """What the real server gets and sends."""
+    """The messages of the real server."""
 
     def test_an_observation_arrives_as_it_was(self):
         rng = np.random.default_rng(0)
@@ -119,12 +119,12 @@ class TestWire:
             policy.reset([start("one", 3)])
             policy.act([seen("one", images=images)])
             policy.close()
-        (told,) = server.seen
-        assert list(told["images"]) == ["front", "wrist"]
-        assert all(np.array_equal(told["images"][key], images[key]) for key in images)
-        assert all(np.array_equal(told[key], STATE) for key in ("state", "states"))
-        assert told["state"].dtype == np.float32
-        assert told["task_description"] == "pick up apple"
+        (message,) = server.seen
+        assert list(message["images"]) == ["front", "wrist"]
+        assert all(np.array_equal(message["images"][key], images[key]) for key in images)
+        assert all(np.array_equal(message[key], STATE) for key in ("state", "states"))
+        assert message["state"].dtype == np.float32
+        assert message["task_description"] == "pick up apple"
         assert server.started == [start("one", 3)]
 
     def test_each_rollout_has_a_connection_which_ends_with_it(self, opened):
@@ -155,8 +155,8 @@ class TestWire:
         names = ["a", "b", "c", "d"]
         with serving(server) as name:
             policy, alone = make_policy(name), Rounded(Random())
-            for each in (policy, alone):
-                each.reset([start(name, seed) for seed, name in enumerate(names)])
+            for client in (policy, alone):
+                client.reset([start(name, seed) for seed, name in enumerate(names)])
             for _ in range(3):
                 together = [chunk.actions.tolist() for chunk in policy.act([seen(name) for name in names])]
                 assert together == [

@@ -1,4 +1,4 @@
-"""What goes wrong on the way to a model is the policy's error, with its cause."""
+"""Faults on the way to a model are the policy's errors, with their causes."""
 
 import re
 import time
@@ -37,7 +37,7 @@ STILL = [0.0] * 6 + [1.0]
 
 
 def failure(name: str, options: str = "") -> PolicyError:
-    """What the first action of a rollout breaks with."""
+    """The error of the first action of a rollout."""
     policy = make_policy(name + options)
     with pytest.raises(PolicyError) as caught:
         Harness(policy, start("one")).action(lambda: seen("one"))
@@ -46,7 +46,7 @@ def failure(name: str, options: str = "") -> PolicyError:
 
 
 class TestWrongAnswers:
-    """Of a real server with a bad model, and of servers of our own that break the protocol."""
+    """Errors of a real server with a bad model, and of our own servers that break the protocol."""
 
     @pytest.mark.parametrize(
         ("answer", "says"),
@@ -65,7 +65,7 @@ class TestWrongAnswers:
         assert re.search(says, error.message)
 
     def test_an_error_of_the_model_is_told(self):
-        with serving(Answering(lambda told: told["nothing"])) as name:
+        with serving(Answering(lambda message: message["nothing"])) as name:
             error = failure(name, "?camera=0")
         assert error.cause == "remote"
         assert error.message.endswith("observation_failed: KeyError: 'nothing'")
@@ -216,7 +216,7 @@ class TestServerThatGoesAway:
 
 
 class TestNoServer:
-    """What making a policy, or `vlafuzz run`, says when there is none of that kind."""
+    """Messages for a policy that cannot be reached, from Python and from `vlafuzz run`."""
 
     ABSENT = "vla-eval:ws://127.0.0.1:9"
 

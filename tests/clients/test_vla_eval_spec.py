@@ -1,4 +1,4 @@
-"""What servers declare, as the real ones of vla-eval 0.8.0 do, and what becomes of it."""
+"""Declarations of servers, such as the real ones of vla-eval 0.8.0, become specs."""
 
 import importlib
 
@@ -17,18 +17,18 @@ RGB = "rgb_hwc_uint8"
 
 
 def hello(**declared: dict) -> Hello:
-    spoken = {
+    specs = {
         f"{part}_spec": {
             name: {"name": name, "dims": 0, "format": kind} for name, kind in declared[part].items()
         }
         for part in ("action", "observation")
         if part in declared
     }
-    return Hello.model_validate(HELLO | spoken | {"observation_params": declared.get("params", {})})
+    return Hello.model_validate(HELLO | specs | {"observation_params": declared.get("params", {})})
 
 
-def spec(said: Hello, **options: object) -> PolicySpec:
-    return spec_of("it", said, VlaEvalOptions.model_validate(options))
+def spec(greeting: Hello, **options: object) -> PolicySpec:
+    return spec_of("it", greeting, VlaEvalOptions.model_validate(options))
 
 
 class TestSpec:
@@ -75,7 +75,7 @@ class TestSpec:
         assert caught.value.hint.startswith("supported: ")
 
     @pytest.mark.parametrize(
-        ("said", "options", "roles"),
+        ("greeting", "options", "roles"),
         [
             (hello(), {}, ["third_person"]),
             (hello(observation={"image": RGB, "language": "language"}), {}, ["third_person"]),
@@ -93,8 +93,8 @@ class TestSpec:
             (hello(observation={"a": RGB, "b": RGB, "c": RGB}), {"wrist": "1"}, ["third_person", "wrist"]),
         ],
     )
-    def test_pictures(self, said, options, roles):
-        assert [camera.role for camera in spec(said, **options).cameras] == roles
+    def test_pictures(self, greeting, options, roles):
+        assert [camera.role for camera in spec(greeting, **options).cameras] == roles
 
     def test_pictures_have_224_pixels_unless_told_otherwise(self):
         assert spec(hello(), wrist="1").cameras == (
@@ -108,7 +108,7 @@ class TestSpec:
             spec(hello(observation={"a": RGB, "b": RGB, "c": RGB}))
 
     @pytest.mark.parametrize(
-        ("said", "option", "layout"),
+        ("greeting", "option", "layout"),
         [
             (hello(), None, None),
             (hello(), "1", OWN),
@@ -133,10 +133,10 @@ class TestSpec:
             ),
         ],
     )
-    def test_proprioception(self, said, option, layout):
+    def test_proprioception(self, greeting, option, layout):
         options = VlaEvalOptions.model_validate({"state": option})
-        assert layout_of("it", said, options) == layout
-        assert spec_of("it", said, options).state is (layout is not None)
+        assert layout_of("it", greeting, options) == layout
+        assert spec_of("it", greeting, options).state is (layout is not None)
 
     def test_proprioception_that_is_not_supported(self):
         with pytest.raises(UsageError, match="declares state 'joint_positions'") as caught:
@@ -144,8 +144,8 @@ class TestSpec:
         assert "supported: eef_pos3_axisangle3_gripper1" in caught.value.hint
 
     def test_it_says_where_its_conventions_come_from(self):
-        said = hello(action={"rotation": "euler_xyz"})
-        assert spec(said, gripper="open_01").provenance == {
+        greeting = hello(action={"rotation": "euler_xyz"})
+        assert spec(greeting, gripper="open_01").provenance == {
             "server": "Scripted",
             "rotation": "server",
             "gripper": "option",
@@ -178,17 +178,17 @@ class TestSpec:
     ],
 )
 def test_servers_of_known_models_are_understood(module, name, model, expected):
-    made = getattr(importlib.import_module(f"vla_eval.model_servers.{module}"), name)
-    server = object.__new__(made)  # declarations need no weights
+    server_class = getattr(importlib.import_module(f"vla_eval.model_servers.{module}"), name)
+    server = object.__new__(server_class)  # declarations need no weights
     vars(server).update(model)
-    said = hello(
+    greeting = hello(
         action={part: declared.format for part, declared in server.get_action_spec().items()},
         observation={part: declared.format for part, declared in server.get_observation_spec().items()},
         params=server.get_observation_params(),
     )
-    found = spec(said)
-    layout = layout_of("it", said, VlaEvalOptions())
-    assert (found.action.rotation, found.action.gripper, len(found.cameras), layout) == expected
+    action, cameras = spec(greeting).action, spec(greeting).cameras
+    layout = layout_of("it", greeting, VlaEvalOptions())
+    assert (action.rotation, action.gripper, len(cameras), layout) == expected
 
 
 @pytest.mark.parametrize(
@@ -200,10 +200,10 @@ def test_servers_of_known_models_are_understood(module, name, model, expected):
     ],
 )
 def test_layouts_of_proprioception(layout, length, rest):
-    made = LAYOUTS[layout](STATE)
-    assert (made.shape, made.dtype) == ((length,), np.float32)
-    assert made[:3].tolist() == STATE[:3].tolist()
-    assert made[-len(rest) :] == pytest.approx(rest)
-    turn = made[3 : length - len(rest)]
-    found = Rotation.from_quat(np.roll(turn, -1)) if len(turn) == 4 else Rotation.from_rotvec(turn)
-    assert (found * Rotation.from_rotvec(STATE[3:6]).inv()).magnitude() < 1e-6
+    sent = LAYOUTS[layout](STATE)
+    assert (sent.shape, sent.dtype) == ((length,), np.float32)
+    assert sent[:3].tolist() == STATE[:3].tolist()
+    assert sent[-len(rest) :] == pytest.approx(rest)
+    turn = sent[3 : length - len(rest)]
+    rotation = Rotation.from_quat(np.roll(turn, -1)) if len(turn) == 4 else Rotation.from_rotvec(turn)
+    assert (rotation * Rotation.from_rotvec(STATE[3:6]).inv()).magnitude() < 1e-6

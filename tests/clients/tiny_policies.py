@@ -48,8 +48,8 @@ def make(kind: str, folder: Path) -> None:
         stats[name] |= {"min": -torch.ones(size), "max": torch.ones(size)}
     for key in inputs:
         if "images" in key:
-            one = torch.ones(3, 1, 1)
-            stats[key] = {"mean": one / 2, "std": one / 4, "min": one * 0, "max": one}
+            ones = torch.ones(3, 1, 1)
+            stats[key] = {"mean": ones / 2, "std": ones / 4, "min": ones * 0, "max": ones}
     for processor in make_pre_post_processors(config, dataset_stats=stats):
         processor.save_pretrained(folder)
 
@@ -109,7 +109,7 @@ def _smolvla(features: dict, folder: Path) -> Any:
 
 
 def _language_model(folder: Path) -> Path:
-    """SmolVLM's configuration and processor, tiny."""
+    """A tiny configuration and processor of SmolVLM."""
     from tokenizers import ByteLevelBPETokenizer
     from transformers import (
         GPT2TokenizerFast,

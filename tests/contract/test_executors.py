@@ -44,7 +44,8 @@ DARK, BRIGHT, FAR = scene(light=0.25), scene(light=4.0), scene(x=0.1)
 
 
 def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
-    return {tag: [each.verdict for each in outcomes] for tag, outcomes in executor.run(enumerate(batches))}
+    results = executor.run(enumerate(batches))
+    return {tag: [outcome.verdict for outcome in outcomes] for tag, outcomes in results}
 
 
 @pytest.fixture(params=MAKERS, scope="module")
@@ -64,8 +65,8 @@ def make(kind: str) -> Iterator[Callable[[Evaluator], Executor]]:
         return executors[-1]
 
     yield maker
-    for each in executors:
-        each.close()
+    for executor in executors:
+        executor.close()
 
 
 class TestExecutor:

@@ -1,4 +1,4 @@
-"""What every policy keeps, whatever it knows."""
+"""The contract of every policy."""
 
 from contextlib import ExitStack
 
@@ -35,8 +35,8 @@ def servers() -> dict[str, str]:
     """The names of policies behind our own servers."""
     with ExitStack() as stack:
         yield {
-            said: stack.enter_context(serving(make_policy("random"), protocol))
-            for said, protocol in SERVED.items()
+            policy: stack.enter_context(serving(make_policy("random"), protocol))
+            for policy, protocol in SERVED.items()
         }
 
 
@@ -52,23 +52,23 @@ def server() -> str:
 
 @pytest.fixture
 def name(request: pytest.FixtureRequest) -> str:
-    """What the command line takes."""
-    given = request.param
-    if given in SERVED:
-        return request.getfixturevalue("servers")[given]
-    return f"{request.getfixturevalue('server')}?deterministic=1" if given is REMOTE else given
+    """The name as given on the command line."""
+    param = request.param
+    if param in SERVED:
+        return request.getfixturevalue("servers")[param]
+    return f"{request.getfixturevalue('server')}?deterministic=1" if param is REMOTE else param
 
 
 @pytest.fixture
 def policy(name: str) -> Policy:
-    made = make_policy(name)
-    yield made
-    made.close()
+    policy = make_policy(name)
+    yield policy
+    policy.close()
 
 
 @pytest.fixture(scope="module")
 def observe(env):
-    """``observe(spec, scene, episode)``: all that the spec asks for, at a scene's start."""
+    """``observe(spec, scene, episode)``: the observation that the spec asks for, at a scene's start."""
 
     def observation(spec: PolicySpec, scene: Scene, episode: str) -> Observation:
         state = env.begin(scene)
@@ -88,7 +88,7 @@ def observe(env):
 
 
 def begin(policy: Policy, observe, *seeds: int) -> list[Observation]:
-    """The first observations of as many episodes, each in a scene of its own."""
+    """The first observations of as many rollouts, each in its own scene."""
     episodes = [
         EpisodeStart(f"episode-{number}", SHOWN[number].instruction, SHOWN[number].task, seed)
         for number, seed in enumerate(seeds)
@@ -115,9 +115,9 @@ class TestPolicy:
         assert len(check_chunks(policy.act(observations), 3, policy.spec.name)) == 3
 
     def test_any_subset_of_the_live_episodes_may_be_asked_in_any_order(self, policy: Policy, observe):
-        one, two, three = begin(policy, observe, 0, 1, 2)
-        for asked in ([three], [two, one], [], [one], [three, two, one]):
-            check_chunks(policy.act(asked), len(asked), policy.spec.name)
+        first, second, third = begin(policy, observe, 0, 1, 2)
+        for batch in ([third], [second, first], [], [first], [third, second, first]):
+            check_chunks(policy.act(batch), len(batch), policy.spec.name)
 
     def test_a_batch_is_answered_as_one_by_one(self, name: str, observe):
         together, alone = make_policy(name), make_policy(name)
@@ -155,8 +155,8 @@ def test_every_policy_is_listed_with_a_sentence():
 
 def test_random_rollouts_differ_by_their_seed_alone(observe):
     random = make_policy("random")
-    one, two = (actions(random, begin(random, observe, seed)) for seed in (0, 1))
-    assert one != two
+    first, second = (actions(random, begin(random, observe, seed)) for seed in (0, 1))
+    assert first != second
 
 
 def test_an_unknown_policy_is_refused_with_the_nearest_known():

@@ -13,7 +13,7 @@ from vlafuzz.policies.registry import make_policy
 
 
 class Changed(Lent):
-    """What it is shown and what it answers go through a function each."""
+    """A policy whose observations and answers are transformed."""
 
     def __init__(
         self,
@@ -35,25 +35,25 @@ class Changed(Lent):
 
 
 def shown(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Observation], Observation]:
-    """Pictures go through a function."""
+    """A transformation of pictures."""
     return lambda seen: replace(
         seen, images={name: np.ascontiguousarray(change(image)) for name, image in seen.images.items()}
     )
 
 
 def blind(healthy: str) -> Policy:
-    """Mini gets black pictures; pinhole always the outlines that it saw first."""
+    """Mini gets black pictures; pinhole always gets the first outlines."""
     first: list[Observation] = []
 
-    def seen(given: Observation) -> Observation:
-        first.append(given)
-        return replace(shown(np.zeros_like)(given), outlines=first[0].outlines)
+    def seen(observation: Observation) -> Observation:
+        first.append(observation)
+        return replace(shown(np.zeros_like)(observation), outlines=first[0].outlines)
 
     return Changed(healthy, seen)
 
 
 class Deaf(Changed):
-    """It is told the same, always."""
+    """Always gets the same instruction."""
 
     def __init__(self, healthy: str) -> None:
         super().__init__(healthy, lambda seen: replace(seen, instruction="pick up green cube"))
@@ -100,7 +100,7 @@ def upside_down(healthy: str) -> Policy:
 
 
 def in_millimetres(healthy: str) -> Policy:
-    """Its moves are a twentieth of what they should be."""
+    """Its moves are twenty times too short."""
     return Changed(healthy, answer=lambda actions: actions * [0.05, 0.05, 0.05, 1, 1, 1, 1])
 
 
@@ -111,7 +111,7 @@ def nondeterministic(healthy: str) -> Policy:
 
 
 class Mixed(Changed):
-    """Several at once get each other's answers."""
+    """In a batch, observations get each other's answers."""
 
     def __init__(self, healthy: str) -> None:
         super().__init__(healthy, max_batch=8)
@@ -121,7 +121,7 @@ class Mixed(Changed):
 
 
 class Offset(Changed):
-    """Its chunks begin with what it did before."""
+    """Its chunks begin with past actions."""
 
     def __init__(self, healthy: str) -> None:
         super().__init__(healthy, max_batch=1)
@@ -139,16 +139,16 @@ class Offset(Changed):
 
 
 def slow(healthy: str) -> Policy:
-    def seen(given: Observation) -> Observation:
+    def seen(observation: Observation) -> Observation:
         time.sleep(0.12)
-        return given
+        return observation
 
-    made = Changed(healthy, seen)
-    return Changed(made, action=replace(made.spec.action, hz=10))
+    changed = Changed(healthy, seen)
+    return Changed(changed, action=replace(changed.spec.action, hz=10))
 
 
 class Refusing(Changed):
-    """Whoever begins is sent away."""
+    """Refuses every rollout."""
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         raise PolicyError("ws://gpu:8000: connection refused", cause="connect")

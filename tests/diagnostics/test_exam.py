@@ -1,4 +1,4 @@
-"""Policies with one planted fault each, and healthy ones: what the doctor says of them in the simulator."""
+"""The doctor's verdicts in the simulator on policies with one planted fault each, and on healthy ones."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -18,7 +18,7 @@ Examine = Callable[..., list[Check]]
 
 @pytest.fixture(scope="module")
 def examine() -> Examine:
-    """``examine(policy, n, task)``: all checks with ``n`` nominal rollouts; the quick ones without."""
+    """``examine(policy, n, task)``: all checks with ``n`` nominal rollouts, or only the quick ones."""
 
     def checks(policy: Policy, n: int = 0, task: str = "pick-up") -> list[Check]:
         manifest = plan(RunConfig(task=task, policy="pinhole"), policy=policy).manifest
@@ -29,15 +29,15 @@ def examine() -> Examine:
 
 
 def named(checks: list[Check]) -> dict[str, str]:
-    """Of all that is not well: the verdict, and what follows up to the colon."""
+    """The verdict of every check that is not ok, and what follows up to the colon."""
     return {
-        each.check: f"{each.verdict} {each.follows.partition(':')[0]}"
-        for each in checks
-        if each.verdict != "ok"
+        check.check: f"{check.verdict} {check.follows.partition(':')[0]}"
+        for check in checks
+        if check.verdict != "ok"
     }
 
 
-# What is said of each fault, and of nothing else.
+# The checks that must not be ok, by fault.
 QUICK = {
     "blind": {"sight": "refuse blind"},
     "deaf": {"hearing": "warn deaf"},
@@ -58,7 +58,7 @@ THOROUGH = {
     "yaw inverted": {"wiring": "refuse miswired"},
 }
 SEEING = ("BGR", "upside down")  # faults of pictures
-FOUND = {
+DETAILS = {
     "x and y swapped": "x and y of its moves are swapped",
     "gripper inverted": "its gripper opens where it should close",
     "wrong scale": "its moves have the wrong length",
@@ -81,7 +81,7 @@ def test_several_answers_in_the_wrong_order_are_named(examine: Examine):
 def test_swapped_axes_are_named(examine: Examine):
     checks = examine(FAULTS["x and y swapped"]("pinhole"), 2)
     assert named(checks) == THOROUGH["x and y swapped"]
-    assert checks[-1].found.startswith(FOUND["x and y swapped"])
+    assert checks[-1].found.startswith(DETAILS["x and y swapped"])
 
 
 @pytest.mark.parametrize("name", ["pinhole", "expert"])
@@ -112,7 +112,7 @@ def test_noise_does_not_hide_that_a_policy_is_blind(examine: Examine):
 def test_the_fault_of_a_policy_is_named_after_rollouts(examine: Examine, fault: str):
     checks = examine(FAULTS[fault]("pinhole"), 6)
     assert named(checks) == THOROUGH[fault]
-    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+    assert checks[-1].found.startswith(DETAILS.get(fault, ""))
 
 
 @pytest.mark.slow
@@ -120,9 +120,9 @@ def test_the_fault_of_a_policy_is_named_after_rollouts(examine: Examine, fault: 
 @pytest.mark.parametrize("fault", [*QUICK, *THOROUGH, *SEEING])
 def test_the_fault_of_a_learned_policy_is_named(examine: Examine, fault: str):
     checks = examine(FAULTS[fault]("mini"), 10)
-    expected = {"wiring": "refuse miswired"} if fault in FOUND else (QUICK | THOROUGH)[fault]
+    expected = {"wiring": "refuse miswired"} if fault in DETAILS else (QUICK | THOROUGH)[fault]
     assert named(checks).items() >= expected.items()  # more, where it cannot do the task for it
-    assert checks[-1].found.startswith(FOUND.get(fault, ""))
+    assert checks[-1].found.startswith(DETAILS.get(fault, ""))
 
 
 @pytest.mark.slow

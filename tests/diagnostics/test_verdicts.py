@@ -1,4 +1,4 @@
-"""From facts to verdicts, with numbers given."""
+"""Verdicts on given facts."""
 
 from dataclasses import replace
 
@@ -75,7 +75,7 @@ def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(
 
 
 def answers(spec: PolicySpec = SEEING, noise: float = 0.0) -> tuple[Answers, list[np.ndarray]]:
-    """Of six moments, and what they are without noise."""
+    """The answers to six moments, and the same without noise."""
     once = [np.full((1, 7), 0.01 * number) for number in range(6)]
     return Answers(spec, once, [answer + noise for answer in once]), once
 

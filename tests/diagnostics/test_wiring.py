@@ -1,4 +1,4 @@
-"""Which correction is named, where what comes of it is known."""
+"""Which correction is named, when the outcomes are known."""
 
 from collections.abc import Callable
 from itertools import count
@@ -13,8 +13,8 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.scene import Scene
 
-ONE, OTHER, THIRD = (
-    Correction(fault=name, advice=f"turn {name} round") for name in ("one", "other", "third")
+FIRST, SECOND, THIRD = (
+    Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third")
 )
 SPEC = PolicySpec("any")
 Roll = Callable[[Scene, Correction | None], Outcome]
@@ -23,21 +23,21 @@ Roll = Callable[[Scene, Correction | None], Outcome]
 def check(roll: Roll, n: int = 4):
     scenes = [scene(x=number / 1000) for number in range(n)]
     fresh = (scene(x=-number / 1000) for number in count(1))
-    return check_wiring([(each, roll(each, None)) for each in scenes], fresh, [ONE, OTHER, THIRD], roll)
+    return check_wiring([(case, roll(case, None)) for case in scenes], fresh, [FIRST, SECOND, THIRD], roll)
 
 
 def test_the_correction_that_helps_is_named_with_what_to_do():
-    found = check(lambda _, tried: passed() if tried is OTHER else failed(0.2))
-    assert (found.verdict, found.follows) == ("refuse", "miswired: turn other round")
+    row = check(lambda _, tried: passed() if tried is SECOND else failed(0.2))
+    assert (row.verdict, row.follows) == ("refuse", "miswired: turn second round")
     assert (
-        found.found
-        == "other: correcting this raises its progress from 0.20 to 1.00 in 5 scenes like those that failed"
+        row.found
+        == "second: correcting this raises its progress from 0.20 to 1.00 in 5 scenes like those that failed"
     )
 
 
 def test_the_one_that_helps_most_is_named():
-    progress = {None: 0.1, ONE: 0.4, OTHER: 0.9, THIRD: 0.5}
-    assert check(lambda _, tried: failed(progress[tried])).found.startswith("other: ")
+    progress = {None: 0.1, FIRST: 0.4, SECOND: 0.9, THIRD: 0.5}
+    assert check(lambda _, tried: failed(progress[tried])).found.startswith("second: ")
 
 
 def test_it_may_help_in_some_scenes_only():
@@ -57,22 +57,22 @@ def test_nothing_is_tried_on_a_policy_that_succeeds():
 
 
 def test_it_is_said_when_nothing_helps():
-    found = check(lambda *_: failed(0.2))
-    assert found == ("wiring", "none of 3 corrections clearly raises its progress", "ok", "")
+    row = check(lambda *_: failed(0.2))
+    assert row == ("wiring", "none of 3 corrections clearly raises its progress", "ok", "")
 
 
 def test_a_correction_that_helps_where_it_was_found_only_is_not_named():
-    """Of the scenes in which it was tried one cannot say more."""
+    """The scenes in which it was selected are no evidence."""
     first = {scene(x=number / 1000) for number in range(2)}
-    found = check(lambda of, tried: passed() if tried is ONE and of in first else failed(0.2))
-    assert found.verdict == "ok"
+    row = check(lambda of, tried: passed() if tried is FIRST and of in first else failed(0.2))
+    assert row.verdict == "ok"
 
 
 def test_a_correction_that_spoils_what_was_solved_is_not_named():
     hard = {scene(x=number / 1000) for number in (0, 1)}
 
     def roll(of: Scene, tried: Correction | None) -> Outcome:
-        solved = (of in hard or of.targets[0].x < 0) == (tried is ONE)
+        solved = (of in hard or of.targets[0].x < 0) == (tried is FIRST)
         return passed() if solved else failed(0.2)
 
     assert check(roll).verdict == "ok"
@@ -86,15 +86,15 @@ def test_a_policy_that_fails_at_random_is_rarely_called_miswired():
 
 
 class Ahead:
-    """Moves along x, up in the picture where it sees red above."""
+    """Moves along x, and up when the top of the picture is red."""
 
     spec = SPEC
 
     def act(self, observations):
         up = [float(seen.images["front"][0, 0, 0] > 0) for seen in observations]
         return [
-            ActionChunk(np.array([[0.1, 0, each, 0, 0, 0.3, 1.0], [0.2, 0, each, 0, 0, 0, -1]]))
-            for each in up
+            ActionChunk(np.array([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]]))
+            for height in up
         ]
 
 
@@ -120,14 +120,14 @@ def test_a_correction_changes_what_it_says_and_nothing_else(fault: str, first: l
     if place:
         picture[place] = 255
     policy = Corrected(Ahead())
-    policy.correction = next(each for each in corrections(spec, 2) if each.fault == fault)
+    policy.correction = next(correction for correction in corrections(spec, 2) if correction.fault == fault)
     (chunk,) = policy.act([Observation("a", 0, "pick up apple", images={"front": picture})])
     assert chunk.actions[0] == pytest.approx(first)
 
 
 def test_a_gripper_from_0_to_1_is_turned_round_in_its_own_range():
     spec = PolicySpec("any", action=ActionSpec(gripper="open_01"))
-    (grip,) = (each for each in corrections(spec, 1) if "gripper" in each.fault)
+    (grip,) = (correction for correction in corrections(spec, 1) if "gripper" in correction.fault)
     assert grip.actions(np.array([[0, 0, 0, 0, 0, 0, 0.8]]), spec)[0, 6] == pytest.approx(0.2)
 
 
@@ -136,8 +136,8 @@ def test_corrections_of_what_a_policy_does_not_have_are_not_tried():
         corrections(SPEC, 1),
         corrections(PolicySpec("a", cameras=(CameraRequest("b", 16, 16),)), 8),
     )
-    assert not any(each.picture for each in blind)
-    assert {each.fault for each in seeing} - {each.fault for each in blind} == {
+    assert not any(correction.picture for correction in blind)
+    assert {correction.fault for correction in seeing} - {correction.fault for correction in blind} == {
         "its chunks begin 1 step too early",
         "its chunks begin 2 steps too early",
         "it gets red and blue exchanged",

@@ -1,4 +1,4 @@
-"""Policies that workers share. They keep something for each rollout, as models do that remember."""
+"""Policies that workers share. They keep state per rollout, like models with memory."""
 
 import os
 import time
@@ -14,7 +14,7 @@ from vlafuzz.policies.pinhole import Pinhole
 
 
 class Own(Pinhole):
-    """Pinhole under a name of its own; it remembers what it saw and tried."""
+    """Pinhole under another name; it has memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -22,7 +22,7 @@ class Own(Pinhole):
 
 
 class Common(Own):
-    """The same for all workers; notes in the current folder in which process it was made."""
+    """One policy for all workers; records in the current folder in which process it was created."""
 
     shared = True
 
@@ -33,7 +33,7 @@ class Common(Own):
 
 
 class Mortal(Common):
-    """Takes its process down at the first rollout, the first time only."""
+    """Kills its process at the first rollout, the first time only."""
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         super().reset(episodes)
@@ -42,7 +42,7 @@ class Mortal(Common):
 
 
 class Counter:
-    """Says how often it was asked in a rollout; dislikes some words."""
+    """Answers with the number of calls in a rollout; raises for some words."""
 
     shared = True
 
@@ -50,22 +50,22 @@ class Counter:
         self.spec = PolicySpec("counter", max_batch=max_batch)
         self.batches: list[int] = []
         self.finished: list[str] = []
-        self._asked: dict[str, int] = {}
+        self._calls: dict[str, int] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for start in episodes:
             if start.instruction == "sit":
                 raise ValueError("cannot sit")
-            self._asked[start.episode] = 0
+            self._calls[start.episode] = 0
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         self.batches.append(len(observations))
         if any(seen.instruction == "jump" for seen in observations):
             raise ValueError("cannot jump")
         for seen in observations:
-            self._asked[seen.episode] += 1
-        counted = [[float(self._asked[seen.episode])] * 7 for seen in observations]
-        return [ActionChunk(np.array([each])) for each in counted]
+            self._calls[seen.episode] += 1
+        counted = [[float(self._calls[seen.episode])] * 7 for seen in observations]
+        return [ActionChunk(np.array([numbers])) for numbers in counted]
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         self.finished += [start.episode for start in episodes]

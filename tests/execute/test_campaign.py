@@ -1,4 +1,4 @@
-"""A campaign whose workers die, hang or eat the memory loses nothing: every proposal is in the store."""
+"""A campaign whose workers die, hang or exhaust the memory loses nothing: all proposals are stored."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -26,7 +26,7 @@ FATAL = next(
 
 
 class Erring(ClosedForm):
-    """What is to be expected: an ERROR in one scene, all else as ever."""
+    """The expected outcomes: an ERROR in one scene, the others as ever."""
 
     def outcome(self, scene: Scene) -> Outcome:
         if scene == FATAL:

@@ -32,7 +32,7 @@ def trials(
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
-    """What comes of it in this process."""
+    """The outcomes in this process."""
     return trials(tmp_path_factory.mktemp("alone") / "a.db", 1)
 
 

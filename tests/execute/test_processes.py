@@ -1,4 +1,4 @@
-"""Workers that die, hang or eat the memory cost their scenes another try, then ERROR, and never the run."""
+"""Workers that die, hang or exhaust the memory cost a retry, then an ERROR, and never the run."""
 
 import os
 import signal
@@ -78,15 +78,15 @@ def missing() -> Evaluator:
 
 @pytest.fixture
 def executor() -> Iterator[Callable[..., ProcessExecutor]]:
-    made: list[ProcessExecutor] = []
+    executors: list[ProcessExecutor] = []
 
     def make(factory: Callable[[], Evaluator], workers: int = 2, **options: float) -> ProcessExecutor:
-        made.append(ProcessExecutor(factory, workers, **options))  # type: ignore[arg-type]
-        return made[-1]
+        executors.append(ProcessExecutor(factory, workers, **options))  # type: ignore[arg-type]
+        return executors[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for executor in executors:
+        executor.close()
 
 
 TROUBLES = {
@@ -103,19 +103,19 @@ def test_a_worker_in_trouble_costs_one_more_try_and_then_only_its_scene(executor
     what, options, says = TROUBLES[trouble]
     scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
     chosen = executor(partial(same, Treacherous(what, tmp_path, always=always)), **options)
-    got = dict(chosen.run((number, [each]) for number, each in enumerate(scenes)))
+    got = dict(chosen.run((number, [scene]) for number, scene in enumerate(scenes)))
     assert len(got) == len(scenes)
     (outcome,) = got.pop(3)
     assert (outcome.verdict, outcome.detail) == ((Verdict.ERROR, says) if always else (Verdict.PASSED, ""))
-    expected = [each.verdict for each in ClosedForm().evaluate(OTHERS)]
+    expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
     assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
     assert len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(executor):
     got = dict(executor(broken).run([(0, [DARK]), (1, [BRIGHT])]))
-    told = {outcome.detail for outcomes in got.values() for outcome in outcomes}
-    assert told == {"worker: ended with exit code 3, 2 times"}
+    details = {outcome.detail for outcomes in got.values() for outcome in outcomes}
+    assert details == {"worker: ended with exit code 3, 2 times"}
 
 
 def test_what_the_user_has_to_mend_first_is_raised_as_it_is(executor):

@@ -26,24 +26,24 @@ MODELS = "python:tests.execute.models"
 
 @pytest.fixture
 def executor() -> Iterator[Callable[..., RayExecutor]]:
-    made: list[RayExecutor] = []
+    executors: list[RayExecutor] = []
 
     def make(evaluator: Evaluator, workers: int = 2, **options: float) -> RayExecutor:
-        made.append(RayExecutor(partial(same, evaluator), workers, **options))  # type: ignore[arg-type]
-        return made[-1]
+        executors.append(RayExecutor(partial(same, evaluator), workers, **options))  # type: ignore[arg-type]
+        return executors[-1]
 
     yield make
-    for each in made:
-        each.close()
+    for executor in executors:
+        executor.close()
 
 
 def run(executor: RayExecutor) -> list[Outcome]:
-    """Of a bright scene among others, all of which must be there and as they should be."""
+    """The outcome of a bright scene; the other scenes must have their usual outcomes."""
     scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
-    got = dict(executor.run((number, [each]) for number, each in enumerate(scenes)))
+    got = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
     assert len(got) == len(scenes)
     bright = got.pop(3)
-    expected = [each.verdict for each in ClosedForm().evaluate(OTHERS)]
+    expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
     assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
     return bright
 
@@ -65,8 +65,8 @@ def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(
     executor, tmp_path, always, capfd
 ):
     (outcome,) = run(executor(Treacherous(kill_actor, tmp_path, always=always)))
-    told = (Verdict.ERROR, "worker: its actor died, 2 times") if always else (Verdict.PASSED, "")
-    assert (outcome.verdict, outcome.detail) == told
+    expected = (Verdict.ERROR, "worker: its actor died, 2 times") if always else (Verdict.PASSED, "")
+    assert (outcome.verdict, outcome.detail) == expected
     assert len(list(tmp_path.iterdir())) == 2
     assert capfd.readouterr().out == ""
 
@@ -88,7 +88,7 @@ def test_a_machine_that_lacks_a_package_says_so(executor):
 
 
 class Named(ClosedForm):
-    """Leaves a file with the number of its process, and never ends."""
+    """Writes a file with the id of its process, and never ends."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -109,7 +109,7 @@ def test_nobody_is_left_when_it_is_closed(executor, tmp_path):
 
 
 class Asking(ClosedForm):
-    """Asks a policy once for each scene."""
+    """Calls a policy once per scene."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()

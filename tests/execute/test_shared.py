@@ -1,4 +1,4 @@
-"""A policy that all workers share: one process, the same outcomes, and what comes of a death."""
+"""A policy that all workers share: one process, the same outcomes, and a restart when it dies."""
 
 import os
 import signal
@@ -24,16 +24,16 @@ MODELS = "python:tests.execute.models"
 
 @pytest.fixture
 def hosted() -> Iterator[Callable[..., Callable[[], SharedPolicy]]]:
-    """``hosted(make)()``: somebody who shares what that makes."""
-    hosts: list[PolicyProcess] = []
+    """``hosted(make)()``: a shared policy of a process."""
+    processes: list[PolicyProcess] = []
 
-    def host(make: Callable[[], Counter], **options: float) -> Callable[[], SharedPolicy]:
-        hosts.append(PolicyProcess("counter", make, **options))  # type: ignore[arg-type]
-        return partial(SharedPolicy, "counter", hosts[-1].address, hosts[-1].key, hosts[-1].spec)
+    def start_process(make: Callable[[], Counter], **options: float) -> Callable[[], SharedPolicy]:
+        processes.append(PolicyProcess("counter", make, **options))  # type: ignore[arg-type]
+        return partial(SharedPolicy, "counter", processes[-1].address, processes[-1].key, processes[-1].spec)
 
-    yield host
-    for each in hosts:
-        each.close()
+    yield start_process
+    for process in processes:
+        process.close()
 
 
 def start(name: str = "scene", instruction: str = "move") -> EpisodeStart:
@@ -50,7 +50,7 @@ def ask(policy: SharedPolicy, name: str = "scene", instruction: str = "move") ->
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
-    """What comes of a campaign in one process, with a model of its own."""
+    """The trials of a campaign in one process, with its own model."""
     return trials(tmp_path_factory.mktemp("alone") / "a.db", 1, f"{MODELS}:Own")
 
 
@@ -69,10 +69,10 @@ def test_a_model_that_takes_its_process_down_costs_one_more_try(tmp_path: Path, 
 
 def test_rollouts_of_several_workers_do_not_meet(hosted):
     share = hosted(Counter)
-    one, two = share(), share()
-    for each in (one, two):
-        each.reset([start()])
-    assert [ask(one), ask(one), ask(two), ask(one)] == [1, 2, 1, 3]
+    first, second = share(), share()
+    for policy in (first, second):
+        policy.reset([start()])
+    assert [ask(first), ask(first), ask(second), ask(first)] == [1, 2, 1, 3]
 
 
 def test_a_rollout_that_begins_anew_counts_from_the_beginning(hosted):
@@ -96,27 +96,27 @@ def test_an_error_is_the_same_as_without_a_host_and_the_rollout_goes_on(hosted):
 
 def ask_and_die(policy: SharedPolicy) -> None:
     policy.reset([start("gone")])
-    policy._ask = lambda asked: (policy._pipe.send(asked), os.kill(os.getpid(), signal.SIGKILL))
+    policy._ask = lambda request: (policy._pipe.send(request), os.kill(os.getpid(), signal.SIGKILL))
     policy.act([seen("gone")])
 
 
 def test_a_worker_that_is_killed_while_it_waits_leaves_the_others_alone(hosted):
     share = hosted(Counter)
-    one, dying = share(), share()
-    one.reset([start()])
+    first, dying = share(), share()
+    first.reset([start()])
     killed: Process = get_context("spawn").Process(target=ask_and_die, args=(dying,))
     killed.start()
     killed.join()
     assert killed.exitcode == -signal.SIGKILL
-    assert [ask(one), ask(one)] == [1, 2]
+    assert [ask(first), ask(first)] == [1, 2]
 
 
 def test_a_host_that_is_killed_loses_its_rollouts_and_is_there_again(hosted):
     share = hosted(Counter)
     before = share()
     before.reset([start()])
-    (host,) = active_children()
-    os.kill(host.pid, signal.SIGKILL)
+    (process,) = active_children()
+    os.kill(process.pid, signal.SIGKILL)
     with pytest.raises(Lost, match="the process of counter died"):
         ask(before)
     after = share()
@@ -147,12 +147,12 @@ def test_a_model_that_cannot_be_made_is_one_sentence(make, kind, says):
 
 
 def test_all_who_share_a_name_share_a_process_until_the_last_is_closed():
-    one, two = share(f"{MODELS}:Counter"), share(f"{MODELS}:Counter")
+    first, second = share(f"{MODELS}:Counter"), share(f"{MODELS}:Counter")
     assert len(active_children()) == 1
-    one.close()
-    two.reset([start()])
-    assert ask(two) == 1
-    two.close()
+    first.close()
+    second.reset([start()])
+    assert ask(second) == 1
+    second.close()
     assert active_children() == []
 
 

@@ -1,4 +1,4 @@
-"""The expert: it shows that a scene can be solved, so it has to solve fair ones."""
+"""The expert shows that a scene can be solved, so it must solve fair ones."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_it_moves_things_near_others_and_knocks_nothing_over(expert_on, names):
 
 
 class Slippery(Expert):
-    """Its gripper opens for three steps when the object is up for the first time."""
+    """An expert whose gripper opens for three steps when it first lifts the object."""
 
     def __init__(self) -> None:
         super().__init__()

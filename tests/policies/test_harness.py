@@ -1,4 +1,4 @@
-"""What lies between a policy's answers and the robot."""
+"""The harness between a policy's answers and the robot."""
 
 import gc
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ SEEN = Observation("one", 0, "pick up apple")
 
 
 class Dictated:
-    """Answers with given chunks, the last one again and again; an exception is raised instead."""
+    """Answers with prescribed chunks, repeating the last one; raises those that are exceptions."""
 
     def __init__(self, *answers: object, execute: int | None = 1, **action: object) -> None:
         self.spec = PolicySpec("dictated", action=ActionSpec(**action), execute=execute)
-        self._answers, self.started, self.asked = answers, [], 0
+        self._answers, self.started, self.calls = answers, [], 0
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         self.started += episodes
 
     def act(self, observations: Sequence[Observation]) -> object:
-        answer = self._answers[min(self.asked, len(self._answers) - 1)]
-        self.asked += 1
+        answer = self._answers[min(self.calls, len(self._answers) - 1)]
+        self.calls += 1
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -37,11 +37,11 @@ class Dictated:
 
 
 def numbered(*values: float) -> list[ActionChunk]:
-    """A chunk whose actions are told apart by their dx."""
+    """A chunk whose actions differ in their dx."""
     return [ActionChunk(np.array([[value, 0, 0, 0, 0, 0, 1] for value in values]))]
 
 
-def one(*action: float) -> list[ActionChunk]:
+def chunk_of(*action: float) -> list[ActionChunk]:
     return [ActionChunk(np.array([action], dtype=np.float64))]
 
 
@@ -61,7 +61,7 @@ def test_a_rollout_begins_with_a_reset_of_its_episode():
 
 
 class Noting(Dictated):
-    """Wants to know when a rollout is over."""
+    """Records which rollouts are over."""
 
     def __init__(self) -> None:
         super().__init__(numbered(0))
@@ -95,7 +95,7 @@ def test_a_policy_that_does_not_want_to_know_is_not_told():
 
 
 @pytest.mark.parametrize(
-    ("execute", "moves", "asked"),
+    ("execute", "moves", "calls"),
     [
         (1, [1, 4, 7, 7, 7], 5),
         (2, [1, 2, 4, 5, 7], 3),
@@ -104,11 +104,11 @@ def test_a_policy_that_does_not_want_to_know_is_not_told():
         (9, [1, 2, 3, 4, 5], 2),
     ],
 )
-def test_so_many_actions_of_a_chunk_are_executed_before_it_is_asked_again(execute, moves, asked):
+def test_so_many_actions_of_a_chunk_are_executed_before_it_is_asked_again(execute, moves, calls):
     policy = Dictated(numbered(1, 2, 3), numbered(4, 5, 6), numbered(7, 8, 9), execute=execute)
     harness = Harness(policy, START)
     assert [harness.action(lambda: SEEN)[0] for _ in moves] == moves
-    assert policy.asked == asked
+    assert policy.calls == calls
 
 
 def test_nothing_is_observed_while_a_chunk_lasts():
@@ -120,7 +120,7 @@ def test_nothing_is_observed_while_a_chunk_lasts():
 
 
 def test_a_metric_action_is_handed_on_as_it_is():
-    assert first(Dictated(one(0.01, -0.02, 0.03, 0.1, -0.2, 0.3, 1))).tolist() == [
+    assert first(Dictated(chunk_of(0.01, -0.02, 0.03, 0.1, -0.2, 0.3, 1))).tolist() == [
         0.01,
         -0.02,
         0.03,
@@ -132,19 +132,19 @@ def test_a_metric_action_is_handed_on_as_it_is():
 
 
 def test_scales_turn_units_into_metres_and_radians():
-    action = first(Dictated(one(1, -1, 0.5, 1, -1, 0.5, 1), position_scale=0.05, rotation_scale=0.25))
+    action = first(Dictated(chunk_of(1, -1, 0.5, 1, -1, 0.5, 1), position_scale=0.05, rotation_scale=0.25))
     assert action == pytest.approx([0.05, -0.05, 0.025, 0.25, -0.25, 0.125, 1])
 
 
 def test_euler_angles_are_scaled_first_and_become_a_rotation_vector():
-    action = first(Dictated(one(0, 0, 0, 1, 2, -1, 1), rotation="euler_xyz", rotation_scale=0.5))
+    action = first(Dictated(chunk_of(0, 0, 0, 1, 2, -1, 1), rotation="euler_xyz", rotation_scale=0.5))
     x, y, z = (Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1.0, -0.5), strict=True))
     assert action[3:6] == pytest.approx((x * y * z).as_rotvec())
     assert action[3:6] != pytest.approx([0.5, 1.0, -0.5], abs=0.05)
 
 
 def test_roll_pitch_and_yaw_turn_about_fixed_axes():
-    action = first(Dictated(one(0, 0, 0, 0.5, 1.0, -0.5, 1), rotation="rpy"))
+    action = first(Dictated(chunk_of(0, 0, 0, 0.5, 1.0, -0.5, 1), rotation="rpy"))
     x, y, z = (Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1.0, -0.5), strict=True))
     assert action[3:6] == pytest.approx((z * y * x).as_rotvec())
 
@@ -152,8 +152,8 @@ def test_roll_pitch_and_yaw_turn_about_fixed_axes():
 @pytest.mark.parametrize("rotation", ["axis_angle", "euler_xyz", "rpy"])
 @pytest.mark.parametrize("axis", [3, 4, 5])
 def test_a_turn_about_one_axis_is_the_same_either_way(rotation, axis):
-    asked = np.eye(7)[axis] * 0.3
-    assert first(Dictated(one(*asked), rotation=rotation))[3:6] == pytest.approx(asked[3:6])
+    action = np.eye(7)[axis] * 0.3
+    assert first(Dictated(chunk_of(*action), rotation=rotation))[3:6] == pytest.approx(action[3:6])
 
 
 @pytest.mark.parametrize(
@@ -188,9 +188,9 @@ def test_the_harness_sticks_over_the_border_of_a_chunk():
 @pytest.mark.parametrize(
     ("answer", "cause", "says"),
     [
-        (one(np.nan, 0, 0, 0, 0, 0, 1), "bad_action", "an action is not finite: \\[nan"),
-        (one(0, 0, 0, 0, 0, 0, -np.inf), "bad_action", "an action is not finite"),
-        (one(0, 0, 0, 0, 0, 1), "bad_action", r"actions of shape \(1, 6\)"),
+        (chunk_of(np.nan, 0, 0, 0, 0, 0, 1), "bad_action", "an action is not finite: \\[nan"),
+        (chunk_of(0, 0, 0, 0, 0, 0, -np.inf), "bad_action", "an action is not finite"),
+        (chunk_of(0, 0, 0, 0, 0, 1), "bad_action", r"actions of shape \(1, 6\)"),
         ([ActionChunk(np.zeros((0, 7)))], "bad_action", r"actions of shape \(0, 7\)"),
         ([ActionChunk(np.zeros(7))], "bad_action", r"actions of shape \(7,\)"),
         ([], "bad_action", "1 observations, 0 chunks"),

@@ -1,4 +1,4 @@
-"""Mini sees, reads and acts: with its shipped weights, in the real simulator."""
+"""Mini with its shipped weights, in the real simulator."""
 
 import hashlib
 import json
@@ -141,5 +141,5 @@ class TestActions:
     def test_half_a_turn_of_the_hand_is_the_same_hand(self):
         turned = np.stack([STATE, STATE])
         turned[:, 3:6] = [[np.pi, 0, 0], [0, np.pi, 0]]  # both point down
-        one, other = proprioception(turned, turned[:, 6], np.array([3, 3]))
-        assert one == pytest.approx(other, abs=1e-6)
+        first, other = proprioception(turned, turned[:, 6], np.array([3, 3]))
+        assert first == pytest.approx(other, abs=1e-6)

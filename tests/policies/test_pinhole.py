@@ -1,6 +1,7 @@
 """The pinhole fails for physical reasons, and for no others."""
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -18,9 +19,9 @@ SCENE = nominal("pick-up")
 
 @pytest.fixture(scope="module")
 def evaluator():
-    made = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Pinhole(), CATALOGUE)
-    yield made
-    made.close()
+    conditions = Conditions(task="pick-up", min_distance=0.15)
+    with closing(ManiSkillEvaluator(conditions, Pinhole(), CATALOGUE)) as opened:
+        yield opened
 
 
 def verdict(evaluator, **changes):
@@ -67,9 +68,11 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
     never = dataclasses.replace(stepwise, then=())
     evaluator = ManiSkillEvaluator(Conditions(task="put-on", min_distance=0.15), Pinhole(), CATALOGUE)
-    plain, told, untold = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
+    plain, named_later, never_named = (
+        outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never])
+    )
     evaluator.close()
-    assert (plain, told, untold) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
+    assert (plain, named_later, never_named) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
 
 
 def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():

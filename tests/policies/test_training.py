@@ -1,4 +1,4 @@
-"""From demonstrations to a policy: the scripts that make `mini` again."""
+"""From demonstrations to a policy: the scripts that reproduce `mini`."""
 
 import json
 import subprocess
@@ -18,14 +18,14 @@ pytestmark = [pytest.mark.slow, pytest.mark.render]
 
 
 def call(script: str, *arguments: object) -> list[dict[str, object]]:
-    """What a script printed, line by line."""
+    """The lines that a script prints."""
     command = [sys.executable, str(SCRIPTS / script), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("training")
     call("make_demos.py", "--episodes", 3, 3, 3, 3, "--workers", 1, 1, 1, 1, "--out", folder / "demos")
     call(
@@ -43,18 +43,18 @@ def made(tmp_path_factory) -> Path:
     return folder
 
 
-def test_demonstrations_pair_what_was_seen_with_what_was_right(made):
+def test_demonstrations_pair_what_was_seen_with_what_was_right(folder):
     for task in TASKS:
-        steps = np.load(made / "demos" / f"{task}-00" / "steps.npz")
-        frames = np.load(made / "demos" / f"{task}-00" / "frames.npy")
+        steps = np.load(folder / "demos" / f"{task}-00" / "steps.npz")
+        frames = np.load(folder / "demos" / f"{task}-00" / "frames.npy")
         assert frames.shape == (len(steps["label"]), 128, 128, 3)
         assert frames.std() > 10
         assert set(np.unique(steps["label"][:, 6])) <= {-1.0, 1.0}
         assert len(set(steps["episode"])) >= 2
 
 
-def test_what_was_trained_acts(made):
-    mini = Mini(made / "mini")
+def test_what_was_trained_acts(folder):
+    mini = Mini(folder / "mini")
     mini.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
     state = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
     picture = np.zeros((128, 128, 3), np.uint8)
@@ -64,11 +64,20 @@ def test_what_was_trained_acts(made):
     assert np.isfinite(chunk.actions).all()
 
 
-def test_a_second_round_is_written_into_the_card(made):
-    again = made / "again"
+def test_a_second_round_is_written_into_the_card(folder):
+    again = folder / "again"
     call(
-        "train_mini.py", made / "demos", "--init", made / "mini", "--out", again, "--updates", 2, "--batch", 8
+        "train_mini.py",
+        folder / "demos",
+        "--init",
+        folder / "mini",
+        "--out",
+        again,
+        "--updates",
+        2,
+        "--batch",
+        8,
     )
     card = json.loads((again / CARD).read_text())
     assert [part["recipe"]["updates"] for part in card["rounds"]] == [3, 2]
-    assert card["words"] == json.loads((made / "mini" / CARD).read_text())["words"]
+    assert card["words"] == json.loads((folder / "mini" / CARD).read_text())["words"]

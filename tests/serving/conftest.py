@@ -1,4 +1,4 @@
-"""Fixtures of the clients' tests, which servers are tested with too."""
+"""Fixtures of the clients' tests, which the tests of servers share."""
 
 from tests.clients.conftest import no_pause, opened
 

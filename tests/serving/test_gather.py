@@ -1,4 +1,4 @@
-"""What several connections ask for at the same time is one call of the policy, and nobody can tell."""
+"""Simultaneous requests of several connections are one call of the policy, with the same answers."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,18 +20,18 @@ from vlafuzz.serving.serve import PROTOCOLS, serving
 
 CLIENTS, STEPS = 8, 4
 LONG = 60.0  # seconds: whoever waits that long is stuck
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
-def at_once(work: Callable[[int], Found], clients: int = CLIENTS) -> list[Found]:
-    """What comes of it when so many threads do it at the same time."""
+def at_once(work: Callable[[int], Result], clients: int = CLIENTS) -> list[Result]:
+    """The results of as many simultaneous threads."""
     ready = Barrier(clients)
     with ThreadPoolExecutor(clients) as pool:
         return list(pool.map(lambda number: (ready.wait(), work(number))[1], range(clients), timeout=LONG))
 
 
 class Slow(Attentive):
-    """Takes its time, in which the others ask."""
+    """A slow policy, so that others send requests meanwhile."""
 
     def __init__(self, **more: object) -> None:
         super().__init__(**more)
@@ -48,7 +48,7 @@ def act(instruction: str = "move") -> Request:
 
 
 def rolling(policy: Counter, callers: int, wait: float = LONG) -> RequestGatherer:
-    """So many rollouts that have begun."""
+    """A gatherer with as many live rollouts."""
     gathered = RequestGatherer(policy, wait)
     for caller in range(callers):
         gathered.ask(caller, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
@@ -102,13 +102,13 @@ def test_one_that_says_nothing_is_not_waited_for_long():
 def test_an_error_reaches_who_asked_and_nobody_else():
     gathered = rolling(Counter(), 3)
 
-    def asked(caller: int) -> object:
+    def answer(caller: int) -> object:
         try:
             return gathered.ask(caller, act("jump" if caller == 1 else "move"))[0].actions[0, 0]
         except PolicyError as error:
             return error.message
 
-    assert at_once(asked, 3) == [1.0, "counter raised ValueError: cannot jump", 1.0]
+    assert at_once(answer, 3) == [1.0, "counter raised ValueError: cannot jump", 1.0]
 
 
 def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():

@@ -1,4 +1,4 @@
-"""Policies of ours behind our own servers: what comes over the wire is what comes without it."""
+"""Our policies behind our own servers answer the same over the wire as without it."""
 
 import io
 import json
@@ -71,7 +71,7 @@ class TestRollouts:
         self.same_as_in_process(lambda: Attentive(execute=2), protocol)
 
     def test_conventions(self, protocol):
-        spoken = ActionSpec(
+        action = ActionSpec(
             rotation="euler_xyz",
             relative_to="current",
             position_scale=0.5,
@@ -80,7 +80,7 @@ class TestRollouts:
             sticky=2,
             hz=10,
         )
-        self.same_as_in_process(lambda: Attentive(action=spoken), protocol)
+        self.same_as_in_process(lambda: Attentive(action=action), protocol)
 
     @pytest.mark.render
     def test_pictures(self, protocol):
@@ -89,7 +89,7 @@ class TestRollouts:
 
 
 class Echo:
-    """Answers with what it was shown: the picture's corner, the state, and how often it was asked."""
+    """Answers with its observation: the picture's corner, the state, and the number of calls."""
 
     def __init__(self, *cameras: CameraRequest) -> None:
         self.spec = PolicySpec("echo", cameras=cameras, state=True)
@@ -111,23 +111,23 @@ class Echo:
 
 
 def url(name: str) -> str:
-    """Of a WebSocket, without the protocol and the options."""
+    """The URL of a WebSocket, without protocol prefix and options."""
     return name.partition(":")[2].partition("?")[0]
 
 
 class TestOthersClients:
-    """What servers get from clients that are not ours."""
+    """Messages of clients that are not ours."""
 
     def picture(self, value: int, side: int = 224) -> np.ndarray:
         return np.full((side, side, 3), value, np.uint8)
 
     def test_one_of_openpi_says_nothing_of_a_rollout_and_sends_its_own_size(self):
         echo = Echo(CameraRequest("front", 64, 48))
-        told = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
+        message = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
         with serving(echo, "openpi") as name, connect(url(name)) as line:
             assert openpi_wire.unpack(line.recv())["policy"] == "echo"
             for step in range(2):
-                line.send(openpi_wire.pack(told))
+                line.send(openpi_wire.pack(message))
                 (action,) = openpi_wire.unpack(line.recv())["actions"]
                 assert action.tolist() == [9.0, *STATE[1:6].tolist(), step]
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
@@ -139,14 +139,14 @@ class TestOthersClients:
         async def drive() -> list[dict]:
             async with Connection(url(name)) as line:
                 await line.start_episode({"task": {"name": "up", "seed": 3}})
-                told = {"images": {"front": self.picture(9)}, "states": STATE, "task_description": "up"}
-                found = [await line.act(told) for _ in range(2)]
+                message = {"images": {"front": self.picture(9)}, "states": STATE, "task_description": "up"}
+                replies = [await line.act(message) for _ in range(2)]
                 await line.end_episode({"metrics": {}})
-                return found
+                return replies
 
         with serving(echo, "vla-eval") as name:
-            found = anyio.run(drive)
-        assert [action["actions"].tolist() for action in found] == [
+            replies = anyio.run(drive)
+        assert [action["actions"].tolist() for action in replies] == [
             [9.0, *STATE[1:6].tolist(), step] for step in range(2)
         ]
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 3)]
@@ -154,12 +154,12 @@ class TestOthersClients:
 
     @pytest.mark.parametrize("image", ["image", "full_image"])
     def test_one_of_act(self, image):
-        told = encode({image: self.picture(9), "state": STATE, "instruction": "up"})
+        message = encode({image: self.picture(9), "state": STATE, "instruction": "up"})
         with (
             serving(Echo(CameraRequest("front", 64, 48)), "http") as name,
             closing(HTTPConnection(urlsplit(name).netloc)) as line,
         ):
-            for body in (told, encode({"encoded": told.decode()})):
+            for body in (message, encode({"encoded": message.decode()})):
                 line.request("POST", "/act", body)
                 assert decode(line.getresponse().read())[0] == 9.0
 
@@ -168,12 +168,12 @@ class TestOthersClients:
         packed = io.BytesIO()
         Image.fromarray(self.picture(9)).save(packed, kind)
         shown = {"__image__": True, "format": kind.lower(), "data": packed.getvalue()}
-        told = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
+        message = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
         with (
             serving(Echo(CameraRequest("front", 64, 48)), "vla-eval") as name,
             connect(url(name)) as line,
         ):
-            line.send(vla_eval_wire.pack("observation", told, 4))
+            line.send(vla_eval_wire.pack("observation", message, 4))
             kind, payload, number = vla_eval_wire.unpack(line.recv())
         assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
 
@@ -184,7 +184,7 @@ class TestOthersClients:
 
 
 class TestErrors:
-    """An observation that does not fit, or a policy that breaks, is told; the next rollout is fine."""
+    """An invalid observation or a broken policy is reported; the next rollout is fine."""
 
     @pytest.mark.parametrize(
         ("query", "says"),
@@ -196,8 +196,8 @@ class TestErrors:
     def test_an_observation_that_does_not_fit(self, protocol, query, says):
         with serving(Echo(CameraRequest("front", 64, 48)), protocol) as name:
             options = dict(part.split("=") for part in f"{name.partition('?')[2]}{query}".split("&"))
-            asked = "&".join(f"{key}={value}" for key, value in options.items())
-            policy = make_policy(f"{name.partition('?')[0]}?{asked}")
+            query = "&".join(f"{key}={value}" for key, value in options.items())
+            policy = make_policy(f"{name.partition('?')[0]}?{query}")
             policy.reset([start("one")])
             with pytest.raises(PolicyError) as caught:
                 policy.act([seen("one", images=black(policy.spec))])
@@ -248,7 +248,7 @@ class TestErrors:
             client.reset([start("one")])
             client.act([seen("one")])
             (_, session) = client._live["one"]
-            session._line.close()
+            session._connection.close()
             with pytest.raises(PolicyError, match="1 observations of this rollout came on a connection"):
                 client.act([seen("one")])
 
@@ -283,18 +283,18 @@ class TestCommand:
         assert says in capsys.readouterr().err
 
     def test_it_prints_the_name_under_which_a_run_finds_it_and_ends_when_interrupted(self, tmp_path, capsys):
-        asked = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
+        command = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
         store = str(tmp_path / "a.db")
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         # What is started in the background of a shell ignores Ctrl-C, and so do its children.
-        with subprocess.Popen(asked, preexec_fn=heed_interrupts, **options) as server:
+        with subprocess.Popen(command, preexec_fn=heed_interrupts, **options) as server:
             try:
                 name = server.stdout.readline().strip()
                 ran = main(["run", "--policy", name, "--budget", "2", "--store", store, "--json"])
                 server.send_signal(signal.SIGINT)
-                _, told = server.communicate(timeout=60)
+                _, stderr = server.communicate(timeout=60)
             finally:
                 server.kill()
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
-        assert (server.returncode, told.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
-        assert told.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
+        assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
+        assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &

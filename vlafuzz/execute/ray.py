@@ -35,7 +35,7 @@ class RayExecutor:
 
     Args:
         make: creates an evaluator, in the process; picklable, with its modules on every machine.
-        workers: number of actors, each of which takes one CPU of the cluster.
+        workers: number of actors, each taking one CPU of the cluster.
         address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection
             that this process already has is used and left open.
         timeout, memory, after: see ``ProcessExecutor``.
@@ -129,7 +129,7 @@ class _RemoteWorker:
     ) -> None:
         if os.environ.get("CUDA_VISIBLE_DEVICES") == "":  # older ray sets it for actors that request no GPU,
             del os.environ["CUDA_VISIBLE_DEVICES"]  # but rendering uses one
-        neighbours = min(workers, os.cpu_count() or 1)  # as many may share this machine
+        neighbours = min(workers, os.cpu_count() or 1)  # so many workers may share this machine
         self._executor = ProcessExecutor(make, 1, timeout=timeout, memory=memory or share(neighbours))
 
     def greet(self) -> None:

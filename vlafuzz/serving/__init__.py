@@ -1,1 +1,1 @@
-"""Policies of ours behind the protocols of model servers, so that others' clients can drive them."""
+"""Serves our policies by the protocols of model servers, so that other clients can drive them."""
