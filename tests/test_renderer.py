@@ -8,17 +8,17 @@ from vlafuzz import renderer
 
 @pytest.mark.render
 def test_the_picture_comes_out_and_names_the_device():
-    found = renderer.probe()
-    assert found.device
-    assert str(found).startswith("rendering works: ")
+    result = renderer.probe()
+    assert result.device
+    assert str(result).startswith("rendering works: ")
 
 
 def test_without_a_vulkan_driver_it_says_so(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("VK_DRIVER_FILES", "/nonexistent")
     monkeypatch.setenv("VK_ICD_FILENAMES", "/nonexistent")
-    found = renderer.probe()
-    assert not found.works
-    assert str(found).startswith("rendering does not work: ")
+    result = renderer.probe()
+    assert not result.works
+    assert str(result).startswith("rendering does not work: ")
 
 
 @pytest.mark.parametrize(

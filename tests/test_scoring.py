@@ -79,8 +79,8 @@ def test_the_workspace_is_a_grid_of_four_by_four_and_its_rim_belongs_to_it(x: fl
 
 
 def test_a_cell_does_not_depend_on_small_differences():
-    one, other = scene(x=0.01, y=0.01), replace(scene(x=0.02, y=0.05), instruction="take the cube")
-    assert cell(one, failed(0.1), {"light": 0.7}, TABLE) == cell(other, failed(0.2), {"light": 0.8}, TABLE)
+    first, second = scene(x=0.01, y=0.01), replace(scene(x=0.02, y=0.05), instruction="take the cube")
+    assert cell(first, failed(0.1), {"light": 0.7}, TABLE) == cell(second, failed(0.2), {"light": 0.8}, TABLE)
 
 
 def test_wilson_agrees_with_the_published_example():

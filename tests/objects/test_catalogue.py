@@ -168,9 +168,9 @@ def test_processes_that_build_at_once_get_the_same_object(tmp_path):
     started = [
         subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)
     ]
-    said = {process.communicate(timeout=60)[0] for process in started}
+    outputs = {process.communicate(timeout=60)[0] for process in started}
     assert all(process.returncode == 0 for process in started)
-    assert len(said) == 1
+    assert len(outputs) == 1
     assert len(list((tmp_path / "objects").iterdir())) == 1
 
 
@@ -192,10 +192,10 @@ def numbers(model) -> list:
 
 
 def test_the_geometry_changes_only_with_the_builders_version(catalogue):
-    found = hashlib.sha256(
+    digest = hashlib.sha256(
         repr([numbers(model) for model in catalogue.models.values()]).encode()
     ).hexdigest()[:16]
-    assert (cache.BUILDER, found) == GEOMETRY
+    assert (cache.BUILDER, digest) == GEOMETRY
 
 
 def test_the_meshes_have_textures(catalogue):

@@ -112,21 +112,21 @@ def test_a_fine_mesh_becomes_a_lean_one_of_the_same_size(tmp_path):
 
 def test_others_are_put_onto_plates_and_cloths_and_into_what_has_walls(tmp_path):
     folder = write_pack(tmp_path / "mine", bridge_plate=box(0.1, 0.1, 0.006), tray=tray())
-    found = catalogue(folder)
-    assert (found["mine:bridge_plate"].role, found["mine:bridge_plate"].supports) == ("place", True)
-    room = found["mine:tray"].container
-    assert room is not None
-    assert (room.width, room.depth) == pytest.approx((0.18, 0.14), abs=0.01)
-    assert room.rim - room.floor == pytest.approx(0.04, abs=1e-3)
+    objects = catalogue(folder)
+    assert (objects["mine:bridge_plate"].role, objects["mine:bridge_plate"].supports) == ("place", True)
+    cavity = objects["mine:tray"].container
+    assert cavity is not None
+    assert (cavity.width, cavity.depth) == pytest.approx((0.18, 0.14), abs=0.01)
+    assert cavity.rim - cavity.floor == pytest.approx(0.04, abs=1e-3)
 
 
 def test_what_the_gripper_cannot_take_is_an_obstacle_which_may_stand_about(tmp_path):
     folder = write_pack(tmp_path / "mine", block=box(0.1, 0.1, 0.1), crate=box(0.03, 0.2, 0.2))
     os.replace(folder / "models" / "crate", folder / "models" / "slab")
     (folder / "info_mine.json").write_text(json.dumps({"block": {}, "slab": {"density": 5000}}))
-    found = catalogue(folder)
-    assert [found[f"mine:{name}"].role for name in ("block", "slab")] == ["obstacle", "place"]
-    assert found.movable()[-1] == "mine:block"
+    objects = catalogue(folder)
+    assert [objects[f"mine:{name}"].role for name in ("block", "slab")] == ["obstacle", "place"]
+    assert objects.movable()[-1] == "mine:block"
 
 
 def test_without_looks_it_shows_its_solid_in_one_colour(tmp_path):
@@ -169,11 +169,11 @@ def test_a_smaller_thing_is_of_the_same_stuff(tmp_path):
 
 def test_a_plane_that_marks_a_place_is_no_object_that_scenes_are_made_of(tmp_path):
     folder = write_pack(tmp_path / "mine", dummy_sink_target_plane=box(0.13, 0.08, 0.002), stick=STICK)
-    found = catalogue(folder)
-    marker = found["mine:dummy_sink_target_plane"]
+    objects = catalogue(folder)
+    marker = objects["mine:dummy_sink_target_plane"]
     assert (marker.role, marker.spoken) == ("marker", "yellow basket")
     assert (marker.container.width, marker.container.depth) == (0.13, 0.08)
-    slots = SearchSpace(load_operators(), found, "put-in").composer.layout.slots
+    slots = SearchSpace(load_operators(), objects, "put-in").composer.layout.slots
     assert slots["targets.1"] == ("basket",)
     assert all("mine:dummy_sink_target_plane" not in names for names in slots.values())
 
@@ -273,7 +273,7 @@ def test_scenes_are_made_of_the_packs_objects_as_far_as_they_go(tmp_path):
 def test_every_object_of_vlatest_is_there_with_its_size():
     packs = {pack.name: pack for pack in open_packs(str(REAL))}
     assert (len(packs["custom"].objects), len(packs["ycb"].objects)) == (27, 62)
-    found = load_catalogue(packs=[packs["custom"]])
-    assert size(found["custom:opened_pepsi_can"]) == pytest.approx([0.067, 0.067, 0.124], abs=2e-3)
-    assert found["custom:opened_pepsi_can"].mass == pytest.approx(0.0204, abs=1e-3)
-    assert found["custom:bridge_plate_objaverse"].supports
+    objects = load_catalogue(packs=[packs["custom"]])
+    assert size(objects["custom:opened_pepsi_can"]) == pytest.approx([0.067, 0.067, 0.124], abs=2e-3)
+    assert objects["custom:opened_pepsi_can"].mass == pytest.approx(0.0204, abs=1e-3)
+    assert objects["custom:bridge_plate_objaverse"].supports

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Camera, Light, Placement, Scene
-from vlafuzz.sim.maniskill.env import TabletopEnv, default_scene, gym_id
+from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
+from vlafuzz.tasks.default import default_scene
 from vlafuzz.tasks.state import State
 
 CATALOGUE = load_catalogue()

@@ -21,7 +21,7 @@ def shifts(scene: Scene, *, dropped: bool = True) -> list[float]:
     """How far each object then is from where the scene has it, metres."""
     models = models_of(scene.placements, CATALOGUE)
     poses = start_poses(scene, models, PANDA, dropped=dropped)
-    wanted = [resting_pose(*each)[0] for each in zip(models, scene.placements, strict=True)]
+    wanted = [resting_pose(*pair)[0] for pair in zip(models, scene.placements, strict=True)]
     return [float(np.linalg.norm(pose.p - place)) for pose, place in zip(poses, wanted, strict=True)]
 
 

@@ -1,4 +1,4 @@
-"""The gymnasium environment: it builds the scene that it is given, and says what it has built."""
+"""The gymnasium environment: it builds the requested scene and reports what it has built."""
 
 from dataclasses import replace
 
@@ -9,8 +9,9 @@ from tests.sim.scenes import CROWD, STILL, make_env, nominal, pick_up, put, stat
 from vlafuzz.errors import CatalogueError, SceneError, SimulatorError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Camera, Light, Placement
-from vlafuzz.sim.maniskill.env import default_scene, gym_id
+from vlafuzz.sim.maniskill.env import gym_id
 from vlafuzz.sim.maniskill.objects import place
+from vlafuzz.tasks.default import default_scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 
@@ -68,7 +69,7 @@ def test_reset_echoes_the_whole_scene(env):
     applied = info["applied"]
     assert applied["instruction"] == "pick up orange"
     assert applied["light"] == 0.4
-    assert [each["name"] for each in applied["objects"]] == ["orange", "coke_can"]
+    assert [entry["name"] for entry in applied["objects"]] == ["orange", "coke_can"]
     assert applied["objects"][0]["position"] == pytest.approx([-0.10, 0.15, 0.0345], abs=1e-5)
     assert applied["camera"]["position"] == pytest.approx(env.view.position, abs=1e-6)
 
@@ -83,7 +84,7 @@ def test_the_echo_tells_a_turned_object_from_a_straight_one(env):
 
 
 @pytest.mark.parametrize(
-    ("asked", "says"),
+    ("requested", "says"),
     [
         (replace(SHOWN, light=Light(0.41)), "light"),
         (replace(SHOWN, instruction="pick up the orange"), "instruction"),
@@ -97,12 +98,12 @@ def test_the_echo_tells_a_turned_object_from_a_straight_one(env):
         (replace(SHOWN, confounders=()), "objects"),
     ],
 )
-def test_whatever_was_not_applied_is_an_error_that_names_it(env, asked, says):
+def test_whatever_was_not_applied_is_an_error_that_names_it(env, requested, says):
     env.reset(options={"scene": SHOWN})
     env.applied().check(SHOWN, env.poses, env.rig)
-    poses = [place(*each) for each in zip(env.models, asked.placements, strict=False)]
+    poses = [place(*pair) for pair in zip(env.models, requested.placements, strict=False)]
     with pytest.raises(SimulatorError, match=f"^{says}: asked for "):
-        env.applied().check(asked, poses, env.rig)
+        env.applied().check(requested, poses, env.rig)
 
 
 def test_an_objects_own_quaternion_and_scale_are_applied(env):
@@ -114,10 +115,10 @@ def test_an_objects_own_quaternion_and_scale_are_applied(env):
     assert sponge.p[2] == pytest.approx(0.009, abs=1e-5)
 
 
-@pytest.mark.parametrize("given", ["{}", {}, "", 0, Placement("orange", "resting", 0.0, 0.0)], ids=repr)
-def test_what_is_no_scene_is_refused(env, given):
+@pytest.mark.parametrize("scene", ["{}", {}, "", 0, Placement("orange", "resting", 0.0, 0.0)], ids=repr)
+def test_what_is_no_scene_is_refused(env, scene):
     with pytest.raises(SceneError, match=r"options\['scene'\]: expected a Scene"):
-        env.reset(options={"scene": given})
+        env.reset(options={"scene": scene})
 
 
 def test_a_scene_of_another_task_is_refused(env):

@@ -17,18 +17,18 @@ from vlafuzz.tasks.tabletop import TASKS
 
 
 def test_the_instruction_changes_once_a_stage_is_reached():
-    said: list[tuple[str, bool]] = []
+    instructions: list[tuple[str, bool]] = []
 
     def listens(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
-        said.append((observation.instruction, is_lifted(observation)))
+        instructions.append((observation.instruction, is_lifted(observation)))
         return [ActionChunk(actions)]
 
     stepwise = replace(NOMINAL, instruction="grasp it", then=("lift it", "hold it up"))
     (outcome,) = evaluate(Meddled(listens), stepwise)
     assert outcome.verdict is Verdict.PASSED
-    assert list(dict.fromkeys(words for words, _ in said)) == ["grasp it", "lift it", "hold it up"]
-    assert all(lifted for words, lifted in said if words == "hold it up")
-    assert not any(lifted for words, lifted in said if words == "grasp it")
+    assert list(dict.fromkeys(words for words, _ in instructions)) == ["grasp it", "lift it", "hold it up"]
+    assert all(lifted for words, lifted in instructions if words == "hold it up")
+    assert not any(lifted for words, lifted in instructions if words == "grasp it")
 
 
 @pytest.mark.parametrize("task", TASKS)

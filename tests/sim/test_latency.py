@@ -17,9 +17,9 @@ FORWARD = np.array([0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 @pytest.fixture(scope="module")
 def env() -> Iterator[TabletopEnv]:
-    made = make_env("pick-up", CATALOGUE)
-    yield made
-    made.close()
+    env = make_env("pick-up", CATALOGUE)
+    yield env
+    env.close()
 
 
 def reached(env: TabletopEnv, delay: int, steps: int = 6) -> list[float]:

@@ -31,8 +31,8 @@ def root(urdf: Path) -> ElementTree.Element:
 
 def files(urdf: Path, kind: str) -> list[Path]:
     """Of all visual or collision meshes, in the robot's order."""
-    found = root(urdf).iterfind(f".//{kind}/geometry/mesh")
-    return [(urdf.parent / each.attrib["filename"]).resolve() for each in found]
+    meshes = root(urdf).iterfind(f".//{kind}/geometry/mesh")
+    return [(urdf.parent / mesh.attrib["filename"]).resolve() for mesh in meshes]
 
 
 def without_looks(urdf: Path) -> str:
@@ -118,27 +118,27 @@ def test_what_lacks_a_file_is_made_again_just_the_same(light, missing):
     assert light_robot(STOCK) == light
     assert all(map(np.array_equal, shapes(light), before))
     assert {file.name for file in light.parent.iterdir()} == names
-    assert [each.name for each in light.parent.parent.iterdir()] == [light.parent.name]  # no drafts left
+    assert [path.name for path in light.parent.parent.iterdir()] == [light.parent.name]  # no drafts left
 
 
 def test_other_meshes_are_another_robot(light, tmp_path):
     urdf = tmp_path / "one.urdf"
     mesh = '<link name="a"><visual><geometry><mesh filename="a.glb"/></geometry></visual></link>'
     urdf.write_text(f'<robot name="one">{mesh}</robot>')
-    made = []
+    urdfs = []
     for radius in (0.1, 0.2):
         ball = trimesh.creation.icosphere(radius=radius)
         ball.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial())
         ball.export(tmp_path / "a.glb")
-        made.append(light_robot(urdf))
-    sizes = [trimesh.load_scene(files(each, "visual")[0]).extents.max() for each in made]
+        urdfs.append(light_robot(urdf))
+    sizes = [trimesh.load_scene(files(path, "visual")[0]).extents.max() for path in urdfs]
     assert sizes == pytest.approx([0.2, 0.4], abs=0.01)
 
 
 def test_processes_may_make_it_at_the_same_time(light, tmp_path, monkeypatch):
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     with get_context("spawn").Pool(2) as pool:
-        one, other = pool.map(light_robot, [STOCK, STOCK], chunksize=1)
-    assert one == other
-    assert all(map(np.array_equal, shapes(one), shapes(light)))
-    assert [each.name for each in one.parent.parent.iterdir()] == [one.parent.name]
+        first, second = pool.map(light_robot, [STOCK, STOCK], chunksize=1)
+    assert first == second
+    assert all(map(np.array_equal, shapes(first), shapes(light)))
+    assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]

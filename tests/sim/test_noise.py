@@ -57,9 +57,9 @@ def test_one_seed_step_and_camera_give_one_image_and_others_another():
 
 @pytest.fixture(scope="module")
 def env() -> Iterator[TabletopEnv]:
-    made = make_env("pick-up", CATALOGUE, (CAMERA,))
-    yield made
-    made.close()
+    env = make_env("pick-up", CATALOGUE, (CAMERA,))
+    yield env
+    env.close()
 
 
 def observed(env: TabletopEnv, noise: Noise, seed: int = 0) -> np.ndarray:

@@ -60,8 +60,8 @@ def test_an_object_cut_by_the_border_is_not_whole(env):
 
 
 def test_the_order_of_things_tells_nothing_of_the_scene(env):
-    one = see(env, put("orange", 0.0, 0.1), put("apple", 0.0, -0.1))
+    view = see(env, put("orange", 0.0, 0.1), put("apple", 0.0, -0.1))
     other = see(env, put("apple", 0.0, -0.1), put("orange", 0.0, 0.1))
-    assert [thing.colour.tolist() for thing in one.things] == [
+    assert [thing.colour.tolist() for thing in view.things] == [
         thing.colour.tolist() for thing in other.things
     ]

@@ -176,12 +176,12 @@ def test_the_policy_sees_the_scene_and_a_recording_every_step():
 
 def test_a_wrist_camera_looks_at_what_is_between_the_fingers():
     cameras = (CameraRequest("wrist", 64, 64, "wrist"),)
-    made = make_env(cameras=cameras, render_backend="gpu")
-    made.begin(pick_up(put("green_cube", 0.0, 0.0)))
-    near = made.picture("wrist").astype(int)
-    made.begin(pick_up(put("green_cube", -0.2, 0.3)))
-    far = made.picture("wrist").astype(int)
-    made.close()
+    env = make_env(cameras=cameras, render_backend="gpu")
+    env.begin(pick_up(put("green_cube", 0.0, 0.0)))
+    near = env.picture("wrist").astype(int)
+    env.begin(pick_up(put("green_cube", -0.2, 0.3)))
+    far = env.picture("wrist").astype(int)
+    env.close()
     greener = [(picture[..., 1] - picture[..., 0] > 40).sum() for picture in (near, far)]
     assert greener[0] > 10
     assert greener[1] == 0

@@ -20,14 +20,14 @@ from vlafuzz.sim.maniskill.recording import Stills
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.validity import check_static
 
-GIVEN = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
-GUESTS = [WIDOWX.robot, GOOGLE.robot]
-given = pytest.mark.skipif(not (GIVEN / "robots").is_dir(), reason="no robots' files")
+ASSETS = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
+EXTERNAL = [WIDOWX.robot, GOOGLE.robot]
+needs_files = pytest.mark.skipif(not (ASSETS / "robots").is_dir(), reason="no robots' files")
 
 
 @pytest.fixture(autouse=True)
 def folders(monkeypatch):
-    monkeypatch.setenv(assets.FOLDERS, str(GIVEN))
+    monkeypatch.setenv(assets.FOLDERS, str(ASSETS))
 
 
 def nominal(robot: str, task: str = "pick-up"):
@@ -42,7 +42,7 @@ def test_the_nominal_scene_of_every_rig_is_fair(robot, task):
     assert check_static(scene, CATALOGUE, load_operators(rig(robot).operators).min_distance) is None
 
 
-@pytest.mark.parametrize("robot", GUESTS)
+@pytest.mark.parametrize("robot", EXTERNAL)
 def test_the_original_frame_has_the_robot_at_the_same_height_over_the_table(robot):
     there = rig(robot).original
     assert there.base[2] - there.table == pytest.approx(rig(robot).base[2])
@@ -67,7 +67,7 @@ def test_the_google_robot_leans_the_more_the_farther_and_the_higher_its_hand_is(
     assert PANDA.hand.lean(0.8, 0.2) == 0.0
 
 
-@pytest.mark.parametrize("robot", GUESTS)
+@pytest.mark.parametrize("robot", EXTERNAL)
 def test_a_missing_file_is_named_with_the_folders_that_were_searched(robot, monkeypatch, tmp_path):
     monkeypatch.setenv(assets.FOLDERS, str(tmp_path))
     with pytest.raises(PrerequisiteError, match=f"robots/{rig(robot).urdf}") as missing:
@@ -76,9 +76,9 @@ def test_a_missing_file_is_named_with_the_folders_that_were_searched(robot, monk
     assert assets.FOLDERS in missing.value.hint
 
 
-@given
-@pytest.mark.parametrize("robot", GUESTS)
-class TestGuests:
+@needs_files
+@pytest.mark.parametrize("robot", EXTERNAL)
+class TestExternalRobots:
     def test_it_stands_at_its_place_with_its_hand_over_the_table(self, robot):
         env = make_env(robot=robot)
         start = env.begin(nominal(robot))

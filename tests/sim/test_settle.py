@@ -29,9 +29,9 @@ def test_a_crowded_table_is_fair():
 
 
 def test_a_can_whose_middle_is_over_the_tables_edge_does_not_stay():
-    found = rejected(put("coke_can", 0.36, 0.1))  # the table ends at x = 0.35
-    assert found.check == "settling"
-    assert found.reason.startswith("coke_can at (0.360, 0.100) ")
+    rejection = rejected(put("coke_can", 0.36, 0.1))  # the table ends at x = 0.35
+    assert rejection.check == "settling"
+    assert rejection.reason.startswith("coke_can at (0.360, 0.100) ")
 
 
 def test_what_is_put_beside_the_table_falls():
@@ -39,14 +39,14 @@ def test_what_is_put_beside_the_table_falls():
 
 
 def test_a_can_that_leans_moves():
-    found = rejected(put("coke_can", 0.0, 0.1, quaternion=tilted(35)))
-    assert found.check == "settling"
-    assert "cm while settling, more than 1 cm" in found.reason
+    rejection = rejected(put("coke_can", 0.0, 0.1, quaternion=tilted(35)))
+    assert rejection.check == "settling"
+    assert "cm while settling, more than 1 cm" in rejection.reason
 
 
 def test_a_cube_that_stands_on_its_edge_tips():
-    found = rejected(put("green_cube", 0.0, 0.1, quaternion=tilted(20)))
-    assert (found.check, "tipped by 20 degrees" in found.reason) == ("settling", True)
+    rejection = rejected(put("green_cube", 0.0, 0.1, quaternion=tilted(20)))
+    assert (rejection.check, "tipped by 20 degrees" in rejection.reason) == ("settling", True)
 
 
 def test_an_imported_quaternion_that_rests_is_fair():
@@ -68,10 +68,10 @@ def test_the_object_that_moves_is_named():
 
 @pytest.mark.parametrize(("distance", "check"), [(0.06, "solved"), (0.09, None)])
 def test_two_that_are_near_already_are_solved_before_anybody_acts(distance, check):
-    found = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, distance), task=MOVE_NEAR)
-    assert (found and found.check) == check
+    rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, distance), task=MOVE_NEAR)
+    assert (rejection and rejection.check) == check
 
 
 def test_a_solved_scene_says_which_task_and_when():
-    found = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, 0.06), task=MOVE_NEAR)
-    assert found.reason == "move-near is solved at the start, before the policy acts"
+    rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, 0.06), task=MOVE_NEAR)
+    assert rejection.reason == "move-near is solved at the start, before the policy acts"

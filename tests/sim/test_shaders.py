@@ -72,8 +72,8 @@ def test_the_reflectance_table_is_gone(own_cache):
 
 def test_it_is_written_once_and_again_when_a_file_is_missing(own_cache):
     shader = pack() / "gbuffer.frag"
-    before, made = shader.read_text(), shader.stat().st_mtime_ns
-    assert (pack() / "gbuffer.frag").stat().st_mtime_ns == made
+    before, written = shader.read_text(), shader.stat().st_mtime_ns
+    assert (pack() / "gbuffer.frag").stat().st_mtime_ns == written
     shader.unlink()
     assert (pack() / "gbuffer.frag").read_text() == before
 

@@ -76,11 +76,11 @@ def test_smooth_failures_come_the_earlier_the_deeper_a_scene_is_inside():
 
 
 def test_flat_outcomes_tell_nothing_but_the_verdict():
-    found = {
-        (one.verdict, one.progress, one.rollouts[0].steps)
-        for one in (judge(lit(x), signal="flat") for x in (16, 1, 0.1, 0.2))
+    signals = {
+        (outcome.verdict, outcome.progress, outcome.rollouts[0].steps)
+        for outcome in (judge(lit(x), signal="flat") for x in (16, 1, 0.1, 0.2))
     }
-    assert len(found) == 2
+    assert len(signals) == 2
 
 
 def test_noise_has_nothing_to_do_with_the_region():

@@ -48,6 +48,6 @@ def state(
 
 
 def watch(monitor: Monitor, *states: State) -> Monitor:
-    for each in states:
-        monitor.observe(each)
+    for state in states:
+        monitor.observe(state)
     return monitor

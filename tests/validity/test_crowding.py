@@ -16,15 +16,15 @@ def apple(x: float, y: float = 0.0, name: str = "apple") -> Placement:
 
 
 def test_the_nearest_two_of_three_count() -> None:
-    found = crowding(scene(apple(0.0), apple(0.1), apple(0.0, 0.3)), CATALOGUE)
-    assert found
-    assert (found.nearest, found.overlap) == (pytest.approx(0.1), False)
+    result = crowding(scene(apple(0.0), apple(0.1), apple(0.0, 0.3)), CATALOGUE)
+    assert result
+    assert (result.nearest, result.overlap) == (pytest.approx(0.1), False)
 
 
 def test_footprints_that_overlap() -> None:
-    found = crowding(scene(apple(0.0), apple(0.06)), CATALOGUE)
-    assert found
-    assert found.overlap
+    result = crowding(scene(apple(0.0), apple(0.06)), CATALOGUE)
+    assert result
+    assert result.overlap
 
 
 def test_one_object_is_not_crowded() -> None:
@@ -36,14 +36,14 @@ def test_a_plane_that_marks_a_place_takes_no_room() -> None:
 
 
 def test_of_an_unknown_object_the_footprint_is_not_known() -> None:
-    found = crowding(scene(apple(0.0), apple(0.01, name="ycb:apple")), CATALOGUE)
-    assert found
-    assert (found.nearest, found.overlap) == (pytest.approx(0.01), None)
+    result = crowding(scene(apple(0.0), apple(0.01, name="ycb:apple")), CATALOGUE)
+    assert result
+    assert (result.nearest, result.overlap) == (pytest.approx(0.01), None)
 
 
 def test_shares() -> None:
-    found = [crowding(scene(apple(0.0), apple(x)), CATALOGUE) for x in (0.06, 0.1, 0.2)]
-    crowded = [each for each in found if each]
+    results = [crowding(scene(apple(0.0), apple(x)), CATALOGUE) for x in (0.06, 0.1, 0.2)]
+    crowded = [result for result in results if result]
     assert share_closer(crowded, 0.15) == pytest.approx(2 / 3, abs=1e-4)
     assert share_overlapping(crowded) == pytest.approx(1 / 3, abs=1e-4)
     assert share_closer([], 0.15) is share_overlapping([]) is None

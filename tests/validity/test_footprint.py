@@ -48,14 +48,14 @@ placements = st.builds(
 @quickly
 @given(a=placements, b=placements)
 def test_apart_agrees_with_a_fine_sampling_of_points(a: Placement, b: Placement) -> None:
-    one, other = footprint(a, CATALOGUE["sponge"]), footprint(b, CATALOGUE["sponge"])
+    first, second = footprint(a, CATALOGUE["sponge"]), footprint(b, CATALOGUE["sponge"])
     weights = np.random.default_rng(0).dirichlet(np.ones(4), 400)
-    inside = weights @ one.polygon
-    equations = ConvexHull(other.polygon).equations
+    inside = weights @ first.polygon
+    equations = ConvexHull(second.polygon).equations
     shared = np.all(inside @ equations[:, :2].T + equations[:, 2] < -1e-9, axis=1).any()
     if shared:
-        assert not apart(one, other)
-    assert apart(one, other) == apart(other, one)
+        assert not apart(first, second)
+    assert apart(first, second) == apart(second, first)
 
 
 @quickly

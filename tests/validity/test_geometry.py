@@ -20,10 +20,10 @@ def can(x: float, y: float, rest: str = "standing", yaw: float = 0.0) -> Placeme
 
 
 def reason(scene: Scene, min_distance: float = 0.15) -> str:
-    found = check_geometry(scene, CATALOGUE, min_distance)
-    assert found is not None
-    assert found.check == "geometry"
-    return found.reason
+    rejection = check_geometry(scene, CATALOGUE, min_distance)
+    assert rejection is not None
+    assert rejection.check == "geometry"
+    return rejection.reason
 
 
 def test_a_fair_scene_passes() -> None:
@@ -75,6 +75,6 @@ def test_targets_are_in_the_view_of_the_scenes_own_camera(camera: Camera) -> Non
 
 
 def test_a_meaningless_scene_is_rejected_before_its_geometry_is_looked_at() -> None:
-    found = check_static(scene(Placement("duck", "flat", 9.0, 9.0)), CATALOGUE, 0.15)
-    assert found is not None
-    assert found.check == "semantic"
+    rejection = check_static(scene(Placement("duck", "flat", 9.0, 9.0)), CATALOGUE, 0.15)
+    assert rejection is not None
+    assert rejection.check == "semantic"

@@ -112,7 +112,7 @@ class MetricArm:
         if relative_to == "current":
             self.target = self._robot.root_pose.inv() * self._link.entity_pose
         target = shifted(self.target, action[:3], action[3:6])
-        qpos, found, _ = self._model.compute_inverse_kinematics(
+        qpos, solved, _ = self._model.compute_inverse_kinematics(
             self._tcp,
             target,
             initial_qpos=self._qpos,
@@ -120,11 +120,11 @@ class MetricArm:
             max_iterations=IK_ITERATIONS,
             dt=IK_STEP,
         )
-        found = found and bool(((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all())
-        if not found and self._yields:
-            qpos, found = self._nearest(target, self._qpos.copy()), True
+        solved = solved and bool(((self._low <= qpos[:-2]) & (qpos[:-2] <= self._high)).all())
+        if not solved and self._yields:
+            qpos, solved = self._nearest(target, self._qpos.copy()), True
             target = self._model.get_link_pose(self._tcp)
-        if found:
+        if solved:
             self.target, self._qpos = target, qpos
         else:
             self.refused += 1

@@ -27,7 +27,7 @@ from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.applied import Applied
 from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
@@ -40,7 +40,7 @@ from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
 from vlafuzz.sim.maniskill.table import COLOUR, add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.default import default_scene
 from vlafuzz.tasks.state import State
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.tasks.tabletop import task as task_named
@@ -273,24 +273,6 @@ def make_env(
     gc.collect()
     gc.freeze()  # torch and ManiSkill are never freed; scanning them costs 5 % of a rollout
     return env.unwrapped
-
-
-def default_scene(task: str, catalogue: Catalogue) -> Scene:
-    """The task's first objects in the middle of the table, for a reset without a scene."""
-    wanted = task_named(task)
-    models = [catalogue[catalogue.graspable()[0]]]
-    if wanted.onto == "container":
-        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
-    elif wanted.onto == "support":
-        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
-    elif wanted.targets == 2:
-        models.append(catalogue[catalogue.graspable()[1]])
-    spots = ((-0.05, 0.0), (-0.05, 0.2))
-    targets = tuple(
-        Placement(model.name, model.stable_poses[0].name, x, y)
-        for model, (x, y) in zip(models, spots, strict=False)
-    )
-    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in models]))
 
 
 def gym_id(task: str) -> str:
