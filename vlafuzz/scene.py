@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -85,6 +85,21 @@ class Camera:
         return level * math.cos(azimuth), level * math.sin(azimuth), self.distance * math.sin(elevation)
 
 
+Pattern = Literal["planks", "plain", "checker", "speckle", "stripes"]
+TablePaint = Literal["oak", "white", "grey", "black", "red", "green", "blue"]
+WallPaint = Literal["sage", "white", "grey", "black", "red", "green", "blue"]
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """Pattern and colour of the table top, and the colour of the wall behind the robot."""
+
+    __pydantic_config__ = _STRICT
+    table: Pattern = "planks"
+    colour: TablePaint = "oak"
+    wall: WallPaint = "sage"
+
+
 @dataclass(frozen=True, kw_only=True)
 class InitialPose:
     """Offsets of the arm's joints at the start of an episode, from the base on; degrees."""
@@ -142,6 +157,7 @@ class Scene:
     schema: int = SCHEMA
     frame: str = _later("")
     then: tuple[str, ...] = _later(())
+    backdrop: Backdrop = field(default=Backdrop(), metadata=_EXTRA)
     initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)

@@ -15,7 +15,7 @@ from vlafuzz.conditions.operators import operators_json, stored_operators
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import EXTRAS as PARTS
-from vlafuzz.scene import InitialPose, Latency, Noise, Scene
+from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise, Scene
 from vlafuzz.space import OPERATORS, SearchSpace, load_operators
 from vlafuzz.space.operators import EXTRAS
 from vlafuzz.tasks.tabletop import TASKS
@@ -145,6 +145,7 @@ def test_a_wrong_range_of_an_extra_is_an_error(tmp_path: Path, text: str, says: 
     [
         ({"latency": {"delay": -1}}, "latency.delay: input should be greater than or equal to 0"),
         ({"latency": {"delay": 1.5}}, "latency.delay: "),
+        ({"backdrop": {"table": "tartan"}}, "backdrop.table: "),
         ({"initial_pose": {"j8": 1}}, "initial_pose.j8: "),
         ({"noise": {"blur": -1}}, "noise.blur: input should be greater than or equal to 0"),
         ({"noise": {"jpeg": 101}}, "noise.jpeg: "),
@@ -161,11 +162,12 @@ def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, objec
 @pytest.mark.parametrize(
     ("scene", "digest"),
     [
+        (replace(space().nominal(), backdrop=Backdrop(colour="blue")), "1bbd1b3818a295e5e01d5c4b6f248dce"),
         (replace(space().nominal(), initial_pose=InitialPose(j2=1.5)), "c956229646bea75a49d280a6a2141503"),
         (replace(space().nominal(), noise=Noise(blur=1.5, jpeg=40)), "a75e681a2a2321f97c4596d330d1f7b5"),
         (replace(space().nominal(), latency=Latency(2)), "42d1766cd9fa71426097fb06c5d88623"),
     ],
-    ids=["initial-pose", "noise", "latency"],
+    ids=["backdrop", "initial-pose", "noise", "latency"],
 )
 def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
     assert scene.digest == digest

@@ -46,6 +46,7 @@ CONDITIONS: dict[str, tuple[Condition, ...]] = {
     "wording": (lambda scene: scene.instruction != SPACE.nominal(like=scene).instruction,),
 }
 EXTRA_CONDITIONS: dict[str, Condition] = {
+    "backdrop": lambda scene: scene.backdrop.table == "checker",
     "initial-pose": lambda scene: scene.initial_pose.j2 > 1,
     "sensor-noise": lambda scene: scene.noise.blur > 1,
     "control-latency": lambda scene: scene.latency.delay > 1,

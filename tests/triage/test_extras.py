@@ -8,11 +8,12 @@ from tests.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Plan
 from vlafuzz.evidence import Causes
 from vlafuzz.phrasing import describe
 from vlafuzz.report.deviations import deviations
-from vlafuzz.scene import InitialPose, Latency, Noise
+from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.shrink import shrink
 
 NO_NOISE = "blur 0 px, jpeg 100"
+CHECKERED = "table checker, wall red", "table planks, wall sage"
 LIGHT = CONDITIONS["light"][0]
 # The threshold of each planted condition, where it is one of a single number.
 FAILS_FROM = {
@@ -46,6 +47,7 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
             "blur 0 px, jpeg 100",
         ),
         ({"initial_pose": InitialPose(j2=1.5, j7=-3)}, "initial-pose", "j2 1.5°, j7 -3°", "j2 0°, j7 0°"),
+        ({"backdrop": Backdrop("checker", wall="red")}, "backdrop", *CHECKERED),
         ({"latency": Latency(3)}, "control-latency", "delay 3 steps", "delay 0 steps"),
     ],
 )

@@ -4,9 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pydantic import Field
+
 from vlafuzz.rigs.rig import Rig
+from vlafuzz.scene import Pattern, TablePaint, WallPaint
 from vlafuzz.space.base import Extra, Options
 from vlafuzz.space.ranges import Span
+
+
+class Backdrop(Extra):
+    """What the table top and the wall behind the robot look like."""
+
+    name, says, part = "backdrop", "what table and wall look like", "backdrop"
+    table: tuple[Pattern, ...] = Field(strict=False)
+    colour: tuple[TablePaint, ...] = Field(strict=False)
+    wall: tuple[WallPaint, ...] = Field(strict=False)
 
 
 class InitialPose(Extra):
@@ -41,4 +53,4 @@ class ControlLatency(Extra):
     delay: Span
 
 
-ALL: tuple[type[Extra], ...] = (InitialPose, SensorNoise, ControlLatency)
+ALL: tuple[type[Extra], ...] = (Backdrop, InitialPose, SensorNoise, ControlLatency)

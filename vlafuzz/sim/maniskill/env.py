@@ -29,6 +29,7 @@ from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.applied import Applied
+from vlafuzz.sim.maniskill.backdrop import BackdropPainter
 from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.latency import DelayedCommands
@@ -37,7 +38,7 @@ from vlafuzz.sim.maniskill.noise import SensorNoise
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
-from vlafuzz.sim.maniskill.table import COLOUR, add_table
+from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.tasks.base import Monitor
 from vlafuzz.tasks.default import default_scene
@@ -95,7 +96,7 @@ class TabletopEnv(BaseEnv):
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
-        self.light, self.table_colour = scene.light.intensity, COLOUR
+        self.light, self.table_colour = scene.light.intensity, self._painter.paint(scene.backdrop)
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self._aim()
@@ -132,6 +133,7 @@ class TabletopEnv(BaseEnv):
             if third_person
             else sapien_pose(self.view),
             extras={
+                "backdrop": self._painter.backdrop,
                 "initial_pose": self.world.initial_pose,
                 "noise": self._noise.noise,
                 "latency": self._commands.latency,
@@ -174,6 +176,7 @@ class TabletopEnv(BaseEnv):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         add_table(self.scene.sub_scenes[0], self.rig.table)
+        self._painter = BackdropPainter(self.scene.sub_scenes[0])
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         self._lights = SceneLights(self.scene.sub_scenes[0], self.rig.lights)

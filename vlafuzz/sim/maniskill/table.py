@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import sapien
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from vlafuzz.rigs.rig import Table
 from vlafuzz.sim.maniskill.rendering import render_system
 
 COLOUR = (0.52, 0.44, 0.36)  # mean colour of the table top
+WALL_COLOUR = (0.55, 0.58, 0.56)
 WALL = -1.6  # x, behind the robot, metres
 FRICTION = 0.6
 _PLANKS = 7  # across the depth of the table
@@ -24,7 +27,7 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     table.name = "table"
     table.add_component(body)
     if render_system(scene) is not None:
-        table.add_component(_box(size.half, _painted(_wood())))
+        table.add_component(_box(size.half, _painted(shaded(COLOUR, planks()))))
         for surroundings in (_floor(size.floor), _wall(size.floor)):
             scene.add_entity(surroundings)
     table.pose = sapien.Pose([*size.centre, -size.half[2]])
@@ -37,7 +40,7 @@ def _floor(height: float) -> sapien.Entity:
 
 
 def _wall(floor: float) -> sapien.Entity:
-    paint = sapien.render.RenderMaterial(base_color=[0.55, 0.58, 0.56, 1.0], roughness=0.9, specular=0.0)
+    paint = sapien.render.RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
     return _standing("wall", (0.01, 3.0, 2.0), paint, (WALL, 0.0, floor + 2.0))
 
 
@@ -64,24 +67,33 @@ def _box(
 
 def _painted(picture: NDArray[np.uint8]) -> sapien.render.RenderMaterial:
     """A material with an sRGB texture ``(height, width, 3)``."""
-    linear = (picture / 255.0) ** 2.2
-    opaque = np.concatenate([linear, np.ones((*linear.shape[:2], 1))], axis=2)
     material = sapien.render.RenderMaterial(base_color=[1.0, 1.0, 1.0, 1.0], roughness=0.8, specular=0.1)
-    material.base_color_texture = sapien.render.RenderTexture2D(
-        np.round(opaque * 255).astype(np.uint8), "R8G8B8A8Unorm", mipmap_levels=6
-    )
+    material.base_color_texture = texture(picture)
     return material
 
 
-def _wood(size: int = 256) -> NDArray[np.uint8]:
-    """Planks with grain whose mean is ``COLOUR`` (linear, like all colours of the catalogue)."""
+def texture(picture: NDArray[np.uint8]) -> sapien.render.RenderTexture2D:
+    """A texture from an sRGB image ``(height, width, 3)``."""
+    linear = (picture / 255.0) ** 2.2
+    opaque = np.concatenate([linear, np.ones((*linear.shape[:2], 1))], axis=2)
+    return sapien.render.RenderTexture2D(
+        np.round(opaque * 255).astype(np.uint8), "R8G8B8A8Unorm", mipmap_levels=6
+    )
+
+
+def planks(size: int = 256) -> NDArray[np.float64]:
+    """``(size, size)`` shades of planks with grain."""
     rng = np.random.default_rng(3)
     tone = rng.normal(0.0, 0.045, _PLANKS).repeat(-(-size // _PLANKS))[:size, None]
     along = np.cumsum(rng.normal(0.0, 1.0, (size, size)), axis=1)
     grain = (along - along.mean(axis=1, keepdims=True)) / along.std() * 0.02 + rng.normal(0, 0.02, (size, 1))
     seams = np.where(np.arange(size) % (-(-size // _PLANKS)) < 2, -0.16, 0.0)[:, None]
-    shade = 1.0 + tone + grain + seams
-    return _bytes(np.array(COLOUR) * (shade / shade.mean())[..., None])
+    return np.asarray(1.0 + tone + grain + seams)
+
+
+def shaded(colour: Sequence[float], shade: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """An sRGB image in shades of a colour that is its mean (linear, like all colours of the catalogue)."""
+    return _bytes(np.array(colour) * (shade / shade.mean())[..., None])
 
 
 def _tiles(size: int = 128) -> NDArray[np.uint8]:
