@@ -258,8 +258,8 @@ def test_the_same_command_goes_on_after_an_interruption(
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (("--budget", "13"), "a.db: run 1 is of other conditions: budget 12, not 13"),
-        (("--task", "put-on"), "a.db: run 1 is of other conditions: task pick-up, not put-on"),
+        (("--budget", "13"), "a.db: run 1 has other conditions: budget 12, not 13"),
+        (("--task", "put-on"), "a.db: run 1 has other conditions: task pick-up, not put-on"),
         (("--vary", "light"), "other operators, or other ranges"),
     ],
 )
@@ -279,7 +279,7 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
     told = complaint(
         capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1"
     )
-    assert "run 2 was answered" in told
+    assert "run 2 reused" in told
 
 
 @pytest.mark.parametrize(

@@ -35,11 +35,11 @@ def test_of_equal_runs_the_one_that_is_over_counts():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"budget": 9}, "run 5 is of other conditions: budget 9, not 20"),
-        ({"robot": "widowx"}, "run 5 is of other conditions: robot widowx, not panda"),
+        ({"budget": 9}, "run 5 has other conditions: budget 9, not 20"),
+        ({"robot": "widowx"}, "run 5 has other conditions: robot widowx, not panda"),
         ({"packs": '[{"name": "a", "digest": "b", "folder": "c"}]'}, "other packs of objects"),
-        ({"policy": "other"}, "run 5 is of other conditions: policy other, not idle"),
-        ({"operators_digest": "x"}, "run 5 is of other conditions: other operators, or other ranges"),
+        ({"policy": "other"}, "run 5 has other conditions: policy other, not idle"),
+        ({"operators_digest": "x"}, "run 5 has other conditions: other operators, or other ranges"),
         ({"commit": "x"}, "run 5 was made by another version than is installed: its commit differs"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The command line. Each command's module is imported when it is called, so that the rest answers at once."""
+"""The command line. The module of a command is imported when it is called, so that others start fast."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from vlafuzz.errors import UsageError, VlafuzzError
 
 BUG = 70  # the exit code of a traceback
 
-# What each command is called, where it is, and what it does in a line.
+# Name of each command, where it is, and what it does.
 COMMANDS = {
     "run": ("vlafuzz.cli.run:command", "Fuzz a policy: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
-    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with a policy."),
-    "triage": ("vlafuzz.cli.triage:command", "Say which failures can be trusted, and what they are due to."),
+    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with policies."),
+    "triage": ("vlafuzz.cli.triage:command", "Find out which failures can be trusted, and what causes them."),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
-    "lint": ("vlafuzz.cli.lint:command", "Say whether the scenes of a file are fair."),
-    "coverage": ("vlafuzz.cli.coverage:command", "Say how much of the space scenes or runs cover."),
-    "import": ("vlafuzz.cli.import_:app", "Bring in scenes of other formats."),
+    "lint": ("vlafuzz.cli.lint:command", "Check whether the scenes of a file are fair."),
+    "coverage": ("vlafuzz.cli.coverage:command", "Measure how much of the space scenes or runs cover."),
+    "import": ("vlafuzz.cli.import_:app", "Import scenes of other formats."),
     "export": ("vlafuzz.cli.export:command", "Write the failing scenes of a store to a file."),
-    "regress": ("vlafuzz.cli.regress:command", "Say whether a policy got worse in an exported corpus."),
-    "report": ("vlafuzz.cli.report:command", "Write what was found as one HTML page."),
-    "merge": ("vlafuzz.cli.merge:command", "Write one store with the runs of several."),
+    "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
+    "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),
+    "merge": ("vlafuzz.cli.merge:command", "Merge the runs of several stores into one."),
     "operators": ("vlafuzz.cli.operators:command", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.objects:command", "List the objects of the catalogue."),
     "strategies": ("vlafuzz.cli.strategies:command", "List the strategies that propose scenes."),
     "policies": ("vlafuzz.cli.policies:command", "List the policies that can be tested."),
-    "serve": ("vlafuzz.cli.serve:command", "Serve a policy, so that others' clients can drive it."),
+    "serve": ("vlafuzz.cli.serve:command", "Serve a policy to clients of other tools."),
     "doctor": (
         "vlafuzz.cli.doctor:doctor",
         "Check this machine, or with --policy a policy: does it see, hear, work?",
@@ -51,16 +51,16 @@ app = typer.Typer(
 )
 
 
-# click's, of which newer typer carries a copy of its own
+# click's; newer typer versions carry their own copy of click
 _WrongUsage: Any = typer.BadParameter.__base__
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code. An error raised on purpose is a sentence, a bug a traceback."""
+    """Run the command line; returns the exit code. Expected errors print a sentence, bugs a traceback."""
     try:
-        given = _renamed(sys.argv[1:] if arguments is None else arguments)
-        _check_filled(given)
-        ended = app(args=given or ["--help"], prog_name="vlafuzz", standalone_mode=False)
+        words = _renamed(sys.argv[1:] if arguments is None else arguments)
+        _check_filled(words)
+        ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
     except _WrongUsage as error:
@@ -73,28 +73,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain("interrupted", None, 130)
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-    except Exception:  # not 1, which says something about scenes
+    except Exception:  # its exit code must not be 1, which means findings
         traceback.print_exc()
         return BUG
     return ended if isinstance(ended, int) else 0
 
 
 def _renamed(arguments: Sequence[str]) -> list[str]:
-    """The arguments under today's names: a policy was called a subject up to version 0.1."""
-    given = ["policies" if (place, word) == (0, "subjects") else word for place, word in enumerate(arguments)]
-    return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in given]
+    """The arguments under today's names: up to version 0.1 a policy was called a subject."""
+    words = ["policies" if (place, word) == (0, "subjects") else word for place, word in enumerate(arguments)]
+    return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in words]
 
 
-def _check_filled(given: Sequence[str]) -> None:
-    """That nothing is empty: what an unset variable of a shell leaves would mean some default.
+def _check_filled(words: Sequence[str]) -> None:
+    """Refuse empty values: an unset shell variable must not select a default.
 
     Raises:
-        UsageError: something is.
+        UsageError: a value is empty.
     """
-    for before, argument in pairwise(["vlafuzz", *given]):
+    for before, argument in pairwise(["vlafuzz", *words]):
         if argument == "" or re.fullmatch("--[a-z-]+=", argument):
             flag = argument.rstrip("=") or before
-            raise UsageError(f"nothing behind {flag!r}", hint="was a variable not set? give a value")
+            raise UsageError(f"nothing behind {flag!r}", hint="is a shell variable unset? give a value")
 
 
 def _complain(message: str, hint: str | None, exit_code: int) -> int:
@@ -118,25 +118,25 @@ def _root(
     pass
 
 
-def _register(name: str, target: str, says: str) -> None:
+def _register(name: str, target: str, summary: str) -> None:
     class Deferred(TyperCommand):
         def make_context(
             self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
         ) -> Any:
             return _load(name, target).make_context(info_name, args, parent, **extra)
 
-    app.command(name, cls=Deferred, help=says)(lambda: None)
+    app.command(name, cls=Deferred, help=summary)(lambda: None)
 
 
 def _load(name: str, target: str) -> Any:
     module, _, attribute = target.partition(":")
-    found = getattr(importlib.import_module(module), attribute)
-    if not isinstance(found, typer.Typer):
-        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        alone.command(name)(found)
-        found = alone
-    return typer.main.get_command(found)
+    command = getattr(importlib.import_module(module), attribute)
+    if not isinstance(command, typer.Typer):
+        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        single.command(name)(command)
+        command = single
+    return typer.main.get_command(command)
 
 
-for _name, (_target, _says) in COMMANDS.items():
-    _register(_name, _target, _says)
+for _name, (_target, _summary) in COMMANDS.items():
+    _register(_name, _target, _summary)

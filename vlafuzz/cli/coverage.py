@@ -39,12 +39,12 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
-    """Say how much of the space scenes or runs cover.
+    """Measure how much of the space scenes or runs cover.
 
-    positions: the share of 10 x 10 cells of the box, from which positions are drawn, that have the first
-    object of one of the scenes; published is what VLATest's paper has. It grows with the number of scenes,
-    whatever is in them. sites: different sets of operators far from nominal, with the target's place. Of
-    runs also cells: sites with the stage at which the policy was lost; failures: those of its failures.
+    positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first
+    object of a scene; published: the value in VLATest's paper. It grows with the number of scenes, whatever
+    they contain. sites: distinct sets of operators far from nominal, with the target's place. For runs also
+    cells: sites with the stage at which the policy was lost; failures: the cells of its failures.
     """
     sizes = first or list(SIZES)
     for size in sizes:
@@ -54,7 +54,7 @@ def command(
     with progress() as bar:
         for path in bar.track(files, description="reading"):
             for track in _tracks(path, catalogue, ranges, frame):
-                rows += [_row(path, track) | asdict(each) for each in covered(track, sizes)]
+                rows += [_row(path, track) | asdict(row) for row in covered(track, sizes)]
     print_rows(rows, json=json, csv=csv, title="coverage")
 
 
@@ -64,7 +64,7 @@ def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame)
             return tracks_of_store(store)
     source = read_scene_file(path, catalogue, frame.value)
     if source.left_out:
-        stderr().print(f"{path}: {source.left_out} scenes with objects that we do not have are left out")
+        stderr().print(f"{path}: {source.left_out} scenes are left out: they have unknown objects")
     return tracks_of_scenes(source.scenes(), ranges, catalogue)
 
 

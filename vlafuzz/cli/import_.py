@@ -19,7 +19,7 @@ app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_
 
 
 class Frame(StrEnum):
-    """How their table becomes ours."""
+    """How VLATest's table frame is mapped to ours."""
 
     FIT = "fit"
     KEEP = "keep"
@@ -29,7 +29,7 @@ class Frame(StrEnum):
 
 @app.callback()
 def _group() -> None:
-    """Bring in scenes of other formats."""
+    """Import scenes of other formats."""
 
 
 @app.command("vlatest")
@@ -47,8 +47,8 @@ def vlatest(
 ) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
-    A scene with an object that has no counterpart in our catalogue is left out, and said so; with --frame
-    original or robot none is.
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; with --frame
+    original or robot none are.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
@@ -56,11 +56,11 @@ def vlatest(
     with progress() as bar:
         tracked = bar.track(files, description="reading")
         imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
-    write_scenes(out, [scene for each in imported for scene in each.scenes])
+    write_scenes(out, [scene for file in imported for scene in file.scenes])
     _print_missing(imported)
-    rows = [_row(each) for each in imported]
+    rows = [_row(file) for file in imported]
     if json:
-        print_json([row | {"missing": each.missing} for row, each in zip(rows, imported, strict=True)])
+        print_json([row | {"missing": file.missing} for row, file in zip(rows, imported, strict=True)])
     else:
         print_rows(rows, title=str(out))
 
@@ -76,11 +76,11 @@ def _row(imported: Imported) -> dict[str, str | int]:
 
 def _print_missing(imported: list[Imported]) -> None:
     missing: Counter[str] = Counter()
-    for each in imported:
-        missing.update(each.missing)
+    for file in imported:
+        missing.update(file.missing)
     if not missing:
         return
-    left_out = sum(each.left_out for each in imported)
+    left_out = sum(file.left_out for file in imported)
     rows = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
     stderr().print(
         f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue"

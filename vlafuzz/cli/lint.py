@@ -38,7 +38,7 @@ PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong in a line; ``check`` is the one that it fails, or ``broken``."""
+    """A problem in a line; ``check`` is the check that the line fails, or ``broken``."""
 
     line: int
     check: str
@@ -47,7 +47,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What came of a file; ``crowded`` has the scenes of two objects or more, ``settled`` those that were."""
+    """The verdicts on a file; ``crowded`` has scenes of two or more objects, ``settled`` settled scenes."""
 
     path: Path
     scenes: int
@@ -57,7 +57,7 @@ class Verdicts:
     settled: tuple[Settled, ...]
 
     def row(self) -> dict[str, Any]:
-        """Counts: scenes, valid ones, those that fail each check; shares of those where things are close."""
+        """Counts of scenes, valid and failing each check; shares of scenes in which objects are close."""
         failed = Counter(problem.check for problem in self.problems)
         valid = self.scenes - sum(failed[check] for check in CHECKS)
         counts = {check: failed[check] for check in (*CHECKS, BROKEN)}
@@ -65,9 +65,9 @@ class Verdicts:
         figures = closer | {"overlap": share_overlapping(self.crowded)}
         if self.settled:
             figures |= {
-                f"moved > {SHIFTED} m": share([each.shift > SHIFTED for each in self.settled]),
-                "solved already": share([each.solved for each in self.settled]),
-                "as published": share([each.published for each in self.settled]),
+                f"moved > {SHIFTED} m": share([scene.shift > SHIFTED for scene in self.settled]),
+                "solved already": share([scene.solved for scene in self.settled]),
+                "as published": share([scene.published for scene in self.settled]),
             }
         row = {"file": str(self.path), "scenes": self.scenes, "left out": self.left_out, "valid": valid}
         return row | counts | figures
@@ -95,15 +95,15 @@ def command(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
 ) -> None:
-    """Say whether the scenes of a file are fair.
+    """Check whether the scenes of a file are fair.
 
     Checks: semantic, geometry, settling (a second of physics), not already solved. The exit code is 1 when a
-    scene fails one of them or a line is broken.
+    scene fails a check or a line is broken.
 
-    Of the scenes with two objects or more: the shares in which two centres are closer than 0.15 m and than
-    0.05 m, and in which footprints overlap. Of all scenes whose objects are known, fair or not, unless
-    --static: the shares in which something has moved by more than 5 cm once it lies, and in which the task is
-    then solved, or would be by the published criteria.
+    For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m,
+    and in which footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the
+    shares in which an object moves by more than 5 cm while settling, and in which the task is then solved,
+    strictly or by the published criteria.
     """
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
@@ -121,16 +121,16 @@ def command(
                 raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
             judged.append(_judge(source, catalogue, keep, bar, None if quick else put))
     _print(judged, json=json, verbose=verbose)
-    if missing := sum(bool(PACKED.match(problem.reason)) for each in judged for problem in each.problems):
+    if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
-    if any(each.problems for each in judged):
+    if any(file.problems for file in judged):
         raise typer.Exit(1)
 
 
 def _judge(
     source: SceneFile, catalogue: Catalogue, keep: float, bar: Progress, placement: str | None
 ) -> Verdicts:
-    """``placement``: how objects are put where they settle; None to leave that out."""
+    """``placement``: how objects are placed before they settle; None to skip settling."""
     path, problems, crowded = source.path, list[Problem](), list[Crowding | None]()
     known: list[tuple[int, Scene]] = []
     for number, scene in bar.track(source.lines, description=path.name):
@@ -143,11 +143,11 @@ def _judge(
         if _can_settle(scene, catalogue):
             known.append((number, scene))
     settled = _settle(known, catalogue, placement, bar) if placement else {}
-    unfair = {problem.line for problem in problems}
+    invalid = {problem.line for problem in problems}
     problems += [
-        Problem(number, each.rejection.check, each.rejection.reason)
-        for number, each in settled.items()
-        if each.rejection and number not in unfair
+        Problem(number, scene.rejection.check, scene.rejection.reason)
+        for number, scene in settled.items()
+        if scene.rejection and number not in invalid
     ]
     broken = sum(problem.check == BROKEN for problem in problems)
     return Verdicts(
@@ -161,8 +161,8 @@ def _judge(
 
 
 def _can_settle(scene: Scene, catalogue: Catalogue) -> bool:
-    there = not scene.frame and scene.task in TASKS and scene.robot in RIGS
-    return there and is_known(scene.placements, catalogue)
+    ours = not scene.frame and scene.task in TASKS and scene.robot in RIGS
+    return ours and is_known(scene.placements, catalogue)
 
 
 def _settle(
@@ -175,13 +175,13 @@ def _settle(
 
 
 def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
-    rows = [each.row() for each in judged]
+    rows = [file.row() for file in judged]
     if json:
-        rejections = [[asdict(problem) for problem in each.problems] for each in judged]
-        print_json([row | {"rejections": each} for row, each in zip(rows, rejections, strict=True)])
+        rejections = [[asdict(problem) for problem in file.problems] for file in judged]
+        print_json([row | {"rejections": lines} for row, lines in zip(rows, rejections, strict=True)])
         return
     if verbose:
-        for each in judged:
-            for problem in each.problems:
-                typer.echo(f"{each.path}:{problem.line}: {problem.check}: {problem.reason}")
+        for file in judged:
+            for problem in file.problems:
+                typer.echo(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
     print_rows(rows, title="scenes")

@@ -13,12 +13,12 @@ from vlafuzz.errors import UsageError
 
 def command(
     stores: Annotated[list[Path], typer.Argument(help="Stores that `vlafuzz run` wrote.")],
-    out: Annotated[Path, typer.Option(help="The new store; must not be there yet.")],
+    out: Annotated[Path, typer.Option(help="The new store; must not exist yet.")],
 ) -> None:
-    """Write one store with all runs, trials and findings of several.
+    """Merge all runs, trials and findings of several stores into a new one.
 
-    Runs are numbered anew, in the order given. A scene that fails for one policy in several stores is one
-    finding. A run that is in two of the stores is in the new one twice.
+    Runs are renumbered in the given order. A scene that fails for one policy in several stores is one
+    finding. A run that is in two of the stores appears twice in the new one.
     """
     from vlafuzz.store.merge import merge
 

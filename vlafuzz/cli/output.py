@@ -1,4 +1,4 @@
-"""How commands print: data on stdout as a table, JSON or CSV; progress on stderr."""
+"""Output of commands: data on stdout as a table, JSON or CSV; progress and notes on stderr."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def print_rows(rows: Sequence[Row], *, json: bool = False, csv: bool = False, ti
     """Print rows that have the same keys.
 
     Raises:
-        UsageError: both JSON and CSV are asked for.
+        UsageError: both JSON and CSV are requested.
     """
     if json and csv:
         raise UsageError("--json and --csv exclude each other", hint="give one of them")
@@ -41,18 +41,18 @@ def print_json(value: Any) -> None:
 
 
 def table(rows: Sequence[Row], title: str = "") -> Table:
-    """Rows as a table: numbers to the right."""
-    made = Table(title=title or None, title_justify="left", header_style="bold")
+    """Rows as a table; columns of numbers are aligned to the right."""
+    table = Table(title=title or None, title_justify="left", header_style="bold")
     for key in rows[0] if rows else ["nothing"]:
         numbers = all(isinstance(row[key], int | float) for row in rows)
-        made.add_column(key, justify="right" if numbers else "left", overflow="fold")
+        table.add_column(key, justify="right" if numbers else "left", overflow="fold")
     for row in rows:
-        made.add_row(*(_shown(value) for value in row.values()))
-    return made
+        table.add_row(*(_shown(value) for value in row.values()))
+    return table
 
 
 def stdout() -> Console:
-    """The console for data; as wide as the data needs when nobody looks."""
+    """The console for data; 160 columns wide where there is no terminal."""
     console = Console(highlight=False, markup=False)
     return console if console.is_terminal else Console(highlight=False, markup=False, width=160)
 
@@ -63,7 +63,7 @@ def stderr() -> Console:
 
 
 def progress() -> Progress:
-    """A progress bar on stderr that leaves nothing behind, and is not there when nobody looks."""
+    """A transient progress bar on stderr; hidden where there is no terminal."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = stderr()
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

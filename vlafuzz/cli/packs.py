@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz import assets
-from vlafuzz.cli.output import progress, stderr
+from vlafuzz.cli.output import Bar, progress
 
 if TYPE_CHECKING:
     from vlafuzz.objects import Pack
@@ -23,28 +23,28 @@ PackFlag = Annotated[
 ]
 
 
-def opened(given: Iterable[str] | None) -> tuple[Pack, ...]:
-    """The packs that are given; what is missing in each is said once.
+def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
+    """The packs in these folders; notes say what is missing in them.
 
     Raises:
         UsageError: a folder is no pack and has none in it.
         CatalogueError: a mesh is damaged.
     """
-    if not given:
+    if not folders:
         return ()
-    from vlafuzz.objects import open_packs  # not before it is needed: `vlafuzz doctor` has to start anywhere
+    from vlafuzz.objects import open_packs  # imported late: `vlafuzz doctor` has to start anywhere
 
-    assets.add_folders(Path(each) for each in given if Path(each).is_dir())
-    packs = tuple(pack for each in given if not _is_robots_only(Path(each)) for pack in open_packs(each))
+    assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
+    packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
     for pack in packs:
-        for said in _lacks(pack):
-            stderr().print(f"note: {pack.name}: {said}", soft_wrap=True)
+        for lack in _lacks(pack):
+            Bar.note(f"note: {pack.name}: {lack}")
     _measure(packs)
     return packs
 
 
 def _measure(packs: Sequence[Pack]) -> None:
-    """Each object, with a bar: that takes up to some seconds for each, once."""
+    """Measure every object, once; each takes up to some seconds."""
     from vlafuzz.objects import load_catalogue
 
     catalogue = load_catalogue(packs=packs)
@@ -55,13 +55,13 @@ def _measure(packs: Sequence[Pack]) -> None:
 
 
 def _is_robots_only(folder: Path) -> bool:
-    """Whether there are robots in it, and nothing that could be objects."""
-    beside = {each.name for each in folder.iterdir() if each.is_dir()} if folder.is_dir() else set()
-    return "robots" in beside and beside <= {"robots", "overlays"}
+    """Whether a folder has robots, and nothing that could be objects."""
+    names = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
+    return "robots" in names and names <= {"robots", "overlays"}
 
 
 def _lacks(pack: Pack) -> Iterable[str]:
-    plain = [name for name, each in pack.objects.items() if each.visual is None]
+    plain = [name for name, model in pack.objects.items() if model.visual is None]
     if plain:
         some = ", ".join(plain[:3]) + (", …" if len(plain) > 3 else "")
         yield (

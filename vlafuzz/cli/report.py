@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.output import progress, stderr
+from vlafuzz.cli.output import Bar, interruptible
 from vlafuzz.errors import UsageError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.evidence import Actions
     from vlafuzz.report.view import View
-    from vlafuzz.scene import Scene
-    from vlafuzz.sim.base import Film
-    from vlafuzz.store.records import Manifest
-    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 
 def command(
@@ -44,7 +40,7 @@ def command(
     if videos and view.cards:
         view = _with_films(source, view, limit)
     write_page(out, render(view))
-    stderr().print(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)", soft_wrap=True)
+    Bar.note(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
 
 
 def _view(source: Path) -> View:
@@ -63,48 +59,21 @@ def _view(source: Path) -> View:
 
 
 def _with_films(source: Path, view: View, limit: int) -> View:
-    """The view with films, or with a note that says why there are none."""
+    """The view with films, or with a note why there are none."""
     from vlafuzz.renderer import probe
-    from vlafuzz.report.films import filmed
+    from vlafuzz.report.films import RunFilms, filmed
 
     renderer = probe()
     if not renderer.works:
         return _without_films(view, f"{renderer}; `vlafuzz doctor` says what to install")
-    films = _Films(source)
-    try:
-        with closing(films), progress() as bar:
-            task = bar.add_task("films", total=None)
-            return filmed(view, films, limit, lambda done, of: bar.update(task, completed=done, total=of))
-    except KeyboardInterrupt:
-        stderr().print("interrupted: nothing is written\nhint: --no-videos takes no time")
-        raise typer.Exit(130) from None
-    except VlafuzzError as error:
-        return _without_films(view, error.message)
+    with interruptible("interrupted: nothing is written\nhint: --no-videos takes no time") as bar:
+        try:
+            with closing(RunFilms(source)) as films:
+                return filmed(view, films, limit, partial(bar.progress, "films"))
+        except VlafuzzError as error:
+            return _without_films(view, error.message)
 
 
 def _without_films(view: View, reason: str) -> View:
-    told = f"No videos: {reason}."
-    stderr().print(f"note: {told[0].lower()}{told[1:]}", soft_wrap=True)
-    return replace(view, notes=(*view.notes, told))
-
-
-class _Films:
-    """Films by the desk of the run at hand: starting a simulator takes seconds."""
-
-    def __init__(self, source: Path) -> None:
-        self._source = source
-        self._run: Manifest | None = None
-        self._desk: SimulatorSceneRunner | None = None
-
-    def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        from vlafuzz.triage import scene_runner as runner
-
-        if self._desk is None or run != self._run:
-            self.close()
-            self._run, self._desk = run, runner.SimulatorSceneRunner(self._source, run)
-        return self._desk.film(scene, actions)
-
-    def close(self) -> None:
-        if self._desk is not None:
-            self._desk.close()
-            self._desk = None
+    Bar.note(f"note: no videos: {reason}.")
+    return replace(view, notes=(*view.notes, f"No videos: {reason}."))

@@ -21,7 +21,7 @@ def command(
 ) -> None:
     """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
 
-    What several clients ask for at the same time, the policy is asked in one call.
+    Simultaneous requests of several clients are batched into one call of the policy.
     """
     from vlafuzz.policies.registry import make_policy
     from vlafuzz.serving.serve import serving

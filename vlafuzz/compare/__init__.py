@@ -1,1 +1,1 @@
-"""Strategies compared: several runs of each at equal budget, their figures, and whether these differ."""
+"""Comparison of strategies: several runs of each at equal budget, their figures, and statistical tests."""

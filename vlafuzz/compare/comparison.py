@@ -20,17 +20,17 @@ SPREAD = (
     "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
     "search_seconds", "search_share", "store_seconds", "store_share",
 )  # fmt: skip
-_NEVER = 1e300  # as good as infinite, and quantiles between two of it are numbers
-# A run without a figure has nothing good: rollouts to a failure that did not come are more than any number.
+_NEVER = 1e300  # practically infinite, but quantiles between two of them are numbers
+# A run without a figure ranks last: rollouts to a failure that was never found exceed any number.
 _WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEASURES}
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the repeats: median and the middle half; None where most runs have none.
+    """A figure over the repeats: median and middle half; None where most runs lack the figure.
 
     Attributes:
-        runs: that have it.
+        runs: number of runs that have the figure.
     """
 
     median: float | None
@@ -39,16 +39,16 @@ class Spread:
     runs: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Standing:
-    """A strategy, over its repeats.
+    """The results of a strategy over its repeats.
 
     Attributes:
-        figures: by the name of a figure.
-        failures: distinct failing scenes, and ``cells`` distinct cells, of all repeats together.
-        coverage: of the cells in which any run of any strategy failed, in all repeats together.
+        figures: by name.
+        failures, cells: distinct failing scenes and cells of all repeats together.
+        coverage: share of the cells in which any run of any strategy failed, of all repeats together.
         only: cells that no other strategy found.
-        solvable: None where nothing was sampled, ``evidence`` where nothing was triaged.
+        solvable: None if no failures were sampled; ``evidence`` is None if none were triaged.
     """
 
     strategy: str
@@ -61,9 +61,9 @@ class Standing:
     evidence: Evidence | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What ``vlafuzz compare`` says, the JSON of ``--json``."""
+    """The result of ``vlafuzz compare``; the JSON of ``--json``."""
 
     task: str
     policy: str
@@ -92,9 +92,9 @@ def compare_runs(
 
     Args:
         counted: by strategy, its runs in the order of their seeds.
-        reference: the strategy that the others are set against.
-        solvable: by strategy, what came of the failures that the expert tried.
-        evidence: by strategy, what came of those that were triaged.
+        reference: the strategy that the others are compared with.
+        solvable: by strategy, the result of the expert's attempts.
+        evidence: by strategy, the result of triage.
     """
     all_runs = list(chain.from_iterable(counted.values()))
     reached = union(all_runs)
@@ -153,10 +153,10 @@ def _standing(
 
 
 def spread(values: Sequence[float | None], without: float | None = None) -> Spread:
-    """Of what there is; a quantile that lies among runs which have none is None.
+    """Median and middle half; a quantile among runs without the figure is None.
 
     Args:
-        without: where a run without a figure ranks; None where it does not count.
+        without: the rank of a run without the figure; None to leave such runs out.
     """
     known = [value for value in values if value is not None]
     filled = (without if value is None else value for value in values)

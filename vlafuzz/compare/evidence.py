@@ -1,4 +1,4 @@
-"""How far what a strategy finds can be trusted, and how many bugs it is: failures of a sample, triaged."""
+"""How far the failures of a strategy can be trusted, and how many bugs they are: triage of a sample."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.store.store import Store
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What triage made of a sample of failures.
+    """The triage results of a sample of failures.
 
     Attributes:
-        triaged: of the sample; those that could not be judged are not.
-        confirmed: failed again, ``low`` and ``high`` the 95 % interval of their share over the runs.
+        triaged: failures of the sample that could be judged.
+        confirmed: failed again; ``low`` and ``high`` are the 95 % interval of their share over the runs.
         witnessed: of these, solved by the expert.
-        minimal: of these, every operator left in it matters.
+        minimal: of these, those in which every remaining operator is necessary.
         signatures: distinct bugs, without those that fail at nominal.
     """
 
@@ -33,35 +33,37 @@ class Evidence:
 
 
 def choose(sampled: Sequence[Sampled], solved: Mapping[str, bool], size: int) -> list[Sampled]:
-    """At most so many of a sample, those that the expert solves first: only they are shrunk.
+    """At most ``size`` failures of a sample, those that the expert solves first: only these are shrunk.
 
     Args:
-        solved: by digest, whether it does.
+        solved: by digest, whether the expert solves the scene.
     """
-    return sorted(sampled, key=lambda each: not solved.get(each.scene.digest))[:size]
+    return sorted(sampled, key=lambda failure: not solved.get(failure.scene.digest))[:size]
 
 
 def findings(store: Store, chosen: Sequence[Sampled]) -> dict[Sampled, Finding]:
-    """What a store has of some failures: a run may have found what another had found before."""
-    runs = {each.run for each in chosen}
-    known = {Sampled(each.scene, run): each for run in runs for each in store.findings(run)}
-    return {each: known[each] for each in chosen}
+    """The stored findings of some failures, which other runs may have found first."""
+    runs = {failure.run for failure in chosen}
+    known = {Sampled(finding.scene, run): finding for run in runs for finding in store.findings(run)}
+    return {failure: known[failure] for failure in chosen}
 
 
-def evidence(found: Mapping[Sampled, Finding], triaged: Iterable[Triaged]) -> Evidence | None:
-    """What triage has made of some findings; None where it has judged none of them."""
-    known = {(each.scene, each.policy_key): each for each in triaged}
-    made = [(each.run, known.get((finding.scene, finding.policy_key))) for each, finding in found.items()]
-    judged = [each for _, each in made if each]
+def evidence(chosen: Mapping[Sampled, Finding], triaged: Iterable[Triaged]) -> Evidence | None:
+    """The triage results of some findings; None if none of them was judged."""
+    by_key = {result.key: result for result in triaged}
+    runs = [(failure.run, by_key.get(finding.key)) for failure, finding in chosen.items()]
+    judged = [result for _, result in runs if result]
     if not judged:
         return None
-    confirmed = [(run, each.bucket != "flaky") for run, each in made if each]
-    bugs = {each.signature for each in judged if each.signature and each.bucket != "base"}
+    confirmed = [(run, result.bucket != "flaky") for run, result in runs if result]
+    bugs = {result.signature for result in judged if result.signature and result.bucket != "base"}
+    low, high = share_interval(confirmed)
     return Evidence(
-        len(judged),
-        sum(so for _, so in confirmed),
-        *share_interval(confirmed),
-        witnessed=sum(each.witness is not None for each in judged),
-        minimal=sum(each.bucket == "minimal" for each in judged),
+        triaged=len(judged),
+        confirmed=sum(positive for _, positive in confirmed),
+        low=low,
+        high=high,
+        witnessed=sum(result.witness is not None for result in judged),
+        minimal=sum(result.bucket == "minimal" for result in judged),
         signatures=len(bugs),
     )

@@ -1,4 +1,4 @@
-"""What a run found, as a comparison needs it: each failing scene once, and when in the run it was found."""
+"""The failures of a run: each failing scene once, and when in the run it was found."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Failure:
     """A failing scene of a run.
 
     Attributes:
-        cell: where it lies, see ``scoring.cell``.
+        cell: see ``scoring.cell``.
         severity: its distance from nominal, the sum over the operators.
-        quality: how near to nominal and how early it fails, see ``quality``.
+        quality: see ``quality``.
         spent: rollouts of the run when it was found, its own included.
-        vector: the scene, where distance means difference.
+        vector: embedding of the scene, in which distance means difference.
     """
 
     scene: Scene
@@ -42,12 +42,12 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class CountedRun:
-    """A run, counted.
+    """The counts of a run.
 
     Attributes:
-        rollouts: of the policy; ``rollout_seconds`` is what they took, added up over all processes.
-        judged: proposals of scenes that passed or failed, ``rejected`` of scenes that are not fair.
-        rejected_scenes: distinct ones; they cost no rollout.
+        rollouts: of the policy; ``rollout_seconds`` is their duration, summed over all processes.
+        judged: proposals of scenes that passed or failed; ``rejected`` are those of invalid scenes.
+        rejected_scenes: distinct invalid scenes; they cost no rollout.
         errors: proposals in which policy or simulator broke.
         failures: in the order in which they were found.
     """
@@ -64,12 +64,12 @@ class CountedRun:
 
     @property
     def strategy(self) -> str:
-        """That proposed its scenes."""
+        """The strategy that proposed its scenes."""
         return self.run.manifest.strategy
 
 
 def quality(severity: float, progress: float, operators: int) -> float:
-    """What a failure is worth, in [0, 1]: 1 for one in the nominal scene, before anything was achieved.
+    """The quality of a failure, in [0, 1]: 1 for a failure in the nominal scene without any progress.
 
     The mean of two shares: how near to nominal it is (1 - the mean severity of the operators that vary), and
     how early the policy fails (1 - progress).
@@ -78,17 +78,17 @@ def quality(severity: float, progress: float, operators: int) -> float:
 
 
 def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
-    """Count what a store has of a run.
+    """Count a stored run.
 
     Raises:
-        UsageError: other runs answered for it, so that it did not pay for what it learned.
+        UsageError: it reused outcomes of other runs, so that its budget does not compare.
     """
     operators = max(1, len(json.loads(run.manifest.operators).get("varied", ())))
     counts = dict.fromkeys(Verdict, 0)
     failures: dict[str, Failure] = {}
     rejected, own = set[str](), set[str]()
     spent, seconds, proposals = 0, 0.0, 0
-    # In the order of proposals, a known scene may come before the trial of its batch that rolled it out.
+    # In the order of proposals, a duplicate may precede the trial of its batch that was rolled out.
     borrowed: dict[str, int] = {}
     for trial in store.trials(run.id):
         digest, outcome = trial.scene.digest, trial.outcome
@@ -118,18 +118,18 @@ def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
 def _check_own(store: Store, run: Run, borrowed: Sequence[int]) -> None:
     if borrowed:
         raise UsageError(
-            f"{store.path}: run {run.id} was answered {len(borrowed)} scenes by other runs, at no cost",
-            hint="compare runs that `vlafuzz compare` began, and that it went on with: give another --store",
+            f"{store.path}: run {run.id} reused {len(borrowed)} outcomes of other runs, at no cost",
+            hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
         )
 
 
-def union(found: Sequence[CountedRun]) -> dict[str, Failure]:
-    """Of every cell in which some run failed, its most central failure: the one nearest to their mean.
+def union(runs: Sequence[CountedRun]) -> dict[str, Failure]:
+    """For every cell in which some run failed, its most central failure: the one nearest to their mean.
 
-    One a cell, so that many failures that resemble each other do not count for more.
+    One per cell, so that many similar failures do not count for more.
     """
     cells: dict[str, dict[str, Failure]] = {}
-    for failure in chain.from_iterable(each.failures for each in found):
+    for failure in chain.from_iterable(run.failures for run in runs):
         cells.setdefault(failure.cell, {})[failure.scene.digest] = failure
     central: dict[str, Failure] = {}
     for cell, members in sorted(cells.items()):

@@ -16,7 +16,7 @@ POINTS = 50  # of a curve
 
 @dataclass(frozen=True)
 class Figures:
-    """A run in numbers. None where there is nothing to measure.
+    """A run in numbers; None where there is nothing to measure.
 
     Attributes:
         failures: distinct failing scenes.
@@ -26,7 +26,7 @@ class Figures:
         qd_score: see ``qd_score``.
         sparseness: see ``sparseness``.
         severity: mean over the failures.
-        first_failure: rollouts spent when the first was found, ``tenth_failure`` the tenth.
+        first_failure, tenth_failure: rollouts spent when that failure was found.
         valid_share: of the proposals, those of fair scenes.
         rejected: distinct scenes that are not fair.
         seconds: wall time, ``rollout_seconds`` of the rollouts alone, added up over all processes.
@@ -59,21 +59,21 @@ class Figures:
     store_share: float | None
 
 
-def figures(found: CountedRun, union: Mapping[str, Failure]) -> Figures:
+def figures(counted: CountedRun, union: Mapping[str, Failure]) -> Figures:
     """The figures of a run.
 
     Args:
         union: by cell, the central failure of all runs: ``failures.union``.
     """
-    failures = found.failures
+    failures = counted.failures
     cells = {failure.cell for failure in failures}
-    fair = found.judged + found.rejected
-    run, manifest = found.run, found.run.manifest
+    fair = counted.judged + counted.rejected
+    run, manifest = counted.run, counted.run.manifest
     return Figures(
         run=run.id,
         strategy=manifest.strategy,
         seed=manifest.seed,
-        rollouts=found.rollouts,
+        rollouts=counted.rollouts,
         failures=len(failures),
         cells=len(cells),
         coverage=len(cells) / len(union) if union else None,
@@ -83,12 +83,12 @@ def figures(found: CountedRun, union: Mapping[str, Failure]) -> Figures:
         severity=fmean(failure.severity for failure in failures) if failures else None,
         first_failure=failures[0].spent if failures else None,
         tenth_failure=failures[9].spent if len(failures) >= 10 else None,
-        proposals=found.proposals,
-        valid_share=found.judged / fair if fair else None,
-        rejected=found.rejected_scenes,
-        errors=found.errors,
+        proposals=counted.proposals,
+        valid_share=counted.judged / fair if fair else None,
+        rejected=counted.rejected_scenes,
+        errors=counted.errors,
         seconds=run.seconds,
-        rollout_seconds=found.rollout_seconds,
+        rollout_seconds=counted.rollout_seconds,
         search_seconds=run.search_seconds,
         search_share=_share(run.search_seconds, run.seconds),
         store_seconds=run.store_seconds,
@@ -100,38 +100,38 @@ def _share(part: float | None, whole: float | None) -> float | None:
     return None if part is None or not whole else part / whole
 
 
-def coverage_inverted_distance(found: Sequence[Failure], reference: Sequence[Failure]) -> float | None:
-    """CID: the mean distance from each reference failure to the nearest one that was found.
+def coverage_inverted_distance(failures: Sequence[Failure], reference: Sequence[Failure]) -> float | None:
+    """CID: the mean distance from each reference failure to the nearest failure.
 
     Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20
     and more genes ours is what all strategies together found. Distances are those of scene embeddings: two
     scenes that differ in one operator only are at most 1 apart.
     """
-    if not found or not reference:
+    if not failures or not reference:
         return None
     from scipy.spatial.distance import cdist
 
-    return float(cdist(_points(reference), _points(found)).min(axis=1).mean())
+    return float(cdist(_points(reference), _points(failures)).min(axis=1).mean())
 
 
-def qd_score(found: Sequence[Failure]) -> float:
-    """The sum over all cells of the quality of the best failure in it: Pugh, Soros, Stanley 2016.
+def qd_score(failures: Sequence[Failure]) -> float:
+    """The sum over all cells of the quality of the cell's best failure: Pugh, Soros, Stanley 2016.
 
-    <https://doi.org/10.3389/frobt.2016.00040>. What quality is, ``failures.quality`` says.
+    <https://doi.org/10.3389/frobt.2016.00040>. For quality see ``failures.quality``.
     """
     best: dict[str, float] = {}
-    for failure in found:
+    for failure in failures:
         best[failure.cell] = max(failure.quality, best.get(failure.cell, 0.0))
     return float(sum(best.values()))
 
 
-def sparseness(found: Sequence[Failure]) -> float | None:
-    """The mean distance of a failure to the nearest other one of the run; None with less than two."""
-    if len(found) < 2:
+def sparseness(failures: Sequence[Failure]) -> float | None:
+    """The mean distance from a failure to the nearest other failure of the run; None with fewer than two."""
+    if len(failures) < 2:
         return None
     from scipy.spatial import cKDTree
 
-    points = _points(found)
+    points = _points(failures)
     nearest, _ = cKDTree(points).query(points, k=2)
     return float(nearest[:, 1].mean())
 
@@ -142,7 +142,7 @@ def _points(failures: Sequence[Failure]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Curve:
-    """How a count grows with the rollouts, over the repeats of a strategy: median, and the middle half."""
+    """A count as a function of rollouts, over the repeats of a strategy: median and middle half."""
 
     strategy: str
     what: str
@@ -153,20 +153,20 @@ class Curve:
 
 
 def grid(budget: int) -> tuple[int, ...]:
-    """Where a curve has points: from nothing spent to the whole budget."""
+    """The points of a curve: from 0 rollouts to the whole budget."""
     return tuple(np.unique(np.linspace(0, budget, min(budget, POINTS) + 1).round().astype(int)).tolist())
 
 
 def curves(strategy: str, runs: Sequence[CountedRun], budget: int) -> list[Curve]:
-    """Those of failures and of cells. A run that ended before its budget stays where it was."""
+    """The curves of failures and cells; a run that ended early stays at its last count."""
     at = grid(budget)
-    failures = [[failure.spent for failure in each.failures] for each in runs]
-    cells = [sorted(_firsts(each.failures)) for each in runs]
+    failures = [[failure.spent for failure in run.failures] for run in runs]
+    cells = [sorted(_firsts(run.failures)) for run in runs]
     return [_curve(strategy, what, at, spent) for what, spent in (("failures", failures), ("cells", cells))]
 
 
 def _firsts(failures: Sequence[Failure]) -> list[int]:
-    """When each cell was found."""
+    """Rollouts spent when each cell was first found."""
     firsts: dict[str, int] = {}
     for failure in failures:
         firsts.setdefault(failure.cell, failure.spent)
@@ -174,6 +174,6 @@ def _firsts(failures: Sequence[Failure]) -> list[int]:
 
 
 def _curve(strategy: str, what: str, at: tuple[int, ...], spent: Sequence[Sequence[int]]) -> Curve:
-    counts = np.stack([np.searchsorted(np.array(each), at, side="right") for each in spent])
+    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
     low, middle, high = np.percentile(counts, [25, 50, 75], axis=0)
     return Curve(strategy, what, at, tuple(middle.tolist()), tuple(low.tolist()), tuple(high.tolist()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from vlafuzz.compare.comparison import Comparison
@@ -71,11 +71,11 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
 
 def _tables(compared: Comparison) -> list[Table]:
     first, *others = tables(compared).items()
-    made = [
+    titled = [
         Table(first[0], first[1], f"{NOTE[0].upper()}{NOTE[1:]}."),
         *(Table(title, rows) for title, rows in others),
     ]
-    return [Table(f"{each.title[0].upper()}{each.title[1:]}", each.rows, each.says) for each in made]
+    return [replace(table, title=f"{table.title[0].upper()}{table.title[1:]}") for table in titled]
 
 
 def _tests(compared: Comparison) -> list[Table]:

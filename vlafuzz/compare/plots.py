@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.compare.comparison import Comparison
 from vlafuzz.compare.figures import Curve
 
-# Okabe, Ito 2008: told apart with any colour vision. Dashes and markers tell as much on grey paper.
+# Okabe, Ito 2008: distinguishable with any colour vision, and by dashes and markers in greyscale.
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
 _DASHES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -26,11 +26,11 @@ _CURVES = {"cells": "distinct cells", "failures": "distinct failing scenes"}
 
 
 def plot(compared: Comparison, folder: Path) -> list[Path]:
-    """Curves over the budget, and a box plot of the most telling figures; where they are."""
-    made = {"curves.png": _curves(compared), "figures.png": _boxes(compared)}
-    for name, figure in made.items():
+    """Draw curves over the budget and box plots of the main figures; the files."""
+    figures = {"curves.png": _curves(compared), "figures.png": _boxes(compared)}
+    for name, figure in figures.items():
         figure.savefig(folder / name, dpi=_DPI)
-    return [folder / name for name in made]
+    return [folder / name for name in figures]
 
 
 def _curves(compared: Comparison) -> Any:
@@ -81,22 +81,22 @@ def _boxes(compared: Comparison) -> Any:
         axes.set_yticks(range(1, len(names) + 1), names)
         _plain(axes)
     grid[0, 0].invert_yaxis()
-    told = f"{compared.budget} rollouts, {_repeats(compared)} (dots), their median and middle half (box)"
-    figure.suptitle(f"{_title(compared)}: {told}", fontsize=11)
+    caption = f"{compared.budget} rollouts, {_repeats(compared)} (dots), their median and middle half (box)"
+    figure.suptitle(f"{_title(compared)}: {caption}", fontsize=11)
     return figure
 
 
 def _boxes_of(axes: Any, values: Sequence[Sequence[float]], colours: Sequence[str]) -> None:
-    """A box a strategy, and on it a dot a run: with few runs a box alone says too much."""
-    for row, (its, colour) in enumerate(zip(values, colours, strict=True), start=1):
-        if not its:
+    """A box per strategy with a dot per run: with few runs, a box alone would suggest too much."""
+    for row, (runs, colour) in enumerate(zip(values, colours, strict=True), start=1):
+        if not runs:
             continue
-        low, middle, high = np.percentile(its, [25, 50, 75])
-        axes.plot([min(its), max(its)], [row, row], color="#777777", linewidth=1)
+        low, middle, high = np.percentile(runs, [25, 50, 75])
+        axes.plot([min(runs), max(runs)], [row, row], color="#777777", linewidth=1)
         axes.barh(row, high - low, left=low, height=0.55, color="white", edgecolor="#777777", zorder=2)
         axes.plot([middle, middle], [row - 0.275, row + 0.275], color="black", linewidth=1.8, zorder=3)
-        offsets = [0.12 * ((index % 3) - 1) for index in range(len(its))]
-        axes.scatter(its, [row + offset for offset in offsets], s=14, color=colour, alpha=0.8, zorder=4)
+        offsets = [0.12 * ((index % 3) - 1) for index in range(len(runs))]
+        axes.scatter(runs, [row + offset for offset in offsets], s=14, color=colour, alpha=0.8, zorder=4)
 
 
 def _values(compared: Comparison, strategy: str, name: str) -> list[float]:

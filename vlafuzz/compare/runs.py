@@ -28,7 +28,7 @@ class Job(NamedTuple):
 
 
 def jobs(strategies: Sequence[str], repeats: int, seed: int) -> list[Job]:
-    """All runs, one of every strategy before the second of any: cut short, they are balanced."""
+    """All runs, one of every strategy before the second of any: an interrupted comparison is balanced."""
     return [Job(name, seed + number) for number in range(repeats) for name in strategies]
 
 
@@ -57,7 +57,7 @@ def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
             continue
         was, now = getattr(run.manifest, name), getattr(wanted, name)
         difference = _SAID.get(name, f"{name} {was}, not {now}")
-        raise UsageError(f"{path}: run {run.id} is of other conditions: {difference}", hint=_ELSEWHERE)
+        raise UsageError(f"{path}: run {run.id} has other conditions: {difference}", hint=_ELSEWHERE)
 
 
 def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> None:

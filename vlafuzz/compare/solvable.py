@@ -1,4 +1,4 @@
-"""Which share of what a strategy finds can be solved at all: the expert on a sample of its failures."""
+"""Which share of a strategy's failures can be solved at all: the expert tries a sample of them."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from vlafuzz.triage.witness import find_witness
 
 
 class Solver(Protocol):
-    """A desk, as far as it is needed here: see ``findings.Desk``."""
+    """The part of a scene runner that is needed here; see ``triage.pipeline.SceneRunner``."""
 
     def solve(self, scene: Scene, attempt: int) -> Outcome:
         """One rollout of the expert, in its n-th attempt."""
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """What comes of it when the robot executes these actions."""
+        """The outcome when the robot executes these actions."""
 
 
 class Sampled(NamedTuple):
@@ -41,7 +41,7 @@ class Sampled(NamedTuple):
 
 @dataclass(frozen=True)
 class Solvable:
-    """Of a sample of failures, those that the expert solves, with its 95 % interval over the runs."""
+    """How many failures of a sample the expert solves, with the 95 % interval of the share over the runs."""
 
     solved: int
     of: int
@@ -50,34 +50,34 @@ class Solvable:
 
 
 def sample(runs: Sequence[CountedRun], size: int) -> list[Sampled]:
-    """At most so many failing scenes of one strategy: one of every run, then the second ones, and so on."""
+    """At most ``size`` failing scenes of a strategy: the first of every run, then the second, and so on."""
     dealt: dict[Scene, Sampled] = {}
-    for each in zip_longest(*map(_shuffled, runs)):
-        for sampled in filter(None, each):
+    for round_ in zip_longest(*map(_shuffled, runs)):
+        for sampled in filter(None, round_):
             dealt.setdefault(sampled.scene, sampled)
     return list(dealt.values())[:size]
 
 
-def _shuffled(found: CountedRun) -> list[Sampled]:
-    failures, seed = found.failures, found.run.manifest.seed
+def _shuffled(counted: CountedRun) -> list[Sampled]:
+    failures, seed = counted.failures, counted.run.manifest.seed
     order = np.random.default_rng([seed, len(failures)]).permutation(len(failures))
-    return [Sampled(failures[index].scene, found.run.id) for index in order]
+    return [Sampled(failures[index].scene, counted.run.id) for index in order]
 
 
 def solvable(sampled: Sequence[Sampled], solved: Mapping[str, bool]) -> Solvable | None:
-    """The share of a sample that the expert solves; None where nothing was sampled.
+    """The share of a sample that the expert solves; None for an empty sample.
 
     Args:
-        solved: by digest, whether it does.
+        solved: by digest, whether the expert solves the scene.
     """
     if not sampled:
         return None
-    cases = [(each.run, solved[each.scene.digest]) for each in sampled]
-    return Solvable(sum(so for _, so in cases), len(cases), *share_interval(cases))
+    cases = [(failure.run, solved[failure.scene.digest]) for failure in sampled]
+    return Solvable(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
 
 
 class Witnesses:
-    """Whether the expert solves scenes, kept in a file so that no scene is tried twice.
+    """Whether the expert solves scenes; kept in a file, so that no scene is tried twice.
 
     Args:
         path: of the file, JSON lines.
@@ -93,14 +93,14 @@ class Witnesses:
                 self._take(line)
 
     def missing(self, scenes: Sequence[Scene]) -> list[Scene]:
-        """Those that are to be tried, each once."""
+        """The distinct scenes that were not tried yet."""
         return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self._known]
 
     def find(self, scenes: Sequence[Scene], runner: Solver, watch: Callable[[int, int], None]) -> None:
-        """Try what is missing; each is kept as soon as it is done.
+        """Try what is missing; every result is stored at once.
 
         Args:
-            watch: hears how many are done of all.
+            watch: told how many scenes of how many are done.
         """
         todo = self.missing(scenes)
         for done, scene in enumerate(todo):
@@ -108,14 +108,14 @@ class Witnesses:
             search = find_witness(scene, runner.solve, runner.play)
             solved = self._known[scene.digest] = search.witness is not None
             if search.broken:
-                continue  # it counts as not solved, and is tried again the next time
+                continue  # counts as not solved, and is tried again next time
             entry = {"scene": scene.digest, "solved": solved, "conditions": self._conditions}
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(entry) + "\n")
 
     @property
     def solved(self) -> Mapping[str, bool]:
-        """By digest, whether the expert solves it."""
+        """By digest, whether the expert solves the scene."""
         return self._known
 
     def _take(self, line: str) -> None:
@@ -123,5 +123,5 @@ class Witnesses:
             entry = json.loads(line)
             if entry["conditions"] == self._conditions:
                 self._known[entry["scene"]] = bool(entry["solved"])
-        except (ValueError, KeyError, TypeError):  # the last line of a call that was killed
+        except (ValueError, KeyError, TypeError):  # the last line of a process that was killed
             return

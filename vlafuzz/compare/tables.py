@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vlafuzz.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.compare.evidence import Evidence
-from vlafuzz.text import Row, markdown_table
+from vlafuzz.text import Row, count_of, markdown_table, percent
 
 _FOUND = {
     "failures": "failures",
@@ -33,30 +33,30 @@ _COST = {
     "store_share": "store share",
 }
 _EVIDENCE = ("confirmed", "witnessed", "minimal", "distinct signatures")
-_SHARES = ("coverage", "valid_share")
-_SMALL_SHARES = ("search_share", "store_share")
+_SHARES = ("coverage", "valid_share", "search_share", "store_share")
 NOTE = (
-    "median (middle half) over the repeats; CID: mean distance from all failures to the nearest found, "
-    "less is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, as share of the wall time; "
-    "solvable, confirmed: with the 95 % interval, in which failures of one run count as alike as they are"
+    "median (middle half) over the repeats; CID: mean distance from all failures to the nearest one found, "
+    "lower is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, also as share of the wall "
+    "time; solvable, confirmed: with the 95 % interval, which takes into account that failures of one run "
+    "resemble each other"
 )
 
 
 def tables(compared: Comparison) -> dict[str, list[Row]]:
-    """Rows by title."""
+    """The rows of every table, by title."""
     shared = f"{compared.task}, {compared.policy}, {compared.budget} rollouts, {compared.repeats} repeats"
     together = [
         {
-            "strategy": each.strategy,
-            "failures": each.failures,
-            "cells": each.cells,
-            "of all cells": f"{each.coverage:.0%}" if each.coverage is not None else "–",
-            "found by no other": each.only,
-            "solvable": _solvable(each),
+            "strategy": standing.strategy,
+            "failures": standing.failures,
+            "cells": standing.cells,
+            "of all cells": percent(standing.coverage),
+            "found by no other": standing.only,
+            "solvable": _solvable(standing),
         }
-        for each in compared.standings
+        for standing in compared.standings
     ]
-    triaged = [_evidence(each) for each in compared.standings]
+    triaged = [_evidence(standing) for standing in compared.standings]
     return {
         f"found: {shared}": _rows(compared, _FOUND),
         f"all repeats together: {compared.union_cells} cells": together,
@@ -66,7 +66,7 @@ def tables(compared: Comparison) -> dict[str, list[Row]]:
 
 
 def sentences(compared: Comparison) -> list[str]:
-    """What the tests say of distinct cells and of failures, by strategy."""
+    """The test results for distinct cells and failures, by strategy."""
     return [
         f"{pair.strategy}: {pair.verdict}"
         for standing in compared.standings
@@ -78,17 +78,17 @@ def sentences(compared: Comparison) -> list[str]:
 def markdown(compared: Comparison) -> str:
     """The tables and sentences as markdown."""
     parts = [f"**{title}**\n\n{markdown_table(rows)}" for title, rows in tables(compared).items()]
-    said = "\n".join(f"- {sentence}" for sentence in sentences(compared))
-    return "\n\n".join([*parts, NOTE, *([said] if said else [])]) + "\n"
+    tests = "\n".join(f"- {sentence}" for sentence in sentences(compared))
+    return "\n\n".join([*parts, NOTE, *([tests] if tests else [])]) + "\n"
 
 
 def csv_rows(compared: Comparison) -> list[Row]:
-    """A row a strategy: numbers, unrounded."""
-    return [_csv_row(each) for each in compared.standings]
+    """One row of unrounded numbers per strategy."""
+    return [_csv_row(standing) for standing in compared.standings]
 
 
 def write_runs(compared: Comparison, path: Path) -> None:
-    """A row a run."""
+    """Write a CSV file with one row per run."""
     rows = [asdict(run) for run in compared.runs]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
@@ -98,9 +98,9 @@ def write_runs(compared: Comparison, path: Path) -> None:
 
 def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
     return [
-        {"strategy": each.strategy}
-        | {says: _shown(each.figures[name], name) for name, says in columns.items()}
-        for each in compared.standings
+        {"strategy": standing.strategy}
+        | {title: _shown(standing.figures[name], name) for name, title in columns.items()}
+        for standing in compared.standings
     ]
 
 
@@ -114,39 +114,37 @@ def _number(value: float | None, name: str) -> str:
     if value is None:
         return "–"
     if name in _SHARES:
-        return f"{value:.0%}"
-    if name in _SMALL_SHARES:
-        return f"{value:.1%}"
+        return percent(value)
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
 
 
-def _solvable(each: Standing) -> str:
-    found = each.solvable
-    return "–" if found is None else f"{found.solved} of {found.of} ({found.low:.0%}–{found.high:.0%})"
+def _solvable(standing: Standing) -> str:
+    sample = standing.solvable
+    return "–" if sample is None else count_of(sample.solved, sample.of, sample.low, sample.high)
 
 
 def _triaged(compared: Comparison) -> bool:
-    return any(each.evidence for each in compared.standings)
+    return any(standing.evidence for standing in compared.standings)
 
 
-def _evidence(each: Standing) -> Row:
-    found = each.evidence
-    if found is None:
-        return {"strategy": each.strategy} | dict.fromkeys(_EVIDENCE, "–")
-    confirmed = f"{found.confirmed} of {found.triaged} ({found.low:.0%}–{found.high:.0%})"
-    signatures = f"{found.signatures} of {found.triaged} triaged"
-    values = (confirmed, found.witnessed, found.minimal, signatures)
-    return {"strategy": each.strategy} | dict(zip(_EVIDENCE, values, strict=True))
+def _evidence(standing: Standing) -> Row:
+    evidence = standing.evidence
+    if evidence is None:
+        return {"strategy": standing.strategy} | dict.fromkeys(_EVIDENCE, "–")
+    confirmed = count_of(evidence.confirmed, evidence.triaged, evidence.low, evidence.high)
+    signatures = f"{evidence.signatures} of {evidence.triaged} triaged"
+    values = (confirmed, evidence.witnessed, evidence.minimal, signatures)
+    return {"strategy": standing.strategy} | dict(zip(_EVIDENCE, values, strict=True))
 
 
-def _csv_row(each: Standing) -> Row:
-    row: Row = {"strategy": each.strategy}
+def _csv_row(standing: Standing) -> Row:
+    row: Row = {"strategy": standing.strategy}
     for name in SPREAD:
-        row |= {f"{name}_{part}": getattr(each.figures[name], part) for part in ("median", "low", "high")}
-    together = {name: getattr(each, name) for name in ("failures", "cells", "coverage", "only")}
+        row |= {f"{name}_{part}": getattr(standing.figures[name], part) for part in ("median", "low", "high")}
+    together = {name: getattr(standing, name) for name in ("failures", "cells", "coverage", "only")}
     row |= {f"all_{name}": value for name, value in together.items()}
     parts = ("solved", "of", "low", "high")
-    row |= {f"solvable_{part}": getattr(each.solvable, part, None) for part in parts}
+    row |= {f"solvable_{part}": getattr(standing.solvable, part, None) for part in parts}
     return row | {
-        f"evidence_{part.name}": getattr(each.evidence, part.name, None) for part in fields(Evidence)
+        f"evidence_{part.name}": getattr(standing.evidence, part.name, None) for part in fields(Evidence)
     }

@@ -1,4 +1,4 @@
-"""Pairs of strategies, measure by measure: effect, interval, corrected p-value, and a sentence."""
+"""Pairs of strategies, measure by measure: effect size, interval, corrected p-value, and a sentence."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ ALPHA = 0.05
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure that says which of two strategies did better.
+    """A figure by which strategies are compared.
 
     Attributes:
         name: of the field of ``Figures``.
         says: in words.
-        most: whether more of it is better.
+        most: whether more is better.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Pair:
     """One strategy beside another, in one measure.
 
     Attributes:
-        ratio: of the means, ``low`` and ``high`` its 95 % interval; None where there is none.
-        a12: how often a run of ours has more of it than one of theirs, ties count half.
+        ratio: of the means, with the 95 % interval from ``low`` to ``high``; None where undefined.
+        a12: probability that a run of ours has more of it than one of theirs; ties count half.
         p: two-sided, Mann-Whitney; ``p_holm`` corrected over all pairs of the same measure in ``of``.
         of: the family, ``reference`` (all against it) or ``all`` (every pair).
-        tells: whether so few repeats could have shown a difference at all.
+        tells: whether so few repeats could show a difference at all.
     """
 
     strategy: str
@@ -90,7 +90,7 @@ def each_pair(runs: Runs) -> list[Pair]:
 
 
 def _family(runs: Runs, pairs: Sequence[tuple[str, str]], measure: Measure, of: str) -> list[Pair]:
-    values = {name: [_value(each, measure) for each in figures] for name, figures in runs.items()}
+    values = {name: [_value(run, measure) for run in figures] for name, figures in runs.items()}
     p_values = [mann_whitney(values[ours], values[theirs]) for ours, theirs in pairs]
     corrected = holm(p_values)
     return [
@@ -100,7 +100,7 @@ def _family(runs: Runs, pairs: Sequence[tuple[str, str]], measure: Measure, of: 
 
 
 def _value(figures: Figures, measure: Measure) -> float:
-    """None is worse than any number: a run without failures has no distance from them, nor a first one."""
+    """A figure as a number; None, of a run without such failures, is worse than any number."""
     value = getattr(figures, measure.name)
     worst = -math.inf if measure.most else math.inf
     return worst if value is None else float(value)

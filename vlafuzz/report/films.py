@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
 from vlafuzz.evidence import Actions
@@ -12,6 +13,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest
 from vlafuzz.text import plural
+from vlafuzz.triage import scene_runner
 
 
 class Films(Protocol):
@@ -19,6 +21,28 @@ class Films(Protocol):
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
         """The run's policy in a scene, or the given actions; None if that raised an error."""
+
+
+class RunFilms:
+    """Films made in the simulator; it is kept while the run stays the same, as starting it takes seconds."""
+
+    def __init__(self, source: Path) -> None:
+        self._source = source
+        self._run: Manifest | None = None
+        self._runner: scene_runner.SimulatorSceneRunner | None = None
+
+    def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
+        """See ``Films``."""
+        if self._runner is None or run != self._run:
+            self.close()
+            self._run, self._runner = run, scene_runner.SimulatorSceneRunner(self._source, run)
+        return self._runner.film(scene, actions)
+
+    def close(self) -> None:
+        """Let go of simulator and policy."""
+        if self._runner is not None:
+            self._runner.close()
+            self._runner = None
 
 
 def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], None]) -> View:
