@@ -158,7 +158,7 @@ def test_a_sample_is_triaged_when_asked_for(
     monkeypatch.setattr(runner, "SimulatorSceneRunner", in_the_dark)
     compare("--triage-sample", "2")
     shown = capsys.readouterr().out
-    assert "2 of 2 (34%–100%)" in shown
+    assert "2 of 2 (34.2–100%)" in shown
     assert "1 of 2 triaged" in shown
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--triage-sample", "2", "--json")
