@@ -9,7 +9,8 @@ import typer
 
 from vlafuzz.cli.output import print_rows
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.objects.catalogue import ObjectModel, load_catalogue
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.objects.model import ObjectModel
 
 
 def command(

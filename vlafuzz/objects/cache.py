@@ -32,13 +32,13 @@ def fingerprint(name: str, spec: Entry) -> str:
 def built(name: str, spec: Entry) -> ObjectModel:
     """The object from the cache, built first if necessary."""
     place = f"objects/{name.replace(':', '-')}-{fingerprint(name, spec)}"
-    fill, whole = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
-    model = _load(shipped.made_once(place, fill, whole), spec)
+    fill, is_complete = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
+    model = _load(shipped.made_once(place, fill, is_complete), spec)
     # SAPIEN only logs a missing mesh
     if all(file.is_file() for file in (model.visual, *model.collision)):
         return model
     shutil.rmtree(model.collision[0].parent, ignore_errors=True)
-    return _load(shipped.made_once(place, fill, whole), spec)
+    return _load(shipped.made_once(place, fill, is_complete), spec)
 
 
 def _fill(name: str, spec: Entry, folder: Path) -> None:

@@ -11,11 +11,9 @@ from types import MappingProxyType
 from vlafuzz import shipped
 from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.objects.cache import Entry, built, fingerprint
-from vlafuzz.objects.model import Container, Grasp, ObjectModel, Role, StablePose
+from vlafuzz.objects.model import ObjectModel, Role
 from vlafuzz.objects.packs import Pack, PackObject
 from vlafuzz.objects.schema import read_file
-
-__all__ = ["Catalogue", "Container", "Grasp", "ObjectModel", "StablePose", "load_catalogue"]
 
 
 class Catalogue:

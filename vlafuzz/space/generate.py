@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from vlafuzz.errors import UsageError
-from vlafuzz.objects.catalogue import ObjectModel
+from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.space.codec import Codec
 from vlafuzz.space.compose import Values, camera

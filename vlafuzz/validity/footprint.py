@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.objects.catalogue import ObjectModel
 from vlafuzz.objects.hulls import outline
+from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Placement
 
 Array = NDArray[np.float64]

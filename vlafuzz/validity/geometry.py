@@ -7,7 +7,8 @@ from itertools import combinations
 
 import numpy as np
 
-from vlafuzz.objects.catalogue import Catalogue, ObjectModel
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import rig

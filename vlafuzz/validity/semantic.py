@@ -10,7 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
-from vlafuzz.objects.catalogue import Catalogue, ObjectModel
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand
 from vlafuzz.rigs.robots import RIGS, rig
 from vlafuzz.scene import Camera, Placement, Scene

@@ -23,7 +23,7 @@ METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Applied:
     """What the simulator contains, read back from it.
 
