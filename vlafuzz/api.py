@@ -1,10 +1,12 @@
 """fuzz and triage from Python, with a policy that is an object.
 
-from vlafuzz.api import fuzz, triage
+For example::
 
-run = fuzz(policy, task="pick-up", budget=100)
-for finding in triage(run.store, policy).triaged_findings:
-print(finding.bucket, finding.signature, *finding.causes)
+    run = fuzz(policy, task="pick-up", budget=100)
+    for finding in triage(run.store, policy).triaged_findings:
+        print(finding.bucket, finding.signature, *finding.causes)
+
+Options have the names of the command line's flags.
 """
 
 from __future__ import annotations

@@ -21,13 +21,13 @@ from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store
 from vlafuzz.watch import SILENT, Watch
 
-SCENE_FILES = (".jsonl", ".json")  # they have neither runs nor verdicts
+SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 
 Chosen = Literal["failed", "passed", "all"]
 
 
 class Exported(NamedTuple):
-    """How many were written; how many were left out, by reason."""
+    """The number written, and the numbers left out, by reason."""
 
     written: int
     left_out: Mapping[str, int]
@@ -58,7 +58,7 @@ def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
     """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``.
 
     Raises:
-        UsageError: it cannot be written.
+        UsageError: the file cannot be written.
     """
     left_out: Mapping[str, int] = {}
     try:
@@ -75,7 +75,7 @@ def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
 
 
 def write_demonstrations(source: Path, out: Path, run: int | None = None, watch: Watch = SILENT) -> Exported:
-    """Replay the witnesses of failures and write those that succeed as a data set of LeRobot.
+    """Replay the witnesses of failures and write those that succeed as a LeRobot dataset.
 
     Raises:
         PrerequisiteError: LeRobot is not installed.

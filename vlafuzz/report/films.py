@@ -39,7 +39,7 @@ class RunFilms:
         return self._runner.film(scene, actions)
 
     def close(self) -> None:
-        """Let go of simulator and policy."""
+        """Close simulator and policy."""
         if self._runner is not None:
             self._runner.close()
             self._runner = None
