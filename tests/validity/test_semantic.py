@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Light, Placement, Scene
+from vlafuzz.scene import Backdrop, Light, Placement, Scene
 from vlafuzz.validity import Rejection, check_semantic
 from vlafuzz.validity.semantic import ambiguous
 
@@ -36,6 +36,9 @@ def test_fair(fair: Scene) -> None:
 
 
 UNFAIR = {
+    "backdrop: the background of widowx-photo is a photo, which hides table and wall": replace(
+        scene("pick-up", at("apple")), robot="widowx-photo", backdrop=Backdrop(wall="red")
+    ),
     "unknown task 'dance'": scene("dance", at("apple")),
     "unknown robot 'r2'": replace(scene("pick-up", at("apple")), robot="r2"),
     "an instruction is empty": replace(scene("pick-up", at("apple")), then=(" ",)),

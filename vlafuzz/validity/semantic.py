@@ -14,7 +14,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand
 from vlafuzz.rigs.robots import RIGS, rig
-from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.scene import Backdrop, Camera, Placement, Scene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.footprint import extents, footprint
@@ -46,6 +46,8 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     setup = rig(scene.robot)
     if setup.photos and scene.camera != Camera():
         yield f"camera: the background of {scene.robot} is a photo, which fits the nominal view only"
+    if setup.photos and scene.backdrop != Backdrop():
+        yield f"backdrop: the background of {scene.robot} is a photo, which hides table and wall"
     models = [catalogue[placement.object] for placement in scene.placements]
     for a, b in combinations(models, 2):
         if ambiguous(a.spoken, b.spoken):
