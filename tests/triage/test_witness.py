@@ -9,6 +9,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.expert import Expert
+from vlafuzz.scene import Latency
 from vlafuzz.triage.witness import Player, find_witness
 
 
@@ -28,6 +29,17 @@ def test_where_the_expert_fails_it_begins_with_other_grasps():
 def test_without_a_solution_there_is_no_witness():
     search = find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3)
     assert (search.witness, search.rollouts) == (None, 3)
+
+
+def test_the_expert_acts_without_latency_and_its_actions_are_played_with_it():
+    late, seen = replace(scene(), latency=Latency(2)), []
+
+    def passes(shown, _):
+        seen.append(shown)
+        return passed()
+
+    assert find_witness(late, passes, passes).witness is not None
+    assert seen == [scene(), late]
 
 
 def test_a_simulator_that_breaks_says_nothing_about_the_scene():
@@ -56,8 +68,9 @@ def test_a_player_executes_its_actions_and_then_stays():
     assert player.spec.action == Expert().spec.action
 
 
+@pytest.mark.parametrize("delay", [0, 3])
 @pytest.mark.parametrize("task", ["pick-up", "put-on"])
-def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task):
+def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
     from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
@@ -70,10 +83,11 @@ def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task):
         player.actions = actions
         return players.evaluate([scene])[0]
 
-    search = find_witness(nominal(task), lambda scene, grasp: experts.evaluate([scene])[0], play)
+    late = replace(nominal(task), latency=Latency(delay))
+    search = find_witness(late, lambda scene, grasp: experts.evaluate([scene])[0], play)
     assert search.witness is not None
     assert search.rollouts == 2
-    again = play(nominal(task), search.witness.actions)
+    again = play(late, search.witness.actions)
     assert again.verdict is Verdict.PASSED
     assert again.rollouts[0].states_hash == search.witness.states_hash
     experts.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from vlafuzz.evidence import Actions, Witness
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.expert import ATTEMPTS
-from vlafuzz.scene import Scene
+from vlafuzz.scene import Latency, Scene
 
 TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it gives up
 
@@ -39,13 +39,16 @@ def find_witness(
 ) -> Search:
     """Let the expert solve a scene, with another grasp or direction each time, until a replay succeeds.
 
+    The expert acts without latency, as it corrects itself at every step. The replay, which does not, has the
+    scene's latency.
+
     Args:
         solve: gives the outcome of the expert's n-th attempt.
         play: gives the outcome of executing actions from the same initial state.
     """
-    rollouts, broken = 0, False
+    rollouts, broken, prompt = 0, False, replace(scene, latency=Latency())
     for attempt in range(tries):
-        solved = solve(scene, attempt)
+        solved = solve(prompt, attempt)
         rollouts += len(solved.rollouts)
         broken |= solved.verdict is Verdict.ERROR
         if solved.verdict is not Verdict.PASSED:
