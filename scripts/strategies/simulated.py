@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from strategies.results import side_by_side
-from vlafuzz.campaign import config, launch
-from vlafuzz.campaign.resume import resume
+from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.campaign.missing_runs import WantedRun, do_missing, stored_run
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.plots import plot
@@ -26,6 +27,7 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.store import Store
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.watch import SILENT
 
 
 @dataclass(frozen=True)
@@ -59,19 +61,25 @@ class Job:
 
     def play(self) -> Ran:
         """Run, resume, or only count."""
-        flags = {
-            name: getattr(self, name)
-            for name in ("task", "strategy", "seed", "policy", "budget", "workers", "store")
-        }
-        if not self.store.exists():
-            launch.start(config.plan(config.RunConfig(**flags)), lambda tally: None)
-        elif not self._finished():
-            launch.start(resume(flags), lambda tally: None)
+        config = RunConfig(
+            task=self.task,
+            strategy=self.strategy,
+            seed=self.seed,
+            policy=self.policy,
+            budget=self.budget,
+            workers=self.workers,
+            store=self.store,
+        )
+        with Store.open(self.store, "write") as store:
+            run = WantedRun(
+                name=str(self.store),
+                budget=self.budget,
+                plan=partial(plan, config),
+                stored=stored_run(store.runs()),
+                group=None,
+            )
+            do_missing(store, [run], SILENT)
         return self._counted()
-
-    def _finished(self) -> bool:
-        with Store.open(self.store) as store:
-            return all(run.status in ("finished", "stopped") for run in store.runs())
 
     def _counted(self) -> Ran:
         with Store.open(self.store) as store:

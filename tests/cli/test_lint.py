@@ -117,7 +117,7 @@ def vlatest(folder: Path, apart: float) -> Path:
 def test_vlatests_files_are_read_without_the_simulator(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vlafuzz.cli.lint._settle", None)
+    monkeypatch.setattr("vlafuzz.diagnostics.lint._settle", None)
     assert main(["lint", "--json", str(vlatest(tmp_path, 0.04))]) == 1
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["scenes"], row["geometry"]) == (1, 1)

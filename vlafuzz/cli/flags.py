@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,42 +12,34 @@ def listed(names: str | None) -> tuple[str, ...] | None:
     return None if names is None else tuple(name.strip() for name in names.split(","))
 
 
+def _option(flag: str, text: str, default: str | None = None) -> Any:
+    return typer.Option(flag, help=text, show_default=default if default else False)
+
+
 RobotFlag = Annotated[
     str | None,
-    typer.Option(
-        "--robot",
-        help="Whose hand it is: panda; widowx or google, with files from a --pack.",
-        show_default="panda",
-    ),
+    _option("--robot", "Whose hand it is: panda; widowx or google, with files from a --pack.", "panda"),
 ]
 OperatorsFlag = Annotated[
-    str | None,
-    typer.Option(
-        "--operators", help="YAML file of ranges, or a shipped one's name.", show_default="tabletop"
-    ),
+    str | None, _option("--operators", "YAML file of ranges, or a shipped one's name.", "tabletop")
 ]
-VaryFlag = Annotated[
-    str | None, typer.Option("--vary", help="Only these operators vary: light,camera-position,…")
-]
+VaryFlag = Annotated[str | None, _option("--vary", "Only these operators vary: light,camera-position,…")]
 PlacementFlag = Annotated[
     str | None,
-    typer.Option(
+    _option(
         "--placement",
-        help="How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
-        show_default="resting",
+        "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
+        "resting",
     ),
 ]
 ExecutorFlag = Annotated[
     str | None,
-    typer.Option(
+    _option(
         "--executor",
-        help="Where scenes are evaluated: local, processes, or ray.",
-        show_default="local; processes for several",
+        "Where scenes are evaluated: local, processes, or ray.",
+        "local; processes for several",
     ),
 ]
 AddressFlag = Annotated[
-    str | None,
-    typer.Option(
-        "--address", help="Of a ray cluster: auto, or host:port.", show_default="a ray of this machine"
-    ),
+    str | None, _option("--address", "Of a ray cluster: auto, or host:port.", "a ray of this machine")
 ]
