@@ -16,7 +16,8 @@ from vlafuzz.store.records import Run
 
 
 def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Failure:
-    return Failure(scene(x=x), cell, 1.0, worth, spent, np.array([x, 0.0]))
+    vector = np.array([x, 0.0])
+    return Failure(scene=scene(x=x), cell=cell, severity=1.0, quality=worth, spent=spent, vector=vector)
 
 
 def found(*failures: Failure, **counts: int) -> CountedRun:
@@ -28,7 +29,7 @@ def found(*failures: Failure, **counts: int) -> CountedRun:
         seconds=9.0,
         search_seconds=0.9,
     )
-    return CountedRun(run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
+    return CountedRun(run=run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
 
 
 def test_a_failure_in_the_nominal_scene_before_anything_was_achieved_is_worth_one():

@@ -13,9 +13,11 @@ SCENES = [scene(x=number / 100) for number in range(6)]
 
 
 def found(seed: int, *xs: int) -> CountedRun:
-    failures = tuple(Failure(SCENES[x], "a", 1.0, 0.5, 1, np.zeros(1)) for x in xs)
+    failures = tuple(
+        Failure(scene=SCENES[x], cell="a", severity=1.0, quality=0.5, spent=1, vector=np.zeros(1)) for x in xs
+    )
     return CountedRun(
-        Run(id=seed, manifest=manifest(seed=seed), status="finished", started=""), failures=failures
+        run=Run(id=seed, manifest=manifest(seed=seed), status="finished", started=""), failures=failures
     )
 
 

@@ -10,7 +10,17 @@ from vlafuzz.studies.unseen import difference, paired_tests, transfers
 def standing(*counts: int, of: int = 10, policy: str = "a", task: str = "pick-up") -> Standing:
     shares = [Share.of_counts(count, of) for count in counts]
     stages = [Reached(*vars(each).values(), stage=f"stage {number}") for number, each in enumerate(shares)]
-    return Standing(task, policy, None, of, 0, 0, 0.5, False, tuple(stages))
+    return Standing(
+        task=task,
+        policy=policy,
+        confounders=None,
+        judged=of,
+        invalid=0,
+        errors=0,
+        progress=0.5,
+        stopped=False,
+        stages=tuple(stages),
+    )
 
 
 def test_a_transfer_rate_is_the_share_of_those_that_came_so_far() -> None:

@@ -20,7 +20,7 @@ from vlafuzz.store.store import Store
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Failure:
     """A failing scene of a run.
 
@@ -40,7 +40,7 @@ class Failure:
     vector: Vector
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CountedRun:
     """The counts of a run.
 
@@ -86,39 +86,45 @@ def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
     operators = max(1, len(json.loads(run.manifest.operators).get("varied", ())))
     counts = dict.fromkeys(Verdict, 0)
     failures: dict[str, Failure] = {}
-    rejected, own = set[str](), set[str]()
-    spent, seconds, proposals = 0, 0.0, 0
-    # In the order of proposals, a duplicate may precede the trial of its batch that was rolled out.
-    borrowed: dict[str, int] = {}
+    rejected, own, reused = set[str](), set[str](), set[str]()
+    spent, seconds = 0, 0.0
     for trial in store.trials(run.id):
         digest, outcome = trial.scene.digest, trial.outcome
-        proposals += 1
         counts[outcome.verdict] += 1
-        if trial.duplicate:
-            borrowed.setdefault(digest, trial.proposal)
-        else:
-            own.add(digest)
+        (reused if trial.duplicate else own).add(digest)
+        if not trial.duplicate:
             spent += len(outcome.rollouts)
             seconds += sum(rollout.seconds for rollout in outcome.rollouts)
         if outcome.verdict is Verdict.INVALID:
             rejected.add(digest)
         if outcome.verdict is Verdict.FAILED and digest not in failures:
-            worth = quality(trial.severity, outcome.progress, operators)
             failures[digest] = Failure(
-                trial.scene, trial.cell or "", trial.severity, worth, spent, embed(trial.scene)
+                scene=trial.scene,
+                cell=trial.cell or "",
+                severity=trial.severity,
+                quality=quality(trial.severity, outcome.progress, operators),
+                spent=spent,
+                vector=embed(trial.scene),
             )
-    _check_own(store, run, [borrowed[digest] for digest in borrowed if digest not in own])
-    judged = counts[Verdict.PASSED] + counts[Verdict.FAILED]
+    # A duplicate may precede the trial of its batch that was rolled out, so this waits for all of them.
+    _check_own(store, run, len(reused - own))
     return CountedRun(
-        run, spent, seconds, proposals, judged, counts[Verdict.INVALID], len(rejected),
-        counts[Verdict.ERROR], tuple(failures.values()),
-    )  # fmt: skip
+        run=run,
+        rollouts=spent,
+        rollout_seconds=seconds,
+        proposals=sum(counts.values()),
+        judged=counts[Verdict.PASSED] + counts[Verdict.FAILED],
+        rejected=counts[Verdict.INVALID],
+        rejected_scenes=len(rejected),
+        errors=counts[Verdict.ERROR],
+        failures=tuple(failures.values()),
+    )
 
 
-def _check_own(store: Store, run: Run, borrowed: Sequence[int]) -> None:
+def _check_own(store: Store, run: Run, borrowed: int) -> None:
     if borrowed:
         raise UsageError(
-            f"{store.path}: run {run.id} reused {len(borrowed)} outcomes of other runs, at no cost",
+            f"{store.path}: run {run.id} reused {borrowed} outcomes of other runs, at no cost",
             hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
         )
 

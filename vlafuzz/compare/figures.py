@@ -14,7 +14,7 @@ from vlafuzz.compare.failures import CountedRun, Failure
 POINTS = 50  # of a curve
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Figures:
     """A run in numbers; None where there is nothing to measure.
 
@@ -140,7 +140,7 @@ def _points(failures: Sequence[Failure]) -> NDArray[np.float64]:
     return np.stack([failure.vector for failure in failures])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """A count as a function of rollouts, over the repeats of a strategy: median and middle half."""
 
@@ -176,4 +176,11 @@ def _firsts(failures: Sequence[Failure]) -> list[int]:
 def _curve(strategy: str, what: str, at: tuple[int, ...], spent: Sequence[Sequence[int]]) -> Curve:
     counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
     low, middle, high = np.percentile(counts, [25, 50, 75], axis=0)
-    return Curve(strategy, what, at, tuple(middle.tolist()), tuple(low.tolist()), tuple(high.tolist()))
+    return Curve(
+        strategy=strategy,
+        what=what,
+        rollouts=at,
+        median=tuple(middle.tolist()),
+        low=tuple(low.tolist()),
+        high=tuple(high.tolist()),
+    )

@@ -47,7 +47,7 @@ MEASURES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Pair:
     """One strategy beside another, in one measure.
 
@@ -117,19 +117,19 @@ def _pair(
 ) -> Pair:
     ours, theirs = values
     interval = ratio_interval(ours, theirs)
-    tells = tests * smallest_p(len(ours), len(theirs)) <= ALPHA
     pair = Pair(
-        *names,
-        measure.name,
-        ratio(ours, theirs),
-        interval.low if interval else None,
-        interval.high if interval else None,
-        a12(ours, theirs),
-        p,
-        p_holm,
-        of,
-        tells,
-        "",
+        strategy=names[0],
+        other=names[1],
+        measure=measure.name,
+        ratio=ratio(ours, theirs),
+        low=interval.low if interval else None,
+        high=interval.high if interval else None,
+        a12=a12(ours, theirs),
+        p=p,
+        p_holm=p_holm,
+        of=of,
+        tells=tests * smallest_p(len(ours), len(theirs)) <= ALPHA,
+        verdict="",
     )
     return replace(pair, verdict=_sentence(pair, measure, len(ours), tests))
 

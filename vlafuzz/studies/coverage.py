@@ -58,7 +58,7 @@ class Track:
     strategy: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Covered:
     """What the first ``scenes`` of a track cover.
 

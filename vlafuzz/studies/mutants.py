@@ -33,7 +33,7 @@ EDGES = {  # of the bins of a curve; values beyond the last edge belong to the l
 CURVES = {"rq3": ("darker", "brighter"), "rq4": ("camera moved, cm", "camera turned, degrees")}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kept:
     """How many scenes of a task a policy still passes when they are mutated, of those that it had passed.
 

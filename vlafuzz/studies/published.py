@@ -46,7 +46,7 @@ class Success:
     as_well: float | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mutated:
     """RQ3 (light) and RQ4 (camera): passes of RQ1, and how many of them are left.
 

@@ -22,7 +22,7 @@ class Reached(Share):
     stage: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Standing:
     """The counts of one run.
 

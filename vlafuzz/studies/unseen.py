@@ -17,7 +17,7 @@ ENOUGH = 3  # policies for a test over policies
 _RESAMPLES = 10_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Difference:
     """A policy in a task with seen and with unseen objects.
 
