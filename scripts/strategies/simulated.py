@@ -16,12 +16,12 @@ from typing import Any
 
 from strategies.results import side_by_side
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.campaign.missing_runs import WantedRun, do_missing, stored_run
+from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.plots import plot
 from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solvable
-from vlafuzz.conditions.operators import stored_operators
+from vlafuzz.conditions.stored import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed, trial
-from vlafuzz.campaign.baseline import beside_random
+from vlafuzz.campaign.results import beside_random
 from vlafuzz.statistics import newcombe
 from vlafuzz.store.store import Store
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import scene
-from vlafuzz.campaign.clusters import RADIUS, clusters
+from vlafuzz.campaign.results import RADIUS, clusters
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators

@@ -6,7 +6,7 @@ import pytest
 from tests.doubles import Always, ClosedForm
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.missing_runs import WantedRun, do_missing, stored_run
+from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.outcome import Outcome

@@ -11,7 +11,7 @@ import pytest
 from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.cli import main
 from vlafuzz.policies.base import Policy
-from vlafuzz.report.store import view_of_store
+from vlafuzz.report.sources import view_of_store
 from vlafuzz.store.store import Store
 
 HERE = "python:tests.cli.test_examining"

@@ -6,7 +6,7 @@ import pytest
 from tests.doubles import manifest
 from tests.packs import can, write_pack
 from vlafuzz import assets
-from vlafuzz.conditions.packs import packs_json, stored_packs
+from vlafuzz.conditions.stored import packs_json, stored_packs
 from vlafuzz.objects import open_packs
 
 

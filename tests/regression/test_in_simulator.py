@@ -8,7 +8,7 @@ import pytest
 from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from vlafuzz.cli import main
-from vlafuzz.conditions.operators import operators_json
+from vlafuzz.conditions.stored import operators_json
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.shipped import corpus_dir
 from vlafuzz.space import load_operators

@@ -9,9 +9,9 @@ import numpy as np
 from tests.doubles import failed, manifest, passed
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.conditions.operators import operators_json
+from vlafuzz.conditions.stored import operators_json
 from vlafuzz.evidence import Actions
-from vlafuzz.report.store import view_of_store
+from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film

@@ -7,8 +7,8 @@ from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.triage.planted import SPACE
 from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.report.deviations import deviations
-from vlafuzz.report.exported import view_of_corpus
 from vlafuzz.report.films import filmed
+from vlafuzz.report.sources import view_of_corpus
 from vlafuzz.report.view import Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.store.store import Store

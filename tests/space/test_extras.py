@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.operators import operators_json, stored_operators
+from vlafuzz.conditions.stored import operators_json, stored_operators
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import EXTRAS as PARTS

@@ -5,7 +5,7 @@ import pytest
 from tests.doubles import manifest
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.conditions import provenance
-from vlafuzz.conditions.operators import operators_json
+from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vlafuzz import assets
-from vlafuzz.campaign.clusters import Embed
 from vlafuzz.campaign.fuzz import PATIENCE, Space
-from vlafuzz.campaign.scene_file import read_scene_file, scene_file_json
+from vlafuzz.campaign.results import Embed
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
-from vlafuzz.conditions.operators import operators_json
-from vlafuzz.conditions.packs import packs_json
+from vlafuzz.conditions.stored import operators_json, packs_json
 from vlafuzz.errors import SceneError, UsageError, check_number
 from vlafuzz.execute.registry import Place, policy_at
+from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
@@ -156,6 +157,32 @@ def default_store(task: str, policy: str, strategy: str, seed: int) -> Path:
     """The default path of a run's store; unusual characters become dashes."""
     name = f"{task}-{policy}-{strategy}-{seed}"
     return Path("runs") / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".db")
+
+
+def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
+    """The scenes of a file, to run or to choose from; none where neither file is named.
+
+    Raises:
+        UsageError: both files are named.
+        SceneError: the file cannot be read.
+    """
+    if scenes and pool:
+        raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
+    path = scenes or pool
+    if path and path.is_file() and is_vlatest(path):
+        hint = "for VLATest's files: `vlafuzz import vlatest FILE --frame robot --out F.jsonl` writes some"
+        raise UsageError(f"{path}: not JSON lines", hint=hint)
+    return load_scenes(path) if path else []
+
+
+def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
+    """The file as a manifest keeps it: purpose, path and digest of its scenes; empty without a file."""
+    path = scenes or pool
+    if path is None:
+        return ""
+    digest = hashlib.blake2b("\n".join(scene.digest for scene in read).encode(), digest_size=8).hexdigest()
+    flag = "scenes" if scenes else "pool"
+    return json.dumps({"flag": flag, "file": str(path.resolve()), "digest": digest})
 
 
 def _check_numbers(config: RunConfig) -> None:

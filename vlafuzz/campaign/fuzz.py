@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import Protocol
 
-from vlafuzz.campaign.clusters import Embed, clusters
-from vlafuzz.campaign.past import Past
+import numpy as np
+
+from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rigs.robots import rig
@@ -22,13 +22,13 @@ from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
+AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
 class Space(Measure, Protocol):
     """The part of a search space that a campaign needs."""
 
-    def decode(self, genome: Genome) -> Scene:
-        """The scene at these coordinates."""
+    def decode(self, genome: Genome) -> Scene: ...
 
 
 def fuzz(
@@ -162,7 +162,7 @@ class _Campaign:
         return past
 
     def _run(self, scenes: Sequence[Scene], wanted: list[int]) -> Iterator[tuple[int, Outcome]]:
-        chunks = list(_chunks(wanted, self.chunk))
+        chunks = [wanted[first : first + self.chunk] for first in range(0, len(wanted), self.chunk)]
         batches = ((tag, [scenes[index] for index in chunk]) for tag, chunk in enumerate(chunks))
         for tag, outcomes in self.executor.run(batches):
             yield from zip(chunks[tag], outcomes, strict=True)
@@ -200,19 +200,52 @@ class _Campaign:
         place = None
         if outcome.verdict is Verdict.FAILED:
             place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
-        severity = self.space.severity(scene)
         return Trial(
             proposal=proposal.id,
             scene=scene,
             outcome=outcome,
-            severity=severity,
+            severity=self.space.severity(scene),
             genome=proposal.genome,
             cell=place,
             duplicate=duplicate,
         )
 
 
-def _chunks(indices: Sequence[int], size: int) -> Iterator[list[int]]:
-    rest = iter(indices)
-    while chunk := list(islice(rest, size)):
-        yield chunk
+class Past:
+    """Hands out a run's stored trials batch by batch, as its strategy proposes them again.
+
+    Attributes:
+        left: trials not yet handed out; 0 for a new run.
+    """
+
+    def __init__(self, store: Store, run: int) -> None:
+        self._store, self._run = store, run
+        self.left = store.count(run)
+
+    def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
+        """The stored trials of a batch by index; an interrupted batch lacks some."""
+        if not self.left:
+            return {}
+        first = proposals[0].id
+        stored = self._store.stored(self._run, first, len(scenes))
+        trials = {trial.proposal - first: trial for trial in stored}
+        for index, trial in trials.items():
+            same = trial.genome is not None and np.array_equal(trial.genome, proposals[index].genome)
+            if not same or trial.scene != scenes[index]:
+                raise self._diverged(trial.proposal)
+        self.left -= len(trials)
+        if len(trials) < len(scenes):
+            self.check_empty()
+        return trials
+
+    def check_empty(self) -> None:
+        """Raise a StoreError if a stored trial was not handed out."""
+        if self.left:
+            raise self._diverged(self._store.count(self._run) - self.left)
+
+    def _diverged(self, proposal: int) -> StoreError:
+        problem = f"was made by another version: its strategy now differs at proposal {proposal}"
+        return StoreError(
+            f"{self._store.path}: run {self._run} {problem}",
+            hint=f"use the version that began it, or {AFRESH}",
+        )

@@ -1,22 +1,31 @@
-"""launch: start the run of a plan, with a simulator and a store."""
+"""Start the run of a plan, or all runs that a store lacks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import closing
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
 
 from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
 from vlafuzz.sim.make import make_evaluator
+from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
+from vlafuzz.text import duration, plural
+from vlafuzz.watch import Watch
+
+_FIRST = 20  # rollouts after which the remaining time can be estimated
 
 
 def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
-    """Run a plan."""
     # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
     with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
         return fuzz(plan, store, executor, watch)
@@ -44,3 +53,131 @@ def fuzz(
 def make_executor(plan: Plan) -> Executor:
     """The executor of a plan, with its evaluator."""
     return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.policy)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WantedRun:
+    """A run that a comparison or a study needs.
+
+    Attributes:
+        name: for progress messages.
+        stored: the run that the store has of it, finished or not.
+        group: adjacent runs of one group share an executor.
+    """
+
+    name: str
+    budget: int
+    plan: Callable[[], Plan]
+    stored: Run | None
+    group: object
+
+    @property
+    def missing(self) -> bool:
+        return self.stored is None or self.stored.status in UNFINISHED
+
+
+def stored_run(runs: Sequence[Run]) -> Run | None:
+    """Of equal runs the first finished one, else the newest unfinished one."""
+    finished = (run for run in runs if run.status not in UNFINISHED)
+    return next(finished, runs[-1] if runs else None)
+
+
+def do_missing(
+    store: Store,
+    wanted: Sequence[WantedRun],
+    watch: Watch,
+    left_out: Callable[[WantedRun, UsageError], None] | None = None,
+) -> None:
+    """Begin or resume the runs that are missing, in order. They share no outcomes.
+
+    Args:
+        left_out: is told of a run that cannot be done, or has only invalid scenes; without it that is raised.
+
+    Raises:
+        VlafuzzError: a run judged no scene.
+    """
+    missing = [run for run in wanted if run.missing]
+    if not missing:
+        return
+    pace = _Pace(watch, [run.budget for run in missing], [run.stored for run in wanted if run.stored])
+    for _, group in groupby(missing, key=lambda run: run.group):
+        with ExitStack() as stack:
+            executor: Executor | None = None
+            for run in group:
+                pace.begin(run.name)
+                try:
+                    plan = _plan(run, store)
+                    executor = executor or stack.enter_context(closing(make_executor(plan)))
+                    summary = fuzz(plan, store, executor, pace, alone=True)
+                except StoreError:
+                    raise
+                except UsageError as error:
+                    if left_out is None:
+                        raise
+                    left_out(run, error)
+                    continue
+                _check_judged(summary, may_be_empty=left_out is not None)
+                if summary.stopped:
+                    watch.note(f"{run.name} stopped: {summary.stopped}")
+
+
+def _plan(run: WantedRun, store: Store) -> Plan:
+    plan = run.plan()
+    if run.stored is None:
+        return plan
+    check_version(store.path, run.stored, plan.manifest)
+    return replace(plan, manifest=run.stored.manifest, resume=run.stored.id)
+
+
+def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
+    verdicts = summary.verdicts
+    if verdicts["passed"] + verdicts["failed"] or (may_be_empty and not verdicts["error"]):
+        return
+    raise VlafuzzError(
+        f"no scene could be judged: {summary.last_error or summary.stopped}",
+        hint="`vlafuzz doctor` checks this machine, with --policy the policy; then use another store",
+    )
+
+
+class _Pace:
+    """Reports the progress over several runs and, once, how long all of them will take.
+
+    Args:
+        budgets: rollouts of each run to be done.
+        stored: runs under the same conditions; finished ones tell at once how long a rollout takes.
+    """
+
+    def __init__(self, watch: Watch, budgets: Sequence[int], stored: Sequence[Run]) -> None:
+        self._watch, self._budgets, self._begun, self._description = watch, budgets, 0, ""
+        self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
+        finished = [run for run in stored if run.status not in UNFINISHED and run.seconds]
+        self._estimated = bool(finished)
+        if finished:
+            seconds = sum(run.seconds or 0.0 for run in finished)
+            rollouts = sum(run.manifest.budget for run in finished)
+            self._estimate(seconds / rollouts, "at the speed of the runs in the store")
+
+    def begin(self, name: str) -> None:
+        self._begun += 1
+        self._description = f"run {self._begun} of {len(self._budgets)}: {name}"
+        self._report(0)
+
+    def __call__(self, tally: Tally) -> None:
+        """One more trial is stored."""
+        now, done = time.monotonic(), self._report(tally.rollouts)
+        if self._first is None:
+            self._first = (now, done)
+        elif not self._estimated and done - self._first[1] >= _FIRST:
+            self._estimated = True
+            seconds, rollouts = now - self._first[0], done - self._first[1]
+            self._estimate(seconds / rollouts, f"at the speed of the first {rollouts} rollouts")
+
+    def _report(self, rollouts: int) -> int:
+        done = sum(self._budgets[: self._begun - 1]) + rollouts
+        self._watch.progress(self._description, done, sum(self._budgets))
+        return done
+
+    def _estimate(self, seconds_per_rollout: float, basis: str) -> None:
+        total = sum(self._budgets)
+        took = duration(seconds_per_rollout * total)
+        self._watch.note(f"{plural(len(self._budgets), 'run')}, {total} rollouts: about {took} {basis}")

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from vlafuzz.campaign.config import default_policy
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.packs import packs_json
+from vlafuzz.conditions.stored import packs_json
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.formats.scene_lines import load_scenes
-from vlafuzz.formats.sources import is_store
+from vlafuzz.formats.scene_lines import is_store, load_scenes
 from vlafuzz.objects.packs import packs_of
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.policies.registry import make_policy

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from vlafuzz.campaign.config import (
@@ -16,11 +18,10 @@ from vlafuzz.campaign.config import (
     named_strategy,
     named_task,
     plan,
+    read_scene_file,
 )
-from vlafuzz.campaign.past import AFRESH
-from vlafuzz.campaign.scene_file import check_scene_file, read_scene_file, stored_flag
-from vlafuzz.conditions.operators import stored_operators
-from vlafuzz.conditions.packs import packs_json, stored_packs
+from vlafuzz.campaign.fuzz import AFRESH
+from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError
 from vlafuzz.rigs.robots import rig
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
@@ -98,6 +99,26 @@ def check_version(path: object, run: Run, here: Manifest) -> None:
         raise StoreError(
             f"{path}: run {run.id} was made by another version: its {name} differs{values}",
             hint=f"use the version that began it, or {AFRESH}",
+        )
+
+
+def stored_flag(manifest: Manifest) -> dict[str, Path]:
+    """The flag that names a run's file of scenes, with the file; empty for a run without one."""
+    mark = json.loads(manifest.scene_file or "{}")
+    return {mark["flag"]: Path(mark["file"])} if mark else {}
+
+
+def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> None:
+    """Check that the file still holds the scenes of the run.
+
+    Raises:
+        StoreError: it holds other scenes.
+    """
+    before, here = (json.loads(manifest.scene_file or "{}") for manifest in (was, now))
+    if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
+        raise StoreError(
+            f"{path}: run {run} had other scenes than {here.get('file', 'there are now')} holds",
+            hint=f"give --{before['flag']} {before['file']} as it was then",
         )
 
 

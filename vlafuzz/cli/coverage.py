@@ -11,7 +11,7 @@ import typer
 from vlafuzz.cli.import_ import Frame
 from vlafuzz.cli.output import print_rows, progress, stderr
 from vlafuzz.errors import check_number
-from vlafuzz.formats.sources import is_store, read_scene_file
+from vlafuzz.formats.scene_lines import is_store, read_scene_file
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.store.store import Store

@@ -16,7 +16,7 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.diagnostics.lint import Verdicts, lint
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.formats.sources import is_vlatest, read_scene_file
+from vlafuzz.formats.scene_lines import is_vlatest, read_scene_file
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.space.operator_set import load_operators
 

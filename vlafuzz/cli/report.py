@@ -45,8 +45,7 @@ def command(
 
 def _view(source: Path) -> View:
     from vlafuzz.regression.folder import locate, read_corpus
-    from vlafuzz.report.exported import view_of_corpus
-    from vlafuzz.report.store import view_of_store
+    from vlafuzz.report.sources import view_of_corpus, view_of_store
     from vlafuzz.store.store import Store
 
     source = locate(source)

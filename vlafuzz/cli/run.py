@@ -24,8 +24,8 @@ from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PolicyError, VlafuzzError
 
 if TYPE_CHECKING:
-    from vlafuzz.campaign.baseline import Beside
     from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.results import Beside
     from vlafuzz.campaign.tally import Summary
 
 
@@ -176,7 +176,7 @@ def _start(plan: Plan) -> Summary:
 
 def _beside_random(summary: Summary) -> Beside | None:
     """A guided run beside random generation; None where there is nothing to compare."""
-    from vlafuzz.campaign.baseline import beside_random
+    from vlafuzz.campaign.results import beside_random
     from vlafuzz.store.store import Store
 
     if summary.strategy in ("random", "pool"):

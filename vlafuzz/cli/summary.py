@@ -16,7 +16,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from vlafuzz.campaign.baseline import Beside
+from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.outcome import Verdict

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.campaign.missing_runs import WantedRun, do_missing
+from vlafuzz.campaign.launch import WantedRun, do_missing
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.evidence import Evidence, choose, evidence, findings
 from vlafuzz.compare.failures import CountedRun, count_run

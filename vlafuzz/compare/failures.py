@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.campaign.clusters import Embed
+from vlafuzz.campaign.results import Embed
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene

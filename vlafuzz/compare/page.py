@@ -14,7 +14,7 @@ from vlafuzz.compare.tables import NOTE, markdown, sentences, tables, write_runs
 from vlafuzz.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.files import write_whole
 from vlafuzz.report.page import render_sheet, write_page
-from vlafuzz.report.sheet import Picture, Sheet, Table
+from vlafuzz.report.view import Picture, Sheet, Table
 from vlafuzz.text import Row, plural
 
 _TITLES = {

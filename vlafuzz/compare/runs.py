@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from vlafuzz.campaign.missing_runs import stored_run
+from vlafuzz.campaign.launch import stored_run
 from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.store.records import UNFINISHED, Manifest, Run

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vlafuzz.conditions.operators import stored_operators
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.diagnostics import verdicts
 from vlafuzz.diagnostics.check import Check, until_refused
 from vlafuzz.diagnostics.corrections import Corrected, Correction, corrections

@@ -1,13 +1,16 @@
-"""Files of scenes: JSON lines, one scene a line."""
+"""Files of scenes: our JSON lines, one scene a line, files of VLATest, or stores."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.files import write_whole
+from vlafuzz.formats.vlatest.read import Frame, read_vlatest
+from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Scene
 
 _EXPECTED = "expected JSON lines with one scene per line"
@@ -80,3 +83,40 @@ def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")
     write_whole(path, "".join(scene.to_json() + "\n" for scene in scenes))
+
+
+def is_store(path: Path) -> bool:
+    """Whether a file is an SQLite database."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(16) == b"SQLite format 3\0"
+    except OSError:
+        return False  # reading it will raise the error
+
+
+def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
+    """Read a file of scenes, ours or VLATest's.
+
+    Args:
+        frame: of scenes of VLATest, see ``read_vlatest``.
+
+    Raises:
+        SceneError: the file cannot be read, or is a malformed file of VLATest.
+    """
+    if not is_vlatest(path):
+        return SceneFile(path, tuple(read_scenes(path)))
+    imported = read_vlatest(path, catalogue, frame=frame)
+    return SceneFile(path, tuple(zip(imported.numbers, imported.scenes, strict=True)), imported.left_out)
+
+
+def is_vlatest(path: Path) -> bool:
+    """Whether a file is a single JSON document that is not one of our scenes."""
+    if path.suffix != ".json":
+        return False
+    try:
+        with path.open(encoding="utf-8") as stream:
+            first = next((line for line in stream if line.strip()), "")
+        document = json.loads(first)
+    except (OSError, ValueError, RecursionError):  # undecodable, not JSON, nested too deeply
+        return True  # reading it will raise the error
+    return not (isinstance(document, dict) and "task" in document)

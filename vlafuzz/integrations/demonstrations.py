@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.remote import SIDE
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import CorpusError, UsageError
 from vlafuzz.evidence import Witness
 from vlafuzz.policies.base import CameraRequest, PolicySpec

@@ -8,8 +8,7 @@ from typing import Literal, NamedTuple
 
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
 from vlafuzz.files import reason
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.formats.sources import read_scene_file
+from vlafuzz.formats.scene_lines import read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.write import write_vlatest
 from vlafuzz.integrations.demonstrations import Demonstration, Demonstrations

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.processes import single_threaded
 from vlafuzz.policies.base import CameraRequest

@@ -40,7 +40,7 @@ from vlafuzz.clients.vla_eval_spec import (
     spec_of,
 )
 from vlafuzz.clients.wire import actions_of
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import PolicyError, SceneError, UsageError
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.harness import Harness

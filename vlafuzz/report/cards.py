@@ -5,8 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from vlafuzz.conditions.operators import stored_operators
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.regression.corpus import Case, Corpus

@@ -13,8 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.files import reason, write_whole
-from vlafuzz.report.sheet import Sheet
-from vlafuzz.report.view import BUCKETS, View
+from vlafuzz.report.view import BUCKETS, Sheet, View
 from vlafuzz.sim.base import FILM_SPEED
 from vlafuzz.text import interval, percent
 

@@ -1,4 +1,4 @@
-"""The content of the report page as values, without HTML."""
+"""Pages as values, without HTML: the report, and sheets of plots, tables and sentences."""
 
 from __future__ import annotations
 
@@ -222,3 +222,50 @@ def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[Opera
         OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
         for name, count in left.most_common()
     )
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG; ``says`` is the alternative text."""
+
+    title: str
+    png: bytes
+    says: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows with the same keys, which are the column heads; the first column names the row."""
+
+    title: str
+    rows: Sequence[Mapping[str, object]]
+    says: str = ""
+
+    @property
+    def columns(self) -> Mapping[str, bool]:
+        """Column heads, and whether the column holds numbers."""
+        return {head: all(_is_number(row[head]) for row in self.rows) for head in self.rows[0]}
+
+
+def _is_number(value: object) -> bool:
+    return str(value).startswith(tuple("–0123456789"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """The page.
+
+    Attributes:
+        source: the store or folder.
+        headline: the subject, in a sentence.
+        conclusions: in sentences.
+        todo: next steps, each a sentence and the command.
+    """
+
+    title: str
+    source: str
+    headline: str
+    conclusions: tuple[str, ...]
+    pictures: tuple[Picture, ...]
+    tables: tuple[Table, ...]
+    todo: tuple[tuple[str, str], ...] = ()

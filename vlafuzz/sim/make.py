@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.objects import Catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
-from vlafuzz.conditions.operators import stored_operators
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.table import vlatest_table
 from vlafuzz.objects.catalogue import Catalogue

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from vlafuzz.campaign.missing_runs import stored_run
+from vlafuzz.campaign.launch import stored_run
 from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.scene import Scene

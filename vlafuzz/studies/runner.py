@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.missing_runs import WantedRun, do_missing
+from vlafuzz.campaign.launch import WantedRun, do_missing
 from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.objects import Pack

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from vlafuzz.campaign.config import RunConfig
-from vlafuzz.conditions.packs import stored_catalogue
 from vlafuzz.conditions.provenance import commit
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
 from vlafuzz.files import make_folder, write_whole
 from vlafuzz.objects import Pack

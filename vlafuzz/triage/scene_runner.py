@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vlafuzz.conditions import provenance
-from vlafuzz.conditions.operators import stored_operators
-from vlafuzz.conditions.packs import stored_catalogue
+from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.base import evaluate_safely

@@ -1,0 +1,81 @@
+"""Operators and packs of objects as conditions keep them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+from vlafuzz import assets
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.errors import StoreError
+from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
+from vlafuzz.space import OPERATORS, OperatorSet, SearchSpace, load_operators
+from vlafuzz.space.operators import EXTRAS
+
+
+def operators_json(operators: OperatorSet) -> str:
+    """Operators with their ranges as a field of conditions."""
+    ranges = {name: operator.model_dump(mode="json") for name, operator in operators.decisive.items()}
+    varied = sorted(operators.varied)
+    return json.dumps(
+        {"min_distance": operators.min_distance, "varied": varied, "operators": ranges}, sort_keys=True
+    )
+
+
+def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
+    """The operators that ``operators_json`` wrote; ``source`` is the store or corpus, for messages.
+
+    Raises:
+        StoreError: they were written by a version with other operators.
+    """
+    try:
+        stored = json.loads(conditions.operators)
+        written = {
+            name: kind.model_validate(stored["operators"][name])
+            for name, kind in OPERATORS.items()
+            if name in stored["operators"] or name not in EXTRAS
+        }
+        operators = {**load_operators().operators, **written}
+        return OperatorSet(source, stored["min_distance"], operators, frozenset(stored["varied"]), {})
+    except (KeyError, ValueError) as error:
+        raise StoreError(
+            f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
+            hint="use the version that began the run",
+        ) from None
+
+
+def packs_json(packs: Iterable[Pack]) -> str:
+    """Packs as a field of conditions: the digest says what they are, the folder where to look first."""
+    return json.dumps(
+        [{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs]
+    )
+
+
+def stored_packs(*several: Conditions) -> tuple[Pack, ...]:
+    """The packs that ``packs_json`` wrote, each once; robots that lie beside them are found again, too.
+
+    Raises:
+        UsageError: one of them is gone.
+    """
+    marks = {mark["name"]: mark for conditions in several for mark in json.loads(conditions.packs)}
+    packs = tuple(find_pack(**mark) for mark in marks.values())
+    folders = dict.fromkeys(folder for pack in packs for folder in (pack.folder, pack.folder.parent))
+    assets.add_folders(folder for folder in folders if (folder / "robots").is_dir())
+    return packs
+
+
+def stored_catalogue(*several: Conditions) -> Catalogue:
+    """The catalogue with the packs of all these conditions; a UsageError if one is gone."""
+    return load_catalogue(packs=stored_packs(*several))
+
+
+def stored_space(source: Path, conditions: Conditions) -> SearchSpace:
+    """The space that contains the scenes of a run; ``source`` is the store or corpus, for messages.
+
+    Raises:
+        StoreError: another version wrote it, with other operators.
+        UsageError: an object pack is gone.
+    """
+    operators = stored_operators(source, conditions)
+    return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
