@@ -83,7 +83,7 @@ def test_a_ratio_needs_something_to_divide_by():
 
 def test_the_interval_draws_pairs_together():
     theirs = [1.0, 5.0, 20.0, 80.0]
-    assert ratio_interval([2 * each for each in theirs], theirs) == (2.0, 2.0)
+    assert ratio_interval([2 * value for value in theirs], theirs) == (2.0, 2.0)
 
 
 def test_the_interval_has_no_bound_where_theirs_may_be_nothing():
@@ -118,18 +118,18 @@ def test_runs_that_are_more_alike_than_chance_do_not_make_it_narrower():
 
 @pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], []])
 def test_where_nothing_varies_it_is_wilsons(runs: list[tuple[int, int]]):
-    so, of = sum(each[0] for each in runs), sum(each[1] for each in runs)
+    so, of = sum(value[0] for value in runs), sum(value[1] for value in runs)
     assert share_interval(cases(*runs)) == wilson(so, of)
 
 
 def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
     rng = np.random.default_rng([0, 4])
-    covered = {share_interval: 0, lambda its: wilson(sum(so for _, so in its), len(its)): 0}
+    covered = {share_interval: 0, lambda sample: wilson(sum(so for _, so in sample), len(sample)): 0}
     for _ in range(200):
         shares = rng.beta(0.6 * 4, 0.4 * 4, size=5)  # failures of one run correlate by 0.2
-        its = cases(*((int(rng.binomial(10, share)), 10) for share in shares))
+        sample = cases(*((int(rng.binomial(10, share)), 10) for share in shares))
         for method in covered:
-            low, high = method(its)
+            low, high = method(sample)
             covered[method] += low <= 0.6 <= high
     ours, theirs = covered.values()
     assert ours >= 184

@@ -53,34 +53,34 @@ def complaint(capsys: pytest.CaptureFixture[str], *flags: str) -> str:
 
 def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store():
     compare()
-    assert [each[:2] for each in runs()] == [
+    assert [row[:2] for row in runs()] == [
         ("random", 3), ("feedback", 3), ("random", 4), ("feedback", 4),
     ]  # fmt: skip
 
 
 def test_every_run_pays_for_its_own_rollouts(capsys: pytest.CaptureFixture[str]):
     compare("--strategies", "random,python:tests.doubles:make_random_again", "--json")
-    found = json.loads(capsys.readouterr().out)
-    assert [each["rollouts"] for each in found["runs"]] == [12] * 4
-    failures = [each["failures"] for each in found["runs"]]
+    document = json.loads(capsys.readouterr().out)
+    assert [row["rollouts"] for row in document["runs"]] == [12] * 4
+    failures = [row["failures"] for row in document["runs"]]
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
 def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Path):
     compare("--json")
-    found = json.loads(capsys.readouterr().out)
-    assert (found["budget"], found["repeats"], found["seeds"], found["reference"]) == (
+    document = json.loads(capsys.readouterr().out)
+    assert (document["budget"], document["repeats"], document["seeds"], document["reference"]) == (
         12,
         2,
         [3, 4],
         "random",
     )
-    standing = found["standings"][1]
+    standing = document["standings"][1]
     assert standing["strategy"] == "feedback"
     assert standing["figures"]["cells"]["median"] > 0
     assert standing["solvable"]["of"] == standing["failures"]
-    assert {pair["measure"] for pair in found["against"]} >= {"cells", "failures", "cid", "qd_score"}
-    assert json.loads((folder / "out/compare.json").read_text()) == found
+    assert {pair["measure"] for pair in document["against"]} >= {"cells", "failures", "cid", "qd_score"}
+    assert json.loads((folder / "out/compare.json").read_text()) == document
 
 
 def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFixture[str]):
@@ -162,8 +162,13 @@ def test_a_sample_is_triaged_when_asked_for(
     assert "1 of 2 triaged" in shown
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--triage-sample", "2", "--json")
-    found = json.loads(capsys.readouterr().out)["standings"][1]["evidence"]
-    assert (found["triaged"], found["confirmed"], found["minimal"], found["signatures"]) == (2, 2, 2, 1)
+    document = json.loads(capsys.readouterr().out)["standings"][1]["evidence"]
+    assert (document["triaged"], document["confirmed"], document["minimal"], document["signatures"]) == (
+        2,
+        2,
+        2,
+        1,
+    )
     compare("--triage-sample", "2", "--csv")
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     assert [row["evidence_signatures"] for row in rows] == ["1", "1"]
@@ -185,7 +190,7 @@ def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.Monke
     compare("--triage-sample", "3")
     with Store.open(Path("a.db")) as store:
         assert len(store.triaged()) > first > 0
-        assert len(store.triaged()) == sum(each.renewed for each in made)  # none of them twice
+        assert len(store.triaged()) == sum(row.renewed for row in made)  # none of them twice
 
 
 class Breaking(PlantedRunner):
@@ -207,8 +212,8 @@ def test_failures_that_cannot_be_judged_are_told_and_not_counted(
 
 def test_nothing_is_triaged_by_default(capsys: pytest.CaptureFixture[str]):
     compare("--json")
-    found = json.loads(capsys.readouterr().out)
-    assert [each["evidence"] for each in found["standings"]] == [None, None]
+    document = json.loads(capsys.readouterr().out)
+    assert [row["evidence"] for row in document["standings"]] == [None, None]
     compare()
     assert "signatures" not in capsys.readouterr().out
 
@@ -216,7 +221,7 @@ def test_nothing_is_triaged_by_default(capsys: pytest.CaptureFixture[str]):
 def test_more_repeats_and_strategies_only_add_runs():
     compare("--repeats", "1")
     compare("--strategies", "feedback,nsga2,random")
-    assert [each[:2] for each in runs()] == [
+    assert [row[:2] for row in runs()] == [
         ("random", 3), ("feedback", 3), ("nsga2", 3), ("feedback", 4), ("nsga2", 4), ("random", 4),
     ]  # fmt: skip
 
@@ -249,10 +254,10 @@ def test_the_same_command_goes_on_after_an_interruption(
     assert "hint: the same command continues" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]
     compare("--json")
-    found = json.loads(capsys.readouterr().out)
-    assert [each[:2] for each in runs()] == [each[:2] for each in runs("whole.db")]
-    assert list(map(timeless, found["runs"])) == list(map(timeless, whole["runs"]))
-    assert found["curves"] == whole["curves"]
+    document = json.loads(capsys.readouterr().out)
+    assert [row[:2] for row in runs()] == [row[:2] for row in runs("whole.db")]
+    assert list(map(timeless, document["runs"])) == list(map(timeless, whole["runs"]))
+    assert document["curves"] == whole["curves"]
 
 
 @pytest.mark.parametrize(
@@ -276,10 +281,10 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
         args = ("--budget", "12", "--seed", "3", "--store", "a.db")
         for strategy in ("random", "python:tests.doubles:make_random_again"):
             assert main(["run", *IDLE, "--unchecked", "--strategy", strategy, *args]) == 0
-    told = complaint(
+    message = complaint(
         capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1"
     )
-    assert "run 2 reused" in told
+    assert "run 2 reused" in message
 
 
 @pytest.mark.parametrize(

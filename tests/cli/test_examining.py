@@ -47,9 +47,9 @@ def rows(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, str]]:
 
 def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
-    found = rows(capsys)
-    assert {row["verdict"] for row in found.values()} == {"ok"}
-    assert list(found)[-2:] == ["nominal", "wiring"]
+    checks = rows(capsys)
+    assert {row["verdict"] for row in checks.values()} == {"ok"}
+    assert list(checks)[-2:] == ["nominal", "wiring"]
 
 
 def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest.CaptureFixture[str]):
@@ -64,10 +64,10 @@ def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest
 
 def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: pytest.CaptureFixture[str]):
     assert main(["doctor", "--policy", f"{HERE}:broken", "--json"]) == 3
-    found = rows(capsys)["connects"]
-    assert found["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
-    assert found["follows"].startswith(f"raised at {__file__}:")
-    assert found["follows"].endswith(': raise FileNotFoundError("weights.pt")')
+    checks = rows(capsys)["connects"]
+    assert checks["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
+    assert checks["follows"].startswith(f"raised at {__file__}:")
+    assert checks["follows"].endswith(': raise FileNotFoundError("weights.pt")')
 
 
 def test_a_run_of_code_that_raises_is_refused_in_a_sentence(
@@ -121,8 +121,8 @@ def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     assert run(tmp_path, f"{HERE}:constant") == 3
-    told, hint = capsys.readouterr().err.splitlines()
-    assert told.startswith(f"error: {HERE}:constant is not run: 24 times the same: 0.01, 0.01, 0.01")
+    message, hint = capsys.readouterr().err.splitlines()
+    assert message.startswith(f"error: {HERE}:constant is not run: 24 times the same: 0.01, 0.01, 0.01")
     assert hint.startswith("hint: constant: its actions do not depend on the scene")
     assert hint.endswith("--unchecked runs it all the same")
     assert not (tmp_path / "a.db").exists()

@@ -108,12 +108,12 @@ def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
 
 def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_findings(store: Path):
     with Store.open(store) as opened:
-        left = {each.shrunk: each.witness for each in opened.triaged()}
-    found = Demonstrations(store, run=1)
-    assert [proof.scene for proof in found.proofs] == list(left)
-    for proof in found.proofs:
+        left = {item.shrunk: item.witness for item in opened.triaged()}
+    findings = Demonstrations(store, run=1)
+    assert [proof.scene for proof in findings.proofs] == list(left)
+    for proof in findings.proofs:
         assert np.array_equal(proof.witness.actions, left[proof.scene].actions)
-    assert (found.robot, found.hz) == ("panda", 5)
+    assert (findings.robot, findings.hz) == ("panda", 5)
 
 
 def test_a_store_without_witnesses_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):

@@ -34,7 +34,7 @@ def test_export_writes_the_scenes_of_a_verdict_once_each(folder: Path, store: st
     assert main(["export", store, "--out", "out.jsonl", "--verdict", verdict]) == 0
     scenes = load_scenes(folder / "out.jsonl")
     assert len(set(scenes)) == len(scenes) > 0
-    assert all((each.light.intensity < 0.5) == (verdict == "failed") for each in scenes)
+    assert all((row.light.intensity < 0.5) == (verdict == "failed") for row in scenes)
 
 
 def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):

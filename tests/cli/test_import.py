@@ -11,9 +11,9 @@ UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
 
 def scene_file(folder: Path, *models: str) -> Path:
     options = {"init_xy": [-0.31, 0.17], "orientation": UPRIGHT}
-    found = {str(i): {"model_id": model, "obj_init_options": options} for i, model in enumerate(models)}
+    result = {str(i): {"model_id": model, "obj_init_options": options} for i, model in enumerate(models)}
     path = folder / f"t-grasp_{len(models)}.json"
-    path.write_text(json.dumps(found | {"seed": 7, "num": len(models)}))
+    path.write_text(json.dumps(result | {"seed": 7, "num": len(models)}))
     return path
 
 
@@ -22,12 +22,12 @@ def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.Captur
     files = [scene_file(tmp_path, "apple", "hammer", "orange"), scene_file(tmp_path, "sponge")]
     assert main(["import", "vlatest", *map(str, files), "--out", str(out), "--json"]) == 0
     assert [scene.targets[0].object for scene in load_scenes(out)] == ["apple", "orange", "sponge"]
-    told = capsys.readouterr()
-    rows = json.loads(told.out)
+    message = capsys.readouterr()
+    rows = json.loads(message.out)
     assert [(row["scenes"], row["written"], row["left out"]) for row in rows] == [(3, 2, 1), (1, 1, 0)]
     assert [row["missing"] for row in rows] == [{"hammer": 1}, {}]
-    assert "hammer" in told.err
-    assert "1 scenes are left out" in told.err
+    assert "hammer" in message.err
+    assert "1 scenes are left out" in message.err
 
 
 def test_nowhere_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

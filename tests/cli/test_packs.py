@@ -35,9 +35,9 @@ def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
 
 def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
     assert main(["objects", "--pack", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in told
-    assert "hint: a pack has info_*.json and models/NAME/collision.obj" in told
+    message = capsys.readouterr().err
+    assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in message
+    assert "hint: a pack has info_*.json and models/NAME/collision.obj" in message
 
 
 def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):

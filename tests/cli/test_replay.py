@@ -73,14 +73,16 @@ def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
 
 
 def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsys):
-    found, left = nominal("pick-up"), replace(nominal("pick-up"), light=Light(2.0))
+    failing, left = nominal("pick-up"), replace(nominal("pick-up"), light=Light(2.0))
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
         run = store.begin(about)
-        store.add(run, Trial(proposal=0, scene=found, outcome=failed(), severity=1.0, cell="grasp|light|0,0"))
+        store.add(
+            run, Trial(proposal=0, scene=failing, outcome=failed(), severity=1.0, cell="grasp|light|0,0")
+        )
         store.settle(
             Triaged(
-                scene=found,
+                scene=failing,
                 policy_key=about.key(),
                 bucket="minimal",
                 repeats=1,
@@ -140,7 +142,7 @@ def test_video_and_picture_show_the_rollout(store, tmp_path, capsys):
     ],
 )
 def test_bad_input_is_one_sentence_with_a_hint(store, arguments, says, capsys):
-    assert main(["replay", *(each.format(store=store) for each in arguments)]) == 2
+    assert main(["replay", *(word.format(store=store) for word in arguments)]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: ")
     assert says in said

@@ -50,7 +50,7 @@ def test_a_page_is_written_with_films_of_all_findings(capsys: pytest.CaptureFixt
     assert printed.out == ""
     assert printed.err.startswith("written: page.html (")
     assert videos(Path("page.html")) == 6 + 2
-    assert [each.closed for each in FilmDesk.made] == [True, True]
+    assert [row.closed for row in FilmDesk.made] == [True, True]
 
 
 @pytest.mark.parametrize(("options", "films"), [(["--no-videos"], 0), (["--limit", "1"], 2)])

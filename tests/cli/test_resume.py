@@ -68,9 +68,9 @@ def test_a_run_is_gone_on_with_by_its_store_alone(
     assert main(["run", "--resume", "--store", "a.db", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert proposed("a.db") == proposed("whole.db")
-    for each in (summary, expected):
+    for row in (summary, expected):
         for name in ("store", "seconds", "search_seconds", "store_seconds"):
-            del each[name]
+            del row[name]
     assert summary == expected
 
 
@@ -100,9 +100,9 @@ def test_a_file_of_scenes_is_found_again_and_another_is_refused(
     write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
     cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
     write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
-    told = complaint(capsys, "run", "--resume", "--store", "a.db", "--scenes", "other.jsonl")
-    assert f"run 1 had other scenes than {folder / 'other.jsonl'} holds" in told
-    assert f"give --scenes {folder / 'pool.jsonl'} as it was then" in told
+    message = complaint(capsys, "run", "--resume", "--store", "a.db", "--scenes", "other.jsonl")
+    assert f"run 1 had other scenes than {folder / 'other.jsonl'} holds" in message
+    assert f"give --scenes {folder / 'pool.jsonl'} as it was then" in message
     (folder / "pool.jsonl").rename(folder / "moved.jsonl")
     assert "pool.jsonl" in complaint(capsys, "run", "--resume", "--store", "a.db")
     assert main(["run", "--resume", "--store", "a.db", "--scenes", "moved.jsonl"]) == 0
@@ -114,18 +114,18 @@ def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatc
         cut(monkeypatch, "--budget", "20", "--store", "a.db", after=3)
     assert main(["run", "--resume", "--store", "a.db"]) == 0
     with Store.open(Path("a.db")) as store:
-        assert [each.status for each in store.runs()] == ["interrupted", "finished"]
+        assert [row.status for row in store.runs()] == ["interrupted", "finished"]
 
 
 def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     for seed in ("1", "2", "3"):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", "--seed", seed, after=3)
-    told = complaint(capsys, "run", "--resume", "--store", "a.db")
-    assert "3 runs that ended early fit" in told
-    assert "give those flags in which they differ" in told
+    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "3 runs that ended early fit" in message
+    assert "give those flags in which they differ" in message
     assert main(["run", "--resume", "--store", "a.db", "--seed", "2"]) == 0
     with Store.open(Path("a.db")) as store:
-        assert [each.status for each in store.runs()] == ["interrupted", "finished", "interrupted"]
+        assert [row.status for row in store.runs()] == ["interrupted", "finished", "interrupted"]
 
 
 @pytest.mark.parametrize(
@@ -144,9 +144,9 @@ def test_other_flags_than_then_are_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], flags: list[str], says: str
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    told = complaint(capsys, "run", "--resume", "--store", "a.db", *flags)
-    assert "a.db: no run that ended early fits: run 1 has" in told
-    assert says in told
+    message = complaint(capsys, "run", "--resume", "--store", "a.db", *flags)
+    assert "a.db: no run that ended early fits: run 1 has" in message
+    assert says in message
 
 
 def test_another_version_than_then_is_refused(
@@ -154,17 +154,17 @@ def test_another_version_than_then_is_refused(
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
     monkeypatch.setattr("vlafuzz.conditions.provenance.commit", lambda: "another")
-    told = complaint(capsys, "run", "--resume", "--store", "a.db")
-    assert "run 1 was made by another version: its commit differs (" in told
-    assert "another now)" in told
+    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "run 1 was made by another version: its commit differs (" in message
+    assert "another now)" in message
 
 
 def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
     assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--store", "a.db")
     run("--budget", "3", "--store", "a.db")
-    told = complaint(capsys, "run", "--resume", "--store", "a.db")
-    assert "no run ended early (runs: 1 finished)" in told
-    assert "leave out --resume" in told
+    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "no run ended early (runs: 1 finished)" in message
+    assert "leave out --resume" in message
 
 
 def test_a_second_run_in_a_store_is_told_at_once_who_writes(
@@ -172,9 +172,9 @@ def test_a_second_run_in_a_store_is_told_at_once_who_writes(
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
     with Store.open(Path("a.db"), "write"):
-        told = complaint(capsys, "run", *IDLE, "--store", "a.db")
-    assert "is writing to it" in told
-    assert "give another store" in told
+        message = complaint(capsys, "run", *IDLE, "--store", "a.db")
+    assert "is writing to it" in message
+    assert "give another store" in message
 
 
 @pytest.mark.parametrize("flags", [("--resume",), IDLE])

@@ -47,7 +47,7 @@ def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pyt
     assert re.search(r"failure share\W+[\d.]+%, 95% interval [\d.]+–[\d.]+%", shown)
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
     with Store.open(Path(store)) as opened:
-        assert opened.scene(digest) in [found.scene for found in opened.findings()]
+        assert opened.scene(digest) in [finding.scene for finding in opened.findings()]
 
 
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):

@@ -38,12 +38,12 @@ def test_rq1_has_a_run_of_every_task_and_the_papers_figures(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study("rq1", "--json")
-    found = json.loads(capsys.readouterr().out)
-    assert [each["task"] for each in found["standings"]] == ["pick-up", "move-near", "put-on", "put-in"]
-    assert [stage["stage"] for stage in found["standings"][0]["stages"]] == ["grasp", "lift", "success"]
-    assert {each["judged"] for each in found["standings"]} == {6}
-    assert found["published"][0]["mean"] == 0.124
-    assert json.loads((folder / "rq1.json").read_text()) == found
+    document = json.loads(capsys.readouterr().out)
+    assert [row["task"] for row in document["standings"]] == ["pick-up", "move-near", "put-on", "put-in"]
+    assert [stage["stage"] for stage in document["standings"][0]["stages"]] == ["grasp", "lift", "success"]
+    assert {row["judged"] for row in document["standings"]} == {6}
+    assert document["published"][0]["mean"] == 0.124
+    assert json.loads((folder / "rq1.json").read_text()) == document
     assert "12.4%, elsewhere 12.8%" in (folder / "rq1.md").read_text()
     assert (folder / "rq1.png").read_bytes().startswith(b"\x89PNG")
 
@@ -107,10 +107,10 @@ def test_rq2_has_a_run_of_every_number_of_confounders(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study("rq2", "--task", "move-near", "--json")
-    found = json.loads(capsys.readouterr().out)
-    assert [each["confounders"] for each in found["standings"]] == [0, 1, 2, 3, 4]
-    assert found["published"] == []
-    (similar,) = found["similar"]
+    document = json.loads(capsys.readouterr().out)
+    assert [row["confounders"] for row in document["standings"]] == [0, 1, 2, 3, 4]
+    assert document["published"] == []
+    (similar,) = document["similar"]
     assert similar["similar"] + similar["other"] == 24
 
 
@@ -118,9 +118,9 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
     tight = Path("tight.yaml")
     tight.write_text("extends: paper-rq1\nmin_distance: 0.3\n")
     study("rq2", "--task", "pick-up", "--operators", str(tight), "--json")
-    told = capsys.readouterr()
-    assert len(json.loads(told.out)["standings"]) < 5
-    for said in (told.err, (folder / "rq2.md").read_text()):
+    message = capsys.readouterr()
+    assert len(json.loads(message.out)["standings"]) < 5
+    for said in (message.err, (folder / "rq2.md").read_text()):
         assert "pick-up, 4 confounders: pick-up: no room for" in " ".join(said.split())
 
 
@@ -172,7 +172,7 @@ def using(evaluator: type[ClosedForm], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: evaluator(manifest.repeats))
 
 
-def found(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
+def document(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
     study(*flags, "--json")
     return dict(json.loads(capsys.readouterr().out))
 
@@ -181,18 +181,18 @@ def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     using(Dim, monkeypatch)
-    made = found(capsys, "rq3", "--task", "pick-up", "--task", "put-on")
+    made = document(capsys, "rq3", "--task", "pick-up", "--task", "put-on")
     one, other, whole = made["kept"]
-    assert [each["task"] for each in made["kept"]] == ["pick-up", "put-on", "all"]
+    assert [row["task"] for row in made["kept"]] == ["pick-up", "put-on", "all"]
     assert (one["default"], one["control"]["count"], whole["default"]) == (6, 6, 12)
     assert one["mutated"]["of"] + one["errors"] == 18
     assert 0 < whole["mutated"]["count"] < whole["mutated"]["of"]
     assert whole["errors"] == one["errors"] + other["errors"] > 0
-    bright = [each["passed"] for each in made["points"] if each["low"] == 8 and each["curve"] == "brighter"]
-    assert [each["count"] for each in bright] == [0]
-    told = (folder / "rq3.md").read_text()
-    assert "491 (adds up to 391)" in told
-    assert "What differs from the paper: it has no control arm" in told
+    bright = [row["passed"] for row in made["points"] if row["low"] == 8 and row["curve"] == "brighter"]
+    assert [row["count"] for row in bright] == [0]
+    message = (folder / "rq3.md").read_text()
+    assert "491 (adds up to 391)" in message
+    assert "What differs from the paper: it has no control arm" in message
     assert (folder / "rq3.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -200,20 +200,20 @@ def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys: pytest.CaptureFixtur
     flags = ("rq3", "--task", "pick-up", "--scenes", "20")
     share = {}
     for alpha in ("linear", "log"):
-        points = found(capsys, *flags, "--alpha", alpha, "--out", alpha)["points"]
-        tried = {each["low"]: each["passed"]["of"] for each in points if each["curve"] == "brighter"}
+        points = document(capsys, *flags, "--alpha", alpha, "--out", alpha)["points"]
+        tried = {row["low"]: row["passed"]["of"] for row in points if row["curve"] == "brighter"}
         share[alpha] = tried[8] / sum(tried.values())
     assert share["log"] < 0.5 < share["linear"]
 
 
 def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (kept,) = found(capsys, "rq4", "--task", "pick-up")["kept"]
+    (kept,) = document(capsys, "rq4", "--task", "pick-up")["kept"]
     assert (kept["default"], kept["mutated"]["count"]) == (6, 18)
     with Store.open(folder / "study.db") as store:
         scenes = [trial.scene for trial in store.trials(2)]
-    assert {each.light.intensity for each in scenes} == {1.0}
-    assert len({each.camera for each in scenes}) == 1 + 18
-    assert all(each.camera == Camera() for each in scenes[::4])
+    assert {row.light.intensity for row in scenes} == {1.0}
+    assert len({row.camera for row in scenes}) == 1 + 18
+    assert all(row.camera == Camera() for row in scenes[::4])
 
 
 def test_studies_with_one_folder_share_its_runs_and_go_on(
@@ -238,13 +238,13 @@ def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(
     narrow = Path("narrow.yaml")
     narrow.write_text("extends: paper-rq1\noperators:\n  confounder-count: {low: 0, high: 0, nominal: 0}\n")
     flags = ("rq5", "--task", "pick-up", "--unseen", str(pack), "--operators", str(narrow))
-    alone = found(capsys, *flags)
+    alone = document(capsys, *flags)
     (one,) = alone["differences"]
     assert (one["relative"], one["points"], one["low"]) == (-1.0, -1.0, None)
     assert (one["transfer_seen"], one["transfer_unseen"]) == ([1, 1, 1], [1, 0, None])
     assert (alone["packs"], alone["tests"]) == (["mine"], [])
     assert "With fewer than 3 policies there is no test" in (folder / "rq5.md").read_text()
-    several = found(capsys, *flags, "--policy", "frozen", "--policy", "random")
+    several = document(capsys, *flags, "--policy", "frozen", "--policy", "random")
     (test,) = several["tests"]
     assert (test["policies"], test["p"]) == (3, None)  # all three differ by as much
 
@@ -253,11 +253,11 @@ def test_rq6_says_every_scene_in_ten_other_ways(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     using(Literal, monkeypatch)
-    made = found(capsys, "rq6", "--task", "pick-up")
+    made = document(capsys, "rq6", "--task", "pick-up")
     plain, *others = made["prompts"]
     assert (plain["prompt"], plain["stages"][-1]["count"], plain["p"]) == ("plain", 6, None)
-    assert [(each["lost"], each["gained"]) for each in others] == [(6, 0)] * 10
-    assert {each["stages"][0]["count"] for each in others} == {6}
+    assert [(row["lost"], row["gained"]) for row in others] == [(6, 0)] * 10
+    assert {row["stages"][0]["count"] for row in others} == {6}
     assert (others[0]["p"], others[0]["adjusted"]) == (0.03125, 0.3125)
     assert (made["together"][0]["plain"]["share"], made["together"][0]["prompts"]["of"]) == (1.0, 60)
     assert "lift the {a} off the table" in (folder / "rq6.md").read_text()
@@ -267,23 +267,21 @@ def test_prompts_tell_two_steps_at_once_and_one_by_one(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     using(Literal, monkeypatch)
-    made = found(capsys, "prompts")
-    assert list(dict.fromkeys(each["task"] for each in made["prompts"])) == ["move-near", "put-on", "put-in"]
-    shares = {
-        each["prompt"]: each["stages"][-1]["share"] for each in made["prompts"] if each["task"] == "put-in"
-    }
+    made = document(capsys, "prompts")
+    assert list(dict.fromkeys(row["task"] for row in made["prompts"])) == ["move-near", "put-on", "put-in"]
+    shares = {row["prompt"]: row["stages"][-1]["share"] for row in made["prompts"] if row["task"] == "put-in"}
     assert shares == {"plain": 1.0, "two-step": 0.0, "step-by-step": 1.0}
     with Store.open(folder / "study.db") as store:
         last = list(store.trials(len(store.runs())))[-1].scene
     assert last.instruction.startswith("pick up ")
-    assert [each.split()[0] for each in last.then] == ["put"]
+    assert [row.split()[0] for row in last.then] == ["put"]
 
 
 def test_who_passed_nothing_has_nothing_to_lose(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Always(failed()))
-    (kept,) = found(capsys, "rq3", "--task", "pick-up")["kept"]
+    (kept,) = document(capsys, "rq3", "--task", "pick-up")["kept"]
     assert (kept["default"], kept["mutated"]["of"]) == (0, 0)
     assert (folder / "rq3.png").exists()
 

@@ -9,18 +9,18 @@ from vlafuzz.store.records import Triaged, Trial
 from vlafuzz.store.store import Store
 
 SCENES = [scene(x=number / 100) for number in range(4)]
-SAMPLED = [Sampled(each, run=1) for each in SCENES]
+SAMPLED = [Sampled(shown, run=1) for shown in SCENES]
 
 
 @pytest.fixture
 def store(tmp_path: Path):
     """All four failed in run 1, and the first of them again in run 2, of the same seed."""
     with Store.open(tmp_path / "a.db", "write") as opened:
-        for its in (SCENES, SCENES[:1]):
+        for scenes in (SCENES, SCENES[:1]):
             run = opened.begin(manifest())
-            for proposal, each in enumerate(its):
+            for proposal, shown in enumerate(scenes):
                 opened.add(
-                    run, Trial(proposal=proposal, scene=each, outcome=failed(), severity=1.0, cell="a")
+                    run, Trial(proposal=proposal, scene=shown, outcome=failed(), severity=1.0, cell="a")
                 )
         yield opened
 
@@ -44,9 +44,9 @@ def test_those_that_the_expert_solves_come_first_in_the_order_of_the_sample():
 
 
 def test_a_finding_is_one_whichever_run_saw_it_first(store: Store):
-    found = findings(store, [SAMPLED[0], Sampled(SCENES[0], run=2)])
-    assert len(found) == 2
-    assert len(set(found.values())) == 1
+    stored = findings(store, [SAMPLED[0], Sampled(SCENES[0], run=2)])
+    assert len(stored) == 2
+    assert len(set(stored.values())) == 1
 
 
 def test_bugs_are_counted_once_and_those_at_nominal_not_at_all(store: Store):
@@ -56,13 +56,13 @@ def test_bugs_are_counted_once_and_those_at_nominal_not_at_all(store: Store):
         triaged(2, "base", "pick-up|grasp|base"),
         triaged(3, "flaky"),
     ]
-    told = evidence(findings(store, SAMPLED), made)
-    assert told is not None
-    assert (told.triaged, told.confirmed, told.minimal, told.signatures) == (4, 3, 1, 1)
+    result = evidence(findings(store, SAMPLED), made)
+    assert result is not None
+    assert (result.triaged, result.confirmed, result.minimal, result.signatures) == (4, 3, 1, 1)
 
 
 def test_what_is_not_triaged_does_not_count(store: Store):
-    told = evidence(findings(store, SAMPLED[:2]), [triaged(1, signature="dark"), triaged(3)])
-    assert told is not None
-    assert told.triaged == 1
+    result = evidence(findings(store, SAMPLED[:2]), [triaged(1, signature="dark"), triaged(3)])
+    assert result is not None
+    assert result.triaged == 1
     assert evidence(findings(store, SAMPLED), []) is None

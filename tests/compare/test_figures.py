@@ -20,7 +20,7 @@ def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Fa
     return Failure(scene=scene(x=x), cell=cell, severity=1.0, quality=worth, spent=spent, vector=vector)
 
 
-def found(*failures: Failure, **counts: int) -> CountedRun:
+def counted(*failures: Failure, **counts: int) -> CountedRun:
     run = Run(
         id=1,
         manifest=manifest(strategy="mine", seed=4),
@@ -56,35 +56,40 @@ def test_sparseness_is_the_mean_distance_to_the_nearest_other_failure():
 
 
 def test_of_every_cell_the_union_has_the_most_central_failure():
-    runs = [found(failure(0.0), failure(0.4, "b")), found(failure(0.1), failure(0.5))]
+    runs = [counted(failure(0.0), failure(0.4, "b")), counted(failure(0.1), failure(0.5))]
     central = union(runs)
-    assert {cell: each.vector[0] for cell, each in central.items()} == {"a": 0.1, "b": 0.4}
+    assert {cell: middle.vector[0] for cell, middle in central.items()} == {"a": 0.1, "b": 0.4}
 
 
 def test_the_figures_of_a_run_are_those_that_one_counts_by_hand():
     failures = [failure(0.01 * number, "ab"[number % 2], spent=number + 3) for number in range(10)]
-    told = figures(
-        found(*failures, rejected=5, rejected_scenes=4), union([found(*failures, failure(0.2, "c"))])
+    numbers = figures(
+        counted(*failures, rejected=5, rejected_scenes=4), union([counted(*failures, failure(0.2, "c"))])
     )
-    assert (told.strategy, told.seed, told.failures, told.cells) == ("mine", 4, 10, 2)
-    assert (told.first_failure, told.tenth_failure) == (3, 12)
-    assert (told.coverage, told.valid_share, told.rejected) == (pytest.approx(2 / 3), 0.8, 4)
+    assert (numbers.strategy, numbers.seed, numbers.failures, numbers.cells) == ("mine", 4, 10, 2)
+    assert (numbers.first_failure, numbers.tenth_failure) == (3, 12)
+    assert (numbers.coverage, numbers.valid_share, numbers.rejected) == (pytest.approx(2 / 3), 0.8, 4)
 
 
 def test_the_time_of_a_search_is_a_share_of_wall_time_where_it_is_known():
-    told = figures(found(), {})
-    assert (told.search_seconds, told.search_share) == (0.9, pytest.approx(0.1))
-    assert (told.store_seconds, told.store_share) == (None, None)
+    numbers = figures(counted(), {})
+    assert (numbers.search_seconds, numbers.search_share) == (0.9, pytest.approx(0.1))
+    assert (numbers.store_seconds, numbers.store_share) == (None, None)
 
 
 def test_a_run_without_failures_has_no_distances():
-    told = figures(found(), {})
-    assert (told.cid, told.sparseness, told.severity, told.first_failure) == (None, None, None, None)
-    assert (told.coverage, told.qd_score) == (None, 0.0)
+    numbers = figures(counted(), {})
+    assert (numbers.cid, numbers.sparseness, numbers.severity, numbers.first_failure) == (
+        None,
+        None,
+        None,
+        None,
+    )
+    assert (numbers.coverage, numbers.qd_score) == (None, 0.0)
 
 
 def test_a_curve_goes_from_nothing_to_the_whole_budget_over_the_repeats():
-    runs = [found(failure(0.1, "a", 1), failure(0.2, "a", 2)), found(failure(0.3, "b", 4))]
+    runs = [counted(failure(0.1, "a", 1), failure(0.2, "a", 2)), counted(failure(0.3, "b", 4))]
     failures, cells = curves("mine", runs, 4)
     assert failures.rollouts == (0, 1, 2, 3, 4)
     assert failures.median == (0, 0.5, 1, 1, 1.5)

@@ -23,8 +23,8 @@ def test_one_run_of_every_strategy_comes_before_the_second_of_any():
 
 def test_what_is_over_is_kept_and_the_rest_is_to_do():
     there = [run(1, "random", 7), run(2, "nsga2", 7, "interrupted"), run(3, "feedback", 7)]
-    found = stored(STORE, there, manifest(), ASKED)
-    assert {job: each.id for job, each in found.items()} == {("random", 7): 1, ("nsga2", 7): 2}
+    known = stored(STORE, there, manifest(), ASKED)
+    assert {job: kept.id for job, kept in known.items()} == {("random", 7): 1, ("nsga2", 7): 2}
 
 
 def test_of_equal_runs_the_one_that_is_over_counts():

@@ -12,7 +12,7 @@ from vlafuzz.store.records import Run
 SCENES = [scene(x=number / 100) for number in range(6)]
 
 
-def found(seed: int, *xs: int) -> CountedRun:
+def counted(seed: int, *xs: int) -> CountedRun:
     failures = tuple(
         Failure(scene=SCENES[x], cell="a", severity=1.0, quality=0.5, spent=1, vector=np.zeros(1)) for x in xs
     )
@@ -26,10 +26,13 @@ def runner(solvable: int = 3) -> PlantedRunner:
 
 
 def test_a_sample_takes_from_every_run_and_no_scene_twice():
-    runs = [found(0, 0, 1, 2, 3), found(1, 4), found(2)]
+    runs = [counted(0, 0, 1, 2, 3), counted(1, 4), counted(2)]
     assert Sampled(SCENES[4], run=1) in sample(runs, 2)
-    assert sorted((each.scene for each in sample(runs, 50)), key=lambda each: each.targets[0].x) == SCENES[:5]
-    assert len(sample([found(0, 0, 1), found(1, 0, 1)], 50)) == 2
+    assert (
+        sorted((failure.scene for failure in sample(runs, 50)), key=lambda scene: scene.targets[0].x)
+        == SCENES[:5]
+    )
+    assert len(sample([counted(0, 0, 1), counted(1, 0, 1)], 50)) == 2
     assert sample(runs, 3) == sample(runs, 3)
 
 
@@ -54,8 +57,8 @@ def test_a_line_that_was_cut_short_is_passed_over(tmp_path: Path):
 
 
 def test_the_share_is_of_what_was_sampled():
-    sampled = [Sampled(each, run=1) for each in SCENES[:4]]
-    told = solvable(sampled, {each.digest: each != SCENES[0] for each in SCENES})
-    assert told is not None
-    assert (told.solved, told.of) == (3, 4)
+    sampled = [Sampled(shown, run=1) for shown in SCENES[:4]]
+    result = solvable(sampled, {shown.digest: shown != SCENES[0] for shown in SCENES})
+    assert result is not None
+    assert (result.solved, result.of) == (3, 4)
     assert solvable([], {}) is None

@@ -12,7 +12,9 @@ RUN = Figures(
 
 
 def runs(**cells: list[int]) -> dict[str, list[Figures]]:
-    return {name: [replace(RUN, strategy=name, cells=each) for each in its] for name, its in cells.items()}
+    return {
+        name: [replace(RUN, strategy=name, cells=count) for count in counts] for name, counts in cells.items()
+    }
 
 
 def first(pairs: list[Pair]) -> Pair:
@@ -54,8 +56,8 @@ def test_every_pair_is_there_once():
 
 
 def test_a_run_that_never_fails_is_later_than_any_that_does():
-    found = runs(random=[3, 3, 3, 3], mine=[3, 3, 3, 3])
-    found["random"] = [replace(run, first_failure=None) for run in found["random"]]
-    pair = next(pair for pair in against(found, "random") if pair.measure == "first_failure")
+    figures = runs(random=[3, 3, 3, 3], mine=[3, 3, 3, 3])
+    figures["random"] = [replace(run, first_failure=None) for run in figures["random"]]
+    pair = next(pair for pair in against(figures, "random") if pair.measure == "first_failure")
     assert (pair.a12, pair.ratio) == (0.0, None)
     assert pair.verdict == "fewer rollouts to the first failure than random: A12 0.00, p 0.029"

@@ -42,8 +42,8 @@ def test_a_box_has_ten_cells_along_each_side_both_ends_included() -> None:
 
 
 def test_scenes_in_one_place_cover_one_cell_of_a_hundred() -> None:
-    found = last([scene(), scene(light=2.0), scene(light=4.0)])
-    assert (found.scenes, found.positions, found.cells, found.failures) == (3, 0.01, None, None)
+    result = last([scene(), scene(light=2.0), scene(light=4.0)])
+    assert (result.scenes, result.positions, result.cells, result.failures) == (3, 0.01, None, None)
 
 
 def test_another_operator_far_from_nominal_is_another_site() -> None:
@@ -55,7 +55,7 @@ def test_another_operator_far_from_nominal_is_another_site() -> None:
 def test_only_the_first_scenes_count_and_then_all() -> None:
     scenes = [scene(x=-0.2 + 0.03 * number) for number in range(9)]
     (track,) = tracks_of_scenes(scenes, OPERATORS, CATALOGUE)
-    assert [(each.scenes, each.positions) for each in covered(track, (3, 100))] == [(3, 0.02), (9, 0.08)]
+    assert [(row.scenes, row.positions) for row in covered(track, (3, 100))] == [(3, 0.02), (9, 0.08)]
 
 
 def test_tasks_are_told_apart() -> None:
@@ -76,10 +76,10 @@ def test_the_first_object_of_the_list_counts_as_in_the_paper() -> None:
 
 @pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
 def test_the_papers_table_comes_out_exactly() -> None:
-    scenes = [each for path in FILES for each in read_vlatest(path, CATALOGUE, frame="original").scenes]
+    scenes = [row for path in FILES for row in read_vlatest(path, CATALOGUE, frame="original").scenes]
     rows = [row for track in tracks_of_scenes(scenes, OPERATORS, CATALOGUE) for row in covered(track)]
-    found = {(row.task, row.scenes): row.positions for row in rows}
-    assert found == {(row.task, row.scenes): row.share for row in published.coverage()}
+    result = {(row.task, row.scenes): row.positions for row in rows}
+    assert result == {(row.task, row.scenes): row.share for row in published.coverage()}
     assert all(row.positions == row.published for row in rows)
 
 
@@ -93,5 +93,5 @@ def test_a_run_has_cells_of_what_it_did_and_of_its_failures(tmp_path: Path) -> N
             store.add(run, Trial(proposal=number, scene=shown, outcome=outcome, severity=0.0))
     with Store.open(tmp_path / "a.db") as store:
         (track,) = tracks_of_store(store)
-    (found,) = covered(track)
-    assert (found.scenes, found.sites, found.cells, found.failures) == (4, 2, 3, 2)
+    (result,) = covered(track)
+    assert (result.scenes, result.sites, result.cells, result.failures) == (4, 2, 3, 2)

@@ -31,25 +31,25 @@ def scenes() -> list[Scene]:
 @pytest.mark.parametrize("study", ["rq3", "rq4"])
 def test_a_scene_comes_as_it_is_and_in_mutants_that_differ(study: str, scenes: list[Scene]) -> None:
     made = mutants(space(study), scenes, 0)
-    assert [each.scene for each in made[:: 1 + MUTANTS]] == scenes
-    assert len({each.scene for each in made}) == len(scenes) * (1 + MUTANTS)
-    for each in made:
-        assert each.scene.placements == scenes[each.origin].placements
-        assert (each.scene.light == Light()) or study == "rq3"
-        assert (each.scene.camera == Camera()) or study == "rq4"
+    assert [variant.scene for variant in made[:: 1 + MUTANTS]] == scenes
+    assert len({variant.scene for variant in made}) == len(scenes) * (1 + MUTANTS)
+    for variant in made:
+        assert variant.scene.placements == scenes[variant.origin].placements
+        assert (variant.scene.light == Light()) or study == "rq3"
+        assert (variant.scene.camera == Camera()) or study == "rq4"
 
 
 def test_policies_that_passed_the_same_scene_get_the_same_mutants_of_it(scenes: list[Scene]) -> None:
     all_of_them, the_last = mutants(space("rq3"), scenes, 0), mutants(space("rq3"), scenes[-1:], 0)
-    assert [each.scene for each in all_of_them[-4:]] == [each.scene for each in the_last]
+    assert [variant.scene for variant in all_of_them[-4:]] == [variant.scene for variant in the_last]
     assert all_of_them[1].scene.light != all_of_them[5].scene.light
     assert mutants(space("rq3"), scenes, 1)[1].scene != all_of_them[1].scene
 
 
 def test_half_of_the_papers_lights_are_bright_and_most_of_these_dazzling(scenes: list[Scene]) -> None:
     def lights(alpha: str) -> np.ndarray:
-        made = [each for seed in range(20) for each in mutants(space("rq3", alpha), scenes, seed)]
-        return np.array([each.scene.light.intensity for each in made if each.arm == "mutant"])
+        made = [variant for seed in range(20) for variant in mutants(space("rq3", alpha), scenes, seed)]
+        return np.array([variant.scene.light.intensity for variant in made if variant.arm == "mutant"])
 
     linear, log = lights("linear"), lights("log")
     assert np.mean(linear > 1) == pytest.approx(0.5, abs=0.08)
@@ -78,7 +78,7 @@ def tried(scene: Scene, origin: int, arm: str, outcome: Outcome, light: float = 
 
 def test_what_broke_or_was_unfair_is_in_no_share(scenes: list[Scene]) -> None:
     (scene, *_) = scenes
-    found = [
+    results = [
         tried(scene, 0, "control", passed()),
         tried(scene, 0, "mutant", passed(), 0.9),
         tried(scene, 0, "mutant", failed(), 0.1),
@@ -87,12 +87,13 @@ def test_what_broke_or_was_unfair_is_in_no_share(scenes: list[Scene]) -> None:
         tried(scene, 1, "mutant", failed(), 16.0),
         tried(scene, 1, "mutant", Outcome.invalid("geometry", "out of view"), 8.0),
     ]
-    counted = kept("pick-up", "idle", found)
+    counted = kept("pick-up", "idle", results)
     assert (counted.default, counted.control.count, counted.control.of) == (2, 1, 2)
     assert (counted.mutated.count, counted.mutated.of, counted.invalid, counted.errors) == (1, 3, 1, 1)
     assert counted.mean == pytest.approx(2 / 3)
     shares = {
-        (each.curve, each.low): (each.passed.count, each.passed.of) for each in points("rq3", "a", found)
+        (point.curve, point.low): (point.passed.count, point.passed.of)
+        for point in points("rq3", "a", results)
     }
     assert shares == {("darker", 1): (1, 1), ("darker", 8): (0, 1), ("brighter", 8): (0, 1)}
-    assert [each.variant.origin for each in pooled([found, found])][::7] == [0, 2]
+    assert [tried.variant.origin for tried in pooled([results, results])][::7] == [0, 2]

@@ -43,36 +43,36 @@ def test_a_stage_counts_where_it_was_reached_and_success_implies_all(tmp_path: P
     outcomes = [passed(), lost_after("grasp"), lost_after("grasp", "lift"), failed()]
     outcomes += [Outcome.invalid("geometry", "too close"), Outcome.error("broke")]
     with Store.open(tmp_path / "a.db", "write") as store:
-        run_of(store, *((scene(x=0.001 * number), each) for number, each in enumerate(outcomes)))
-        found = standing(store, store.runs()[0])
-    assert [(each.stage, each.count, each.of) for each in found.stages] == [
+        run_of(store, *((scene(x=0.001 * number), row) for number, row in enumerate(outcomes)))
+        result = standing(store, store.runs()[0])
+    assert [(row.stage, row.count, row.of) for row in result.stages] == [
         ("grasp", 3, 4), ("lift", 2, 4), ("success", 1, 4),
     ]  # fmt: skip
-    assert (found.judged, found.invalid, found.errors, found.stopped) == (4, 1, 1, False)
-    assert found.stages[2].low == pytest.approx(0.0456, abs=1e-4)
+    assert (result.judged, result.invalid, result.errors, result.stopped) == (4, 1, 1, False)
+    assert result.stages[2].low == pytest.approx(0.0456, abs=1e-4)
 
 
 @pytest.mark.parametrize(("status", "said"), [("finished", False), ("stopped", True)])
 def test_a_run_that_ended_early_is_said(tmp_path: Path, status: Status, said: bool) -> None:
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, (scene(), passed()), status=status)
-        found = StageResult("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
-    assert ("Ended before all scenes: pick-up, idle." in found.sheet().notes) is said
+        result = StageResult("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
+    assert ("Ended before all scenes: pick-up, idle." in result.sheet().notes) is said
 
 
 def test_of_several_rollouts_all_must_reach_a_stage(tmp_path: Path) -> None:
     mixed = Outcome.of((rollout(), rollout(0.4, ("grasp",))), STAGES)
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, (scene(), mixed))
-        found = standing(store, store.runs()[0])
-    assert [each.count for each in found.stages] == [1, 0, 0]
+        result = standing(store, store.runs()[0])
+    assert [row.count for row in result.stages] == [1, 0, 0]
 
 
 def test_the_papers_success_of_a_task() -> None:
-    found = in_paper("pick-up")
-    assert (found.mean, found.as_well) == (0.124, 0.128)
-    assert len(found.policies) == 7
-    assert found.policies["rt-1-400k"] == 0.344
+    result = in_paper("pick-up")
+    assert (result.mean, result.as_well) == (0.124, 0.128)
+    assert len(result.policies) == 7
+    assert result.policies["rt-1-400k"] == 0.344
 
 
 def test_like_the_target_is_what_is_called_alike() -> None:
@@ -88,9 +88,9 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
     others = [(with_confounder("apple", 0.001 * number), failed(0.6)) for number in range(8)]
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, *similar, *others, (scene(), passed()))
-        found = similarity(store, store.runs(), CATALOGUE)
-    assert (found.similar, found.other, found.a12) == (8, 8, 0.0)
-    assert found.p == pytest.approx(2 / 12870)
+        result = similarity(store, store.runs(), CATALOGUE)
+    assert (result.similar, result.other, result.a12) == (8, 8, 0.0)
+    assert result.p == pytest.approx(2 / 12870)
     alone = Similarity(
         task="put-in",
         policy="idle",
@@ -101,7 +101,7 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
         a12=None,
         p=None,
     )
-    assert [each.adjusted for each in adjusted([found, alone])] == [found.p, None]
+    assert [row.adjusted for row in adjusted([result, alone])] == [result.p, None]
 
 
 def test_rq2_has_every_number_of_confounders_of_every_task() -> None:
@@ -123,9 +123,9 @@ def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path)
     with Store.open(path, "write") as store:
         for status in ("finished", "interrupted"):
             store.finish(store.begin(manifest()), status, 1.0)
-        found = stored(store, manifest())
-        assert found
-        assert (found.id, found.status) == (1, "finished")
+        result = stored(store, manifest())
+        assert result
+        assert (result.id, result.status) == (1, "finished")
         assert stored(store, manifest(seed=9)) is None
         with pytest.raises(UsageError, match="another version than is installed: its commit"):
             stored(store, manifest(commit="abc"))
@@ -134,6 +134,6 @@ def test_a_run_that_is_over_is_taken_before_one_that_ended_early(tmp_path: Path)
 def test_a_run_of_given_scenes_is_of_these_or_of_the_first_of_them(tmp_path: Path) -> None:
     given = [scene(x=0.001 * number) for number in range(3)]
     with Store.open(tmp_path / "a.db", "write") as store:
-        run_of(store, *((each, passed()) for each in given[:2]))
+        run_of(store, *((row, passed()) for row in given[:2]))
         assert stored(store, manifest(), given)
         assert stored(store, manifest(), given[1:]) is None

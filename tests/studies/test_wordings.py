@@ -44,9 +44,9 @@ def test_prompts_are_compared_in_the_scenes_in_which_both_were_judged() -> None:
     ways = [Prompt("one", ("lift {a}",)), Prompt("two", ("raise {a}",))]
     scenes = [scene(x=0.001 * number) for number in range(4)]
     outcomes = [failed(), passed(), Outcome.error("broke"), passed(), failed(), passed(), passed(), passed()]
-    found = [Tried(*pair) for pair in zip(variants(scenes, ways, CATALOGUE), outcomes, strict=True)]
-    plain, one, two = compared("pick-up", "idle", [passed(), passed(), passed(), failed()], found, ways)
+    results = [Tried(*pair) for pair in zip(variants(scenes, ways, CATALOGUE), outcomes, strict=True)]
+    plain, one, two = compared("pick-up", "idle", [passed(), passed(), passed(), failed()], results, ways)
     assert (plain.prompt, plain.stages[-1].count, plain.p) == ("plain", 3, None)
     assert (one.lost, one.gained, one.errors, one.plain.count, one.plain.of) == (2, 1, 1, 2, 3)
     assert (two.lost, two.gained, two.stages[-1].share) == (0, 1, 1.0)
-    assert [each.adjusted for each in adjusted([plain, one, two])] == [None, 1.0, 1.0]
+    assert [row.adjusted for row in adjusted([plain, one, two])] == [None, 1.0, 1.0]
