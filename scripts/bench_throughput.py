@@ -51,8 +51,7 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.objects import place
 from vlafuzz.sim.maniskill.world import SIM_HZ, World
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import Monitor, State
 from vlafuzz.tasks.tabletop import TASKS
 
 STOCK_ID = "VlaFuzzBenchStock-v1"

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
-from vlafuzz.tasks.default import default_scene
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import State
+from vlafuzz.tasks.instructions import default_scene
 
 CATALOGUE = load_catalogue()
 NOT_MOVED = Camera()

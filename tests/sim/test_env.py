@@ -11,7 +11,7 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Camera, Light, Placement
 from vlafuzz.sim.maniskill.env import gym_id
 from vlafuzz.sim.maniskill.objects import place
-from vlafuzz.tasks.default import default_scene
+from vlafuzz.tasks.instructions import default_scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
 

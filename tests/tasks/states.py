@@ -6,8 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.objects import load_catalogue
-from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.state import HAND, TABLE, State
+from vlafuzz.tasks.base import HAND, TABLE, Monitor, State
 
 CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (

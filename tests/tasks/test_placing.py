@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.tasks.states import BASKET, CUBE, HELD, PLATE, REST, SPONGE, state, watch
-from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.state import ARM, HAND, TABLE, State
+from vlafuzz.tasks.base import ARM, HAND, TABLE, Monitor, State
 from vlafuzz.tasks.tabletop import PUT_IN, PUT_ON
 
 

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.tasks.states import BASKET, CAN, CUBE, HELD, PLATE, REST, SPONGE, state, watch
 from vlafuzz.errors import UsageError
-from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.state import ARM, HAND, TABLE, State
+from vlafuzz.tasks.base import ARM, HAND, TABLE, Monitor, State
 from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
 
 

@@ -2,7 +2,7 @@ import pytest
 
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.validity.crowding import crowding, share_closer, share_overlapping
+from vlafuzz.validity.footprint import crowding, share_closer, share_overlapping
 
 CATALOGUE = load_catalogue()
 

@@ -5,7 +5,7 @@ import pytest
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Backdrop, Light, Placement, Scene
 from vlafuzz.validity import Rejection, check_semantic
-from vlafuzz.validity.semantic import ambiguous
+from vlafuzz.validity.checks import ambiguous
 
 CATALOGUE = load_catalogue()
 

@@ -14,7 +14,7 @@ from vlafuzz.rigs.robots import RIGS
 from vlafuzz.scene import Scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import CHECKS, check_static
-from vlafuzz.validity.crowding import Crowding, crowding, is_known, share, share_closer, share_overlapping
+from vlafuzz.validity.footprint import Crowding, crowding, is_known, share, share_closer, share_overlapping
 from vlafuzz.watch import SILENT, Watch
 
 if TYPE_CHECKING:

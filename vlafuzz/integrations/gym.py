@@ -24,7 +24,7 @@ from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.sim.maniskill.env import make_env
 from vlafuzz.sim.maniskill.episode import proprioception
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import State
 
 HZ = 5
 ID = "vlafuzz/Corpus-v0"

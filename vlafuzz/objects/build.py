@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
         parts=body.parts,
         vertices=body.hull,
         visual=visual,
-        collision=tuple(write_part(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
+        collision=write_parts(body.parts, folder),
         stable_poses=tuple(_stable_poses(name, spec, body)),
         supports=spec.supports,
         container=_container(spec.shape, centre) if isinstance(spec.shape, Basket) else None,
@@ -91,9 +92,11 @@ def _container(shape: Basket, centre: Array) -> Container:
     return Container(width, depth, round(floor, 6), round(floor + height, 6))
 
 
-def write_part(points: Array, file: Path) -> Path:
-    """Write a convex part as OBJ."""
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles(points)]
-    file.write_text("\n".join(lines) + "\n")
-    return file
+def write_parts(parts: Sequence[Array], folder: Path) -> tuple[Path, ...]:
+    """Write each convex part as OBJ."""
+    files = tuple(folder / f"part_{number:02d}.obj" for number in range(len(parts)))
+    for file, points in zip(files, parts, strict=True):
+        lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]
+        lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in triangles(points)]
+        file.write_text("\n".join(lines) + "\n")
+    return files

@@ -1,19 +1,30 @@
-"""Catalogue: the objects of YAML files and packs by name, each built on first access."""
+"""Catalogue: the objects of YAML files and packs by name, each built on first access.
+
+Built objects are cached, one folder each, named by the hash of the entry and the builder's version.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
+
+import numpy as np
 
 from vlafuzz import shipped
 from vlafuzz.errors import CatalogueError, suggestion
-from vlafuzz.objects.cache import Entry, built, fingerprint
-from vlafuzz.objects.model import ObjectModel, Role
+from vlafuzz.objects.model import Container, Fit, Grasp, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import Pack, PackObject
-from vlafuzz.objects.schema import read_file
+from vlafuzz.objects.schema import ObjectSpec, read_file
+
+Entry = ObjectSpec | PackObject
+BUILDER = 6  # version; raise it when the same entry builds a different object, which a test detects
+NUMBERS = "model.json"
 
 
 class Catalogue:
@@ -74,9 +85,7 @@ class Catalogue:
         return tuple(name for name, spec in self._specs.items() if self._role(name, spec) in roles)
 
     def _role(self, name: str, spec: Entry) -> Role:
-        return (
-            self[name].role if isinstance(spec, PackObject) else spec.role
-        )  # the role of a pack's object is measured
+        return self[name].role if isinstance(spec, PackObject) else spec.role  # packs' are measured
 
 
 def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
@@ -100,3 +109,80 @@ def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
                 raise CatalogueError(both, "rename one of the folders")
         specs |= {f"{pack.name}:{name}": spec for name, spec in pack.objects.items()}
     return Catalogue(specs)
+
+
+def fingerprint(name: str, spec: Entry) -> str:
+    """Hash of an entry's values and the builder's version."""
+    text = json.dumps([BUILDER, name, spec.model_dump(mode="json")], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def built(name: str, spec: Entry) -> ObjectModel:
+    """The object from the cache, built first if necessary."""
+    place = f"objects/{name.replace(':', '-')}-{fingerprint(name, spec)}"
+    fill, is_complete = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
+    model = _load(shipped.made_once(place, fill, is_complete), spec)
+    # SAPIEN only logs a missing mesh
+    if all(file.is_file() for file in (model.visual, *model.collision)):
+        return model
+    shutil.rmtree(model.collision[0].parent, ignore_errors=True)
+    return _load(shipped.made_once(place, fill, is_complete), spec)
+
+
+def _fill(name: str, spec: Entry, folder: Path) -> None:
+    # Imported here: trimesh and scipy are not needed when the object is cached
+    if isinstance(spec, PackObject):
+        from vlafuzz.objects.measured import build_measured
+
+        model = build_measured(name, spec, folder)
+    else:
+        from vlafuzz.objects.build import build
+
+        model = build(name, spec, folder)
+    data = _plain(vars(model))
+    data["rests"] = data.pop("stable_poses")  # the files' key since the first version
+    (folder / NUMBERS).write_text(json.dumps(data))
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case np.ndarray():
+            return value.tolist()
+        case Path():
+            return value.name
+        case StablePose() | Grasp() | Container() | Fit():
+            return _plain(vars(value))
+        case dict():
+            return {key: _plain(item) for key, item in value.items()}
+        case tuple():
+            return [_plain(item) for item in value]
+    return value
+
+
+def _load(folder: Path, spec: Entry) -> ObjectModel:
+    data = json.loads((folder / NUMBERS).read_text())
+    data["colour"] = _array(data["colour"])
+    data["vertices"] = _array(data["vertices"])
+    data["parts"] = tuple(map(_array, data["parts"]))
+    kept = spec.visual if isinstance(spec, PackObject) else None  # the pack's own mesh stays there
+    data["visual"] = kept or folder / data["visual"]
+    data["collision"] = tuple(folder / name for name in data["collision"])
+    data["stable_poses"] = tuple(map(_stable_pose, data.pop("rests")))
+    data["container"] = data["container"] and Container(**data["container"])
+    if fit := data.get("fit"):
+        data["fit"] = Fit(fit["scale"], _array(fit["quaternion"]), _array(fit["position"]))
+    data["box"] = data.get("box") and _array(data["box"])
+    return ObjectModel(**data)
+
+
+def _stable_pose(data: dict[str, Any]) -> StablePose:
+    data["quaternion"] = _array(data["quaternion"])
+    data["footprint"] = _array(data["footprint"])
+    data["grasps"] = tuple(Grasp(**grasp) for grasp in data["grasps"])
+    return StablePose(**data)
+
+
+def _array(values: list[Any]) -> Any:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False  # models are shared
+    return array

@@ -18,9 +18,8 @@ from PIL import Image
 from scipy.spatial import ConvexHull, QhullError
 
 from vlafuzz.errors import CatalogueError
-from vlafuzz.objects.build import stable_pose, write_part
-from vlafuzz.objects.cavities import find_cavity
-from vlafuzz.objects.hulls import Array, corners, triangles
+from vlafuzz.objects.build import stable_pose, write_parts
+from vlafuzz.objects.hulls import Array, corners, find_cavity, triangles
 from vlafuzz.objects.model import Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.shapes import PROMINENT
@@ -68,7 +67,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         parts=body.parts,
         vertices=body.hull,
         visual=visual,
-        collision=tuple(write_part(part, folder / f"part_{i:02d}.obj") for i, part in enumerate(body.parts)),
+        collision=write_parts(body.parts, folder),
         stable_poses=poses[:1] if is_place else poses,
         supports=supports,
         container=cavity if poses[0].name == "upright" else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Literal
@@ -161,6 +161,11 @@ def _rotation(quaternion: Sequence[float] | Array) -> Array:
     return np.array(rotation.matrix(np.asarray(quaternion) / np.linalg.norm(quaternion)))
 
 
+def _scaled_pose(pose: StablePose, scale: float) -> StablePose:
+    height, top, footprint = pose.height * scale, pose.top * scale, pose.footprint * scale
+    return replace(pose, height=height, top=top, footprint=footprint, grasps=())
+
+
 @lru_cache(maxsize=128)
 def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
     cavity = model.container
@@ -168,18 +173,8 @@ def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
         model,
         parts=tuple(part * scale for part in model.parts),
         vertices=model.vertices * scale,
-        stable_poses=tuple(
-            replace(
-                pose,
-                height=pose.height * scale,
-                top=pose.top * scale,
-                footprint=pose.footprint * scale,
-                grasps=(),
-            )
-            for pose in model.stable_poses
-        ),
-        container=cavity
-        and Container(cavity.width * scale, cavity.depth * scale, cavity.floor * scale, cavity.rim * scale),
+        stable_poses=tuple(_scaled_pose(pose, scale) for pose in model.stable_poses),
+        container=cavity and Container(*(length * scale for length in astuple(cavity))),
         mass=model.mass * scale**3,
         box=None if model.box is None else model.box * scale,
     )

@@ -15,7 +15,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
@@ -75,9 +75,6 @@ class Pack:
     digest: str
     objects: dict[str, PackObject]
     left_out: tuple[str, ...]
-
-    def renamed(self, name: str) -> Pack:
-        return Pack(name, self.folder, self.digest, self.objects, self.left_out)
 
 
 class _Box(BaseModel):
@@ -141,7 +138,7 @@ def find_pack(name: str, digest: str, folder: str) -> Pack:
             f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}",
             hint=f"{FOLDERS}=FOLDER {_SAYS}",
         )
-    return same[0].renamed(name)
+    return replace(same[0], name=name)
 
 
 def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, get_args
 
 import yaml
 from pydantic import (
@@ -23,7 +23,6 @@ Length = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Unit = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Direction = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
 Name = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
-AnyShape = TypeVar("AnyShape", bound=BaseModel)
 Colour = tuple[Unit, Unit, Unit]
 
 
@@ -31,13 +30,21 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _require(shape: AnyShape, holds: bool) -> AnyShape:  # noqa: FBT001
-    if not holds:
-        raise ValueError(f"these lengths do not fit together, got {shape.model_dump(exclude={'kind'})}")
-    return shape
+class Fitting(Strict):
+    """A shape whose lengths restrict each other."""
+
+    def fits(self) -> bool:
+        """Whether the lengths fit together."""
+        return True
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.fits():
+            raise ValueError(f"these lengths do not fit together, got {self.model_dump(exclude={'kind'})}")
+        return self
 
 
-class Can(Strict):
+class Can(Fitting):
     """A drink can, axis z. ``neck`` is the radius of both ends, ``shoulder`` the height of the tapers."""
 
     kind: Literal["can"]
@@ -46,12 +53,11 @@ class Can(Strict):
     neck: Length
     shoulder: Length
 
-    @model_validator(mode="after")
-    def _fits(self) -> Can:
-        return _require(self, self.neck <= self.radius and 2 * self.shoulder < self.height)
+    def fits(self) -> bool:
+        return self.neck <= self.radius and 2 * self.shoulder < self.height
 
 
-class Bottle(Strict):
+class Bottle(Fitting):
     """A bottle, axis z: a body, a tapering shoulder, a cylindrical neck with its cap."""
 
     kind: Literal["bottle"]
@@ -61,9 +67,8 @@ class Bottle(Strict):
     neck_height: Length
     shoulder: Length
 
-    @model_validator(mode="after")
-    def _fits(self) -> Bottle:
-        return _require(self, self.neck < self.radius and self.neck_height + self.shoulder < self.height)
+    def fits(self) -> bool:
+        return self.neck < self.radius and self.neck_height + self.shoulder < self.height
 
 
 class Ball(Strict):
@@ -89,7 +94,7 @@ class Carrot(Strict):
     tip: Length
 
 
-class Egg(Strict):
+class Egg(Fitting):
     """The hull of two balls on the x axis, the thick one at +x."""
 
     kind: Literal["egg"]
@@ -97,12 +102,11 @@ class Egg(Strict):
     radius: Length
     tip: Length
 
-    @model_validator(mode="after")
-    def _fits(self) -> Egg:
-        return _require(self, self.tip <= self.radius < self.length / 2)
+    def fits(self) -> bool:
+        return self.tip <= self.radius < self.length / 2
 
 
-class Spoon(Strict):
+class Spoon(Fitting):
     """A spoon along x, bowl at -x; the handle arches up to ``height`` and touches the table at its end."""
 
     kind: Literal["spoon"]
@@ -114,12 +118,11 @@ class Spoon(Strict):
     handle: Length
     thickness: Length
 
-    @model_validator(mode="after")
-    def _fits(self) -> Spoon:
-        return _require(self, self.bowl < self.length and self.thickness < self.depth < self.height)
+    def fits(self) -> bool:
+        return self.bowl < self.length and self.thickness < self.depth < self.height
 
 
-class Plate(Strict):
+class Plate(Fitting):
     """A round disc of thickness ``floor`` with a rim, ``rim`` wide, that rises to ``height``."""
 
     kind: Literal["plate"]
@@ -128,9 +131,8 @@ class Plate(Strict):
     floor: Length
     rim: Length
 
-    @model_validator(mode="after")
-    def _fits(self) -> Plate:
-        return _require(self, self.floor < self.height and self.rim < self.diameter / 2)
+    def fits(self) -> bool:
+        return self.floor < self.height and self.rim < self.diameter / 2
 
 
 class Basket(Strict):
@@ -144,14 +146,9 @@ class Basket(Strict):
 Shape = Annotated[
     Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
 ]
-
-
 KINDS: dict[int | str, type[BaseModel]] = {
-    kind.model_fields["kind"].annotation.__args__[0]: kind  # type: ignore[union-attr]
-    for kind in (Can, Bottle, Ball, Box, Carrot, Egg, Spoon, Plate, Basket)
+    get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(get_args(Shape)[0])
 }
-
-
 FLAT_PATTERNS = ("plain", "pores", "checks", "stripes")
 ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "calyx")
 

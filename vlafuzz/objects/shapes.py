@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vlafuzz.objects.hulls import Array
 from vlafuzz.objects.schema import Ball, Basket, Bottle, Box, Can, Carrot, Egg, Plate, Shape, Spoon
@@ -33,7 +34,7 @@ def convex_parts(shape: Shape) -> list[Array]:
         case Carrot():
             return [along_x(revolve(carrot_profile(shape), SLIM))]
         case Egg():
-            return [along_x(revolve(egg_profile(shape), SLIM))]
+            return [along_x(revolve(egg_profile(shape, (0.0, 0.5, 1.0), (1.0, 0.65, 0.3, 0.0)), SLIM))]
         case Spoon():
             return spoon(shape)
         case Plate():
@@ -101,14 +102,17 @@ def carrot_profile(carrot: Carrot) -> list[tuple[float, float]]:
     return [(carrot.radius * 0.7, 0.0), (carrot.radius, carrot.radius * 0.35), (carrot.tip, carrot.length)]
 
 
-def egg_profile(egg: Egg) -> list[tuple[float, float]]:
-    """Rings on the thin ball, from its pole to where the common tangent touches, then on the thick one."""
+def egg_profile(egg: Egg, thin: ArrayLike, thick: ArrayLike) -> list[tuple[float, float]]:
+    """Rings on the thin ball, then on the thick one.
+
+    Args:
+        thin, thick: share of the angle between a ball's pole and where the common tangent touches.
+    """
     lean = np.arcsin((egg.radius - egg.tip) / (egg.length - egg.radius - egg.tip))
-    turns = np.array([0.0, 0.5, 1.0]) * (np.pi / 2 - lean)
-    thin = [(egg.tip * float(np.sin(t)), egg.tip * float(1 - np.cos(t))) for t in turns]
-    turns = np.array([1.0, 0.65, 0.3, 0.0]) * (np.pi / 2 + lean)
-    thick = [(egg.radius * float(np.sin(t)), egg.length - egg.radius * float(1 - np.cos(t))) for t in turns]
-    return thin + thick
+    sharp, blunt = np.asarray(thin) * (np.pi / 2 - lean), np.asarray(thick) * (np.pi / 2 + lean)
+    rings = [(egg.tip * float(np.sin(t)), egg.tip * float(1 - np.cos(t))) for t in sharp]
+    far = [(egg.radius * float(np.sin(t)), egg.length - egg.radius * float(1 - np.cos(t))) for t in blunt]
+    return rings + far
 
 
 def spoon(shape: Spoon) -> list[Array]:

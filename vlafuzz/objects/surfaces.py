@@ -7,8 +7,8 @@ ring, so that labels do not depend on the dimensions of lids. v = 0 is the botto
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -16,7 +16,6 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.objects import textures
-from vlafuzz.objects.boxes import cell
 from vlafuzz.objects.hulls import Array, Faces, triangles
 from vlafuzz.objects.schema import (
     Ball,
@@ -31,7 +30,7 @@ from vlafuzz.objects.schema import (
     Shape,
     Spoon,
 )
-from vlafuzz.objects.shapes import along_x, convex_parts, spoon
+from vlafuzz.objects.shapes import along_x, convex_parts, egg_profile, spoon
 
 ROUND = 48  # sides of a surface of revolution
 CREASE = np.cos(np.radians(40))
@@ -39,8 +38,7 @@ SMALL = 1e-9
 Ring = tuple[float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Surface:
+class Surface(NamedTuple):
     """A mesh: ``(n, 3)`` vertices in metres, ``(n, 3)`` normals, ``(n, 2)`` UV, ``(m, 3)`` faces."""
 
     vertices: Array
@@ -66,13 +64,10 @@ def write_visual(spec: ObjectSpec, centre: Array, file: Path) -> None:
 
 
 def join(pieces: Sequence[Surface]) -> Surface:
-    starts = np.cumsum([0] + [len(piece.vertices) for piece in pieces])
-    return Surface(
-        np.concatenate([piece.vertices for piece in pieces]),
-        np.concatenate([piece.normals for piece in pieces]),
-        np.concatenate([piece.uv for piece in pieces]),
-        np.concatenate([piece.faces + start for piece, start in zip(pieces, starts, strict=False)]),
-    )
+    vertices, normals, uv, faces = zip(*pieces, strict=True)
+    starts = np.cumsum([0, *map(len, vertices[:-1])])
+    shifted = [part + start for part, start in zip(faces, starts, strict=True)]
+    return Surface(*map(np.concatenate, (vertices, normals, uv, shifted)))
 
 
 def surfaces(shape: Shape) -> list[Surface]:
@@ -116,7 +111,7 @@ def turned(rings: Sequence[Ring], stretch: Array | None = None) -> Surface:
     scale = np.ones(3) if stretch is None else stretch
     normals = whole.normals / scale
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Surface(whole.vertices * scale, normals, whole.uv, whole.faces)
+    return whole._replace(vertices=whole.vertices * scale, normals=normals)
 
 
 def _band(ends: Array, slopes: Array, turn: Array) -> Surface:
@@ -139,7 +134,7 @@ def _band(ends: Array, slopes: Array, turn: Array) -> Surface:
 
 def laid(surface: Surface) -> Surface:
     """Rotate the axis from z to x, as ``shapes.along_x``."""
-    return Surface(along_x(surface.vertices), along_x(surface.normals), surface.uv, surface.faces)
+    return surface._replace(vertices=along_x(surface.vertices), normals=along_x(surface.normals))
 
 
 def can_rings(can: Can) -> list[Ring]:
@@ -198,7 +193,6 @@ def stalk(shape: Ball) -> list[Surface]:
         return []
     foot = shape.height / 2 - shape.dimple
     thin = turned([(0.0012, foot - 0.002, 0.99), (0.0016, foot + 0.012, 0.99), (0.0, foot + 0.0121, 0.99)])
-    uv = [textures.STALK_UV, textures.LEAF_UV]
     along = np.linspace(0, 1, 9)
     side = 0.008 * np.sin(np.pi * along)
     spine = np.stack(
@@ -209,11 +203,9 @@ def stalk(shape: Ball) -> list[Surface]:
     i = np.arange(8)
     faces = np.concatenate([np.stack([i, i + 9, i + 10], axis=1), np.stack([i, i + 10, i + 1], axis=1)])
     up = np.tile([0.0, 0.0, 1.0], (18, 1))
-    leaf = [
-        Surface(vertices, up, np.tile(uv[1], (18, 1)), faces),
-        Surface(vertices, -up, np.tile(uv[1], (18, 1)), faces[:, ::-1]),
-    ]
-    return [Surface(thin.vertices, thin.normals, np.tile(uv[0], (len(thin.uv), 1)), thin.faces), *leaf]
+    uv = np.tile(textures.LEAF_UV, (18, 1))
+    leaf = [Surface(vertices, up, uv, faces), Surface(vertices, -up, uv, faces[:, ::-1])]
+    return [thin._replace(uv=np.tile(textures.STALK_UV, (len(thin.uv), 1))), *leaf]
 
 
 def carrot_rings(carrot: Carrot) -> list[Ring]:
@@ -227,12 +219,8 @@ def carrot_rings(carrot: Carrot) -> list[Ring]:
 
 
 def egg_rings(egg: Egg) -> list[Ring]:
-    lean = np.arcsin((egg.radius - egg.tip) / (egg.length - egg.radius - egg.tip))
-    thin = np.linspace(0, np.pi / 2 - lean, 9)
-    thick = np.linspace(np.pi / 2 + lean, 0, 12)
-    line = [(egg.tip * np.sin(t), egg.tip * (1 - np.cos(t))) for t in thin]
-    line += [(egg.radius * np.sin(t), egg.length - egg.radius * (1 - np.cos(t))) for t in thick]
-    return [(float(radius), float(z), float(z) / egg.length) for radius, z in line]
+    profile = egg_profile(egg, np.linspace(0, 1, 9), np.linspace(1, 0, 12))
+    return [(radius, z, z / egg.length) for radius, z in profile]
 
 
 def plate_rings(shape: Plate) -> list[Ring]:
@@ -255,7 +243,7 @@ def spoon_surfaces(shape: Spoon) -> list[Surface]:
     outer = [(0.0, 0.0, 0.0), (0.55, 0.0, 0.1), (0.75, 0.22, 0.2), (0.9, 0.6, 0.3), (1.0, 1.0, 0.4)]
     inner = [(0.94, 1.0, 0.5), (0.8, 0.55, 0.6), (0.55, 0.25, 0.8), (0.0, 0.15, 1.0)]
     bowl = turned(outer + inner, np.array([shape.bowl / 2, shape.width / 2, shape.depth]))
-    moved = Surface(bowl.vertices + np.array([shape.bowl / 2, 0.0, 0.0]), bowl.normals, bowl.uv, bowl.faces)
+    moved = bowl._replace(vertices=bowl.vertices + np.array([shape.bowl / 2, 0.0, 0.0]))
     return [moved, *(faceted(part) for part in spoon(shape)[1:])]
 
 
@@ -265,16 +253,12 @@ def faceted(points: Array) -> Surface:
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     vertices = corner.reshape(-1, 3)
-    return Surface(
-        vertices,
-        np.repeat(normals, 3, axis=0),
-        np.full((len(vertices), 2), 0.5),
-        np.arange(len(vertices)).reshape(-1, 3),
-    )
+    uv, faces = np.full((len(vertices), 2), 0.5), np.arange(len(vertices)).reshape(-1, 3)
+    return Surface(vertices, np.repeat(normals, 3, axis=0), uv, faces)
 
 
 def box_surface(points: Array, size: Sequence[float] | None) -> Surface:
-    """A box with the texture cells of ``boxes.cell``, or without ``size`` with a uniform pattern."""
+    """A box with the texture cells of ``textures.cell``, or without ``size`` with a uniform pattern."""
     low, high = points.min(axis=0), points.max(axis=0)
     pieces = []
     for face, (axis, side) in enumerate((a, s) for a in range(3) for s in (1, -1)):
@@ -283,12 +267,9 @@ def box_surface(points: Array, size: Sequence[float] | None) -> Surface:
         top = np.cross(normal, right)
         square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=np.float64)
         middle, half = (low + high) / 2, (high - low) / 2
-        vertices = (
-            middle
-            + normal * half
-            + sum((2 * square[:, [i]] - 1) * direction * half for i, direction in enumerate((right, top)))
-        )
+        across, up = ((2 * square[:, [i]] - 1) * way * half for i, way in enumerate((right, top)))
+        vertices = middle + normal * half + (across + up)
         spread = np.array([abs(right) @ (high - low), abs(top) @ (high - low)]) / textures.METRE
-        uv = cell(face, square) if size is not None else square * spread
+        uv = textures.cell(face, square) if size is not None else square * spread
         pieces.append(Surface(vertices, np.tile(normal, (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]])))
     return join(pieces)

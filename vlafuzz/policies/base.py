@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.scene import Scene
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import State
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from vlafuzz import rotation
 from vlafuzz.objects.model import ObjectModel, StablePose
 from vlafuzz.policies.base import Outlines, Silhouette
 from vlafuzz.policies.planning import Thing
-from vlafuzz.rigs.camera import CameraPose
+from vlafuzz.rigs.rig import CameraPose
 
 Array = NDArray[np.float64]
 NOISE = 3 / 255  # a colour this close to the table's in every channel cannot be told from it

@@ -15,8 +15,7 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observa
 from vlafuzz.policies.outline_localizer import OutlineLocalizer
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.planning import Thing
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.rig import Rig, camera_pose
 from vlafuzz.rigs.robots import rig
 
 Array = NDArray[np.float64]

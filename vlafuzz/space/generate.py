@@ -18,9 +18,16 @@ from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.space.codec import Codec
 from vlafuzz.space.compose import Values, camera
 from vlafuzz.space.operators import TargetPosition
+from vlafuzz.validity.checks import (
+    ambiguous,
+    cannot_grasp,
+    cannot_place,
+    off_workspace,
+    out_of_reach,
+    out_of_view,
+    too_close,
+)
 from vlafuzz.validity.footprint import Footprint, footprint
-from vlafuzz.validity.geometry import off_workspace, out_of_reach, out_of_view, too_close
-from vlafuzz.validity.semantic import ambiguous, cannot_grasp, cannot_place
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene

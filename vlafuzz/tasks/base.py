@@ -1,7 +1,11 @@
-"""Task, Stage and Monitor: what the robot is to do, its milestones, and the progress of a rollout."""
+"""Task, Stage and Monitor: what the robot is to do, its milestones, and the progress of a rollout.
+
+Stages and progress are pure functions of a State, a snapshot of the simulation as arrays.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -9,7 +13,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.tasks.state import Array, State, corners
+
+Array = NDArray[np.float64]
+TABLE, HAND, ARM = "table", "hand", "arm"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class State:
+    """A snapshot. Objects are in the scene's order: targets, then confounders.
+
+    Attributes:
+        positions: ``(n, 3)`` of the objects' origins, metres.
+        rotations: ``(n, 3, 3)`` matrices.
+        tcp: ``(3,)`` tool centre point, metres; ``tcp_rotation``: ``(3, 3)``.
+        opening: gap between the fingers, metres.
+        held: index of the object that all fingers press on, or None.
+        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs
+            of objects in both orders. Only contacts of object 0 and of the hand; empty until the gripper
+            first closes.
+        earlier: positions and rotations one control step of ``seconds`` ago; None at the start.
+    """
+
+    positions: Array
+    rotations: Array
+    tcp: Array
+    tcp_rotation: Array
+    opening: float
+    held: int | None = None
+    contacts: frozenset[tuple[int, int | str]] = field(default=frozenset())
+    earlier: tuple[Array, Array] | None = None
+    seconds: float = 0.2
+
+    def touches(self, index: int) -> set[int | str]:
+        """What object ``index`` touches."""
+        return {other for touching, other in self.contacts if touching == index}
+
+    def at_rest(self, index: int) -> bool:
+        """Whether an object was slower than 1 cm/s and 0.1 rad/s over the last control step.
+
+        PhysX's velocities are unsuitable: a can that stands still has up to 3 cm/s and 0.5 rad/s.
+        """
+        if self.earlier is None:
+            return True
+        positions, rotations = self.earlier
+        cosine = (float(np.vdot(self.rotations[index], rotations[index])) - 1) / 2
+        turned = math.acos(min(max(cosine, -1.0), 1.0))
+        moved = math.dist(self.positions[index].tolist(), positions[index].tolist())
+        return moved < 0.01 * self.seconds and turned < 0.1 * self.seconds
+
+
+def corners(model: ObjectModel, state: State, index: int) -> Array:
+    """``(m, 3)`` hull vertices of object ``index`` in the world, metres."""
+    return np.asarray(model.vertices @ state.rotations[index].T + state.positions[index])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Instructions: the wordings in ``operators/instructions.yaml`` with the targets' spoken names."""
+"""Instructions from ``operators/instructions.yaml`` with the targets' spoken names, and default scenes."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from vlafuzz.errors import CatalogueError
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.scene import Placement, Scene
 from vlafuzz.shipped import operators_dir
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -46,3 +48,21 @@ def say(wording: str, spoken: Sequence[str]) -> str:
     for slot, name in zip(_SLOTS, spoken, strict=False):
         wording = wording.replace(slot, name)
     return wording
+
+
+def default_scene(task: str, catalogue: Catalogue) -> Scene:
+    """A fair scene with the first suitable objects of a catalogue."""
+    wanted = TASKS[task]
+    models = [catalogue[catalogue.graspable()[0]]]
+    if wanted.onto == "container":
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
+    elif wanted.onto == "support":
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
+    elif wanted.targets == 2:
+        models.append(catalogue[catalogue.graspable()[1]])
+    spots = ((-0.05, 0.0), (-0.05, 0.2))
+    targets = tuple(
+        Placement(model.name, model.stable_poses[0].name, x, y)
+        for model, (x, y) in zip(models, spots, strict=False)
+    )
+    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in models]))

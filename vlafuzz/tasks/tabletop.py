@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.tasks.base import Situation, Stage, Task
-from vlafuzz.tasks.state import ARM, HAND, TABLE, State, corners
+from vlafuzz.tasks.base import ARM, HAND, TABLE, Situation, Stage, State, Task, corners
 
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # height above the start, metres

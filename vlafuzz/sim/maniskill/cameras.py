@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from vlafuzz import assets
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs.camera import CameraPose, camera_pose
-from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.rig import CameraPose, Rig, camera_pose
 from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import wrist_of
 

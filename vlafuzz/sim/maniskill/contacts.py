@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 from sapien import physx
 
-from vlafuzz.tasks.state import HAND
+from vlafuzz.tasks.base import HAND
 
 Labels = Mapping[object, int | str]
 Link: TypeAlias = physx.PhysxArticulationLinkComponent

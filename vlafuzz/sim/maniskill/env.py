@@ -25,7 +25,7 @@ from vlafuzz.errors import PrerequisiteError, SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs.camera import camera_pose
+from vlafuzz.rigs.rig import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.applied import Applied
@@ -40,9 +40,8 @@ from vlafuzz.sim.maniskill.rendering import render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
-from vlafuzz.tasks.base import Monitor
-from vlafuzz.tasks.default import default_scene
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import Monitor, State
+from vlafuzz.tasks.instructions import default_scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.tasks.tabletop import task as task_named
 

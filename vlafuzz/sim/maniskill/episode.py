@@ -12,7 +12,7 @@ from vlafuzz.policies.base import EpisodeStart, Observation, Outlines, PolicySpe
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import State
 
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
 

@@ -23,8 +23,7 @@ from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.sim.maniskill.settle import Settled, settle
 from vlafuzz.tasks.tabletop import task as task_named
-from vlafuzz.validity import check_static
-from vlafuzz.validity.report import Rejection
+from vlafuzz.validity import Rejection, check_static
 
 
 class ManiSkillEvaluator:

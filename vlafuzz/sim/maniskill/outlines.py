@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import Outlines, Silhouette
-from vlafuzz.rigs.camera import CameraPose
+from vlafuzz.rigs.rig import CameraPose
 from vlafuzz.sim.maniskill.table import COLOUR
-from vlafuzz.tasks.state import State
+from vlafuzz.tasks.base import State
 
 Array = NDArray[np.float64]
 WIDTH = 256

@@ -17,9 +17,8 @@ from vlafuzz.sim.maniskill.contacts import object_contacts
 from vlafuzz.sim.maniskill.objects import add_object, place
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import SIM_HZ
-from vlafuzz.tasks.base import Situation, Task
-from vlafuzz.tasks.state import TABLE, State
-from vlafuzz.validity.report import Rejection
+from vlafuzz.tasks.base import TABLE, Situation, State, Task
+from vlafuzz.validity import Rejection
 
 SECONDS = 1.0
 MOVED = 0.01  # metres

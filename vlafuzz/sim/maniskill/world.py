@@ -25,7 +25,7 @@ from vlafuzz.sim.maniskill.arm import MetricArm
 from vlafuzz.sim.maniskill.contacts import Link, Pressed, held_object, object_contacts
 from vlafuzz.sim.maniskill.objects import add_object
 from vlafuzz.sim.maniskill.rendering import render_system, use_shaders
-from vlafuzz.tasks.state import ARM, HAND, TABLE, State
+from vlafuzz.tasks.base import ARM, HAND, TABLE, State
 
 Array = NDArray[np.float64]
 SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to fail
