@@ -135,7 +135,7 @@ class _Crossing(Crossover):
     def _do(self, _: Problem, parents: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
         """``(2, n, dim)`` parents to ``(1, n, dim)`` children."""
         pairs = zip(*parents, strict=True)
-        return np.array([[self._variation.cross(one, other, random_state) for one, other in pairs]])
+        return np.array([[self._variation.cross(mother, father, random_state) for mother, father in pairs]])
 
 
 class _Mutating(Mutation):

@@ -56,9 +56,9 @@ class Variation:
                 self._change(levels, int(index), rng)
         return self._genome(levels)
 
-    def cross(self, one: Genome, other: Genome, rng: np.random.Generator) -> Genome:
+    def cross(self, mother: Genome, father: Genome, rng: np.random.Generator) -> Genome:
         """A child with each unit taken from either parent, and confounders from both."""
-        first, second = self._levels(one), self._levels(other)
+        first, second = self._levels(mother), self._levels(father)
         child = first.copy()
         for name, units in self._units.items():
             for unit in () if self._is_around(name) else units:
@@ -71,11 +71,11 @@ class Variation:
         levels = self._levels(genome)
         return self._genome(self._gathered(levels.copy(), levels, self._levels(donor), rng))
 
-    def _gathered(self, child: Levels, one: Levels, other: Levels, rng: np.random.Generator) -> Levels:
+    def _gathered(self, child: Levels, mother: Levels, father: Levels, rng: np.random.Generator) -> Levels:
         """The child with as many confounders as one of the parents, each taken whole from either."""
-        count = self._number((one, other)[rng.integers(2)])
+        count = self._number((mother, father)[rng.integers(2)])
         for number, slot in enumerate(self._around[:count]):
-            having = [parent for parent in (one, other) if self._number(parent) > number]
+            having = [parent for parent in (mother, father) if self._number(parent) > number]
             child[slot] = having[rng.integers(len(having))][slot]
         if self._count is not None:
             child[self._count] = self._genes[self._count].grid.snap(count)

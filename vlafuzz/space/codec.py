@@ -178,13 +178,13 @@ def _at(scene: Scene, path: str) -> Any:
     return len(value) if path == "confounders" else value
 
 
-def _difference(one: Any, other: Any, path: str = "") -> tuple[str, Any]:
+def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
     """The first place in which two equally built values differ, and what the first has there."""
-    if isinstance(one, dict):
-        pairs = [(key, one[key], other[key]) for key in one]
-    elif isinstance(one, tuple) and len(one) == len(other or ()):
-        pairs = [(str(index), a, b) for index, (a, b) in enumerate(zip(one, other, strict=True))]
+    if isinstance(expected, dict):
+        pairs = [(key, expected[key], actual[key]) for key in expected]
+    elif isinstance(expected, tuple) and len(expected) == len(actual or ()):
+        pairs = [(str(index), a, b) for index, (a, b) in enumerate(zip(expected, actual, strict=True))]
     else:
-        return path, one
+        return path, expected
     key, a, b = next(pair for pair in pairs if pair[1] != pair[2])
     return _difference(a, b, f"{path}.{key}" if path else key)
