@@ -32,7 +32,7 @@ from vlafuzz.campaign.tally import Tally
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.objects import load_catalogue
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.sim.toy import Region, Toy, near
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.store import Store

@@ -12,9 +12,9 @@ from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.errors import SimulatorError
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.scene import Backdrop, Pattern, Scene, TablePaint, WallPaint
-from vlafuzz.sim.maniskill.backdrop import PAINTS, shade
 from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
 from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.sim.maniskill.table import PAINTS, shade
 
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TABLE, WALL = (slice(90, 120), slice(40, 90)), (slice(0, 4), slice(None))  # pixels that show nothing else

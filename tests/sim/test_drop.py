@@ -10,9 +10,9 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.drop import start_poses
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator, settled
 from vlafuzz.sim.maniskill.objects import models_of, resting_pose
+from vlafuzz.sim.maniskill.settle import start_poses
 
 LEANING = pick_up(put("coke_can", -0.05, 0.0, quaternion=(0.9537, 0.3007, 0.0, 0.0)))  # by 35 degrees
 

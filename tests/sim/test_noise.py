@@ -10,9 +10,9 @@ from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.scene import Noise
+from vlafuzz.sim.maniskill.cameras import SensorNoise
 from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
-from vlafuzz.sim.maniskill.episode import Episode
-from vlafuzz.sim.maniskill.noise import SensorNoise
+from vlafuzz.sim.maniskill.evaluator import Episode
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)
 CAMERA = CameraRequest("third_person", 64, 64)

@@ -16,7 +16,7 @@ from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
 from vlafuzz.text import duration, plural

@@ -19,7 +19,7 @@ from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 

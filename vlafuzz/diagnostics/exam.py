@@ -21,7 +21,7 @@ from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say

@@ -21,14 +21,13 @@ from vlafuzz.policies.expert import Expert
 from vlafuzz.regression.folder import is_corpus, read_corpus
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.triage.witness import Player
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.episode import Episode
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.evaluator import Episode, ManiSkillEvaluator
 
 
 class Proof(NamedTuple):

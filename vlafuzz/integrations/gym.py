@@ -23,7 +23,7 @@ from vlafuzz.policies.base import CameraRequest
 from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.sim.maniskill.env import make_env
-from vlafuzz.sim.maniskill.episode import proprioception
+from vlafuzz.sim.maniskill.evaluator import proprioception
 from vlafuzz.tasks.base import State
 
 HZ = 5

@@ -47,7 +47,7 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.rigs.robots import rig
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
 

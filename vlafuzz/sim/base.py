@@ -1,13 +1,22 @@
-"""Evaluator: scenes in, outcomes out."""
+"""Evaluator: scenes in, outcomes out; and how one is made from conditions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.stored import stored_catalogue
+from vlafuzz.objects import Catalogue
 from vlafuzz.outcome import Outcome
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.maniskill.recording import Recording
 
 FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
 
@@ -35,3 +44,30 @@ class Evaluator(Protocol):
 
     def close(self) -> None:
         """Release simulator and policy."""
+
+
+def make_evaluator(
+    conditions: Conditions,
+    policy: Policy | None = None,
+    *,
+    catalogue: Catalogue | None = None,
+    checked: bool = True,
+    recording: Recording | None = None,
+) -> ManiSkillEvaluator:
+    """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
+
+    Args:
+        policy: by default the one that the conditions name, made anew.
+        catalogue: by default the built-in one with the packs of the conditions.
+        checked: whether validity is checked before a rollout.
+        recording: keeps frames and observations.
+    """
+    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+
+    return ManiSkillEvaluator(
+        conditions,
+        policy or make_policy(conditions.policy),
+        catalogue or stored_catalogue(conditions),
+        checked=checked,
+        recording=recording,
+    )

@@ -19,8 +19,7 @@ from vlafuzz.policies.registry import make_policy
 from vlafuzz.renderer import probe
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.base import FILM_SPEED, Film
-from vlafuzz.sim.make import make_evaluator
+from vlafuzz.sim.base import FILM_SPEED, Film, make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.triage.witness import Player

@@ -29,16 +29,13 @@ from vlafuzz.rigs.rig import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.applied import Applied
-from vlafuzz.sim.maniskill.backdrop import BackdropPainter
-from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
-from vlafuzz.sim.maniskill.drop import start_poses
-from vlafuzz.sim.maniskill.latency import DelayedCommands
-from vlafuzz.sim.maniskill.lights import SceneLights
-from vlafuzz.sim.maniskill.noise import SensorNoise
+from vlafuzz.sim.maniskill.arm import DelayedCommands
+from vlafuzz.sim.maniskill.cameras import Cameras, SensorNoise, sapien_pose
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
-from vlafuzz.sim.maniskill.rendering import render_backend
+from vlafuzz.sim.maniskill.rendering import SceneLights, render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
-from vlafuzz.sim.maniskill.table import add_table
+from vlafuzz.sim.maniskill.settle import start_poses
+from vlafuzz.sim.maniskill.table import BackdropPainter, add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
 from vlafuzz.tasks.base import Monitor, State
 from vlafuzz.tasks.instructions import default_scene

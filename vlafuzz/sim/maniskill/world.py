@@ -22,8 +22,7 @@ from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import InitialPose, Placement
 from vlafuzz.sim.maniskill.arm import MetricArm
-from vlafuzz.sim.maniskill.contacts import Link, Pressed, held_object, object_contacts
-from vlafuzz.sim.maniskill.objects import add_object
+from vlafuzz.sim.maniskill.objects import Link, Pressed, add_object, held_object, object_contacts
 from vlafuzz.sim.maniskill.rendering import render_system, use_shaders
 from vlafuzz.tasks.base import ARM, HAND, TABLE, State
 
