@@ -8,6 +8,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import struct
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -136,53 +137,12 @@ class VulkanDevice(NamedTuple):
     driver: str | None
 
 
-class _Application(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-        ("name", ctypes.c_char_p),
-        ("version", ctypes.c_uint32),
-        ("engine", ctypes.c_char_p),
-        ("engine_version", ctypes.c_uint32),
-        ("api_version", ctypes.c_uint32),
-    )
-
-
-class _InstanceInfo(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-        ("flags", ctypes.c_uint32),
-        ("application", ctypes.POINTER(_Application)),
-        ("layer_count", ctypes.c_uint32),
-        ("layers", ctypes.c_void_p),
-        ("extension_count", ctypes.c_uint32),
-        ("extensions", ctypes.c_void_p),
-    )
-
-
-class _DriverProperties(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-        ("id", ctypes.c_int),
-        ("name", ctypes.c_char * 256),
-        ("info", ctypes.c_char * 256),
-        ("conformance", ctypes.c_uint8 * 4),
-    )
-
-
-class _DeviceProperties(ctypes.Structure):
-    _fields_ = (
-        ("type", ctypes.c_int),
-        ("next", ctypes.c_void_p),
-        ("numbers", ctypes.c_uint32 * 5),
-        ("device", ctypes.c_char * 256),
-        ("rest", ctypes.c_uint64 * 128),  # space for limits and more, of which Vulkan writes 548 bytes
-    )
-
-
-_DRIVER_PROPERTIES, _DEVICE_PROPERTIES_2 = 1000196000, 1000059001  # VkStructureType
+# Vulkan's structures, in the format of ``struct``. Each begins with its type and the address of the next.
+_APPLICATION = "iPPIPII"  # name, version, engine, its version, version of the interface
+_INSTANCE = "iPIPIPIP"  # flags, application, layers and extensions with their counts
+_DRIVER = "iPi256s256s4x"  # number, name, version
+_DEVICE = "iP20x256s1024x"  # name; room for limits and more, of which Vulkan writes 548 bytes
+_DRIVER_TYPE, _DEVICE_TYPE = 1000196000, 1000059001
 _VULKAN_1_2 = (1 << 22) | (2 << 12)
 
 
@@ -193,21 +153,31 @@ def vulkan_devices() -> list[VulkanDevice]:
     except OSError:
         return []
     instance, count, handles = ctypes.c_void_p(), ctypes.c_uint32(16), (ctypes.c_void_p * 16)()
-    info = _InstanceInfo(type=1, application=ctypes.pointer(_Application(api_version=_VULKAN_1_2)))
-    if vulkan.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance)) != 0:
+    application = _filled(_APPLICATION, 0, 0, 0, 0, 0, 0, _VULKAN_1_2)
+    info = _filled(_INSTANCE, 1, 0, 0, ctypes.addressof(application), 0, 0, 0, 0)
+    if vulkan.vkCreateInstance(info, None, ctypes.byref(instance)) != 0:
         return []
     if vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles) < 0:
         return []
     return [_described(vulkan, handle) for handle in handles[: count.value] if handle]
 
 
+def _filled(form: str, *values: int | bytes) -> ctypes.Array[ctypes.c_char]:
+    return ctypes.create_string_buffer(struct.pack(form, *values))
+
+
 def _described(vulkan: ctypes.CDLL, handle: int) -> VulkanDevice:
-    driver = _DriverProperties(type=_DRIVER_PROPERTIES)
-    device = _DeviceProperties(type=_DEVICE_PROPERTIES_2)
-    device.next = ctypes.cast(ctypes.pointer(driver), ctypes.c_void_p)
-    vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), ctypes.byref(device))
-    info, name = driver.info.decode(), driver.name.decode()
-    return VulkanDevice(device.device.decode(), info if info.startswith("Mesa") else f"{name} {info}")
+    driver = _filled(_DRIVER, _DRIVER_TYPE, 0, 0, b"", b"")
+    device = _filled(_DEVICE, _DEVICE_TYPE, ctypes.addressof(driver), b"")
+    vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), device)
+    _, _, _, driver_name, version = struct.unpack_from(_DRIVER, driver)
+    _, _, device_name = struct.unpack_from(_DEVICE, device)
+    name, info, shown = (_text(field) for field in (driver_name, version, device_name))
+    return VulkanDevice(shown, info if info.startswith("Mesa") else f"{name} {info}")
+
+
+def _text(field: bytes) -> str:
+    return field.partition(b"\0")[0].decode()
 
 
 def main() -> int:

@@ -7,7 +7,7 @@ WidowX's are taken from ManiSkill's own bridge agent.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,11 +37,8 @@ class MetricController(BaseController):
     """``MetricArm`` as a ManiSkill controller."""
 
     def _initialize_action_space(self) -> None:
-        unbounded = np.full(6, np.inf, dtype=np.float32)
-        low, high = (np.append(sign * unbounded, np.float32(sign)) for sign in (-1, 1))
-        self.single_action_space = spaces.Box(
-            low.astype(np.float32), high.astype(np.float32), dtype=np.float32
-        )
+        high = np.array([*[np.inf] * 6, 1.0], dtype=np.float32)
+        self.single_action_space = spaces.Box(-high, high, dtype=np.float32)
 
     def set_drive_property(self) -> None:
         """Apply the gains of the config, joint by joint."""
@@ -104,12 +101,37 @@ class MetricPanda(Panda):
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        names: Sequence[str] = [*self.arm_joint_names, *self.gripper_joint_names]
         gains = (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit)
-        config = MetricControllerConfig(
-            list(names), tcp=self.tcp_name, gains=dict.fromkeys(names, gains), gripper=self.gripper
-        )
-        return {CONTROL_MODE: config}
+        names = (*self.arm_joint_names, *self.gripper_joint_names)
+        return _control(self, dict.fromkeys(names, gains))
+
+
+class _FromPack(BaseAgent):
+    """A robot whose files are in a pack. See ``MetricPanda`` for the attributes.
+
+    Its hand yields out of reach; the reference exceeds joint limits there, or does not move at all.
+    """
+
+    rig: Rig
+    gains: Mapping[str, Gains]
+    pace: Pace | None = None
+    tool: sapien.Pose | None = None
+    wrist: str | None = None
+
+    def _load_articulation(self, initial_pose: Any = None) -> None:
+        self.urdf_path = str(assets.need(f"robots/{self.rig.urdf}", f"robot {self.rig.robot}"))
+        super()._load_articulation(initial_pose)
+
+    @property
+    def _controller_configs(self) -> dict[str, Any]:
+        return _control(self, self.gains, pace=self.pace, yields=True)
+
+
+def _control(agent: Any, gains: Mapping[str, Gains], **options: Any) -> dict[str, Any]:
+    config = MetricControllerConfig(
+        list(gains), tcp=agent.tcp_name, gains=gains, gripper=agent.gripper, **options
+    )
+    return {CONTROL_MODE: config}
 
 
 def _friction(**links: float) -> dict[str, Any]:
@@ -125,36 +147,33 @@ def _friction(**links: float) -> dict[str, Any]:
     return {"_materials": materials, "link": patches}
 
 
-@register_agent()
-class MetricWidowX(WidowX250SBridgeDatasetFlatTable):
-    """See ``MetricPanda`` for the attributes."""
+def _bridge_gains() -> dict[str, Gains]:
+    bridge: Any = WidowX250SBridgeDatasetFlatTable
+    arm = zip(bridge.arm_stiffness, bridge.arm_damping, bridge.arm_force_limit, strict=True)
+    fingers = (bridge.gripper_stiffness, bridge.gripper_damping, bridge.gripper_force_limit)
+    return {
+        **dict(zip(bridge.arm_joint_names, arm, strict=True)),
+        **dict.fromkeys(bridge.gripper_joint_names, fingers),
+    }
 
+
+@register_agent()
+class MetricWidowX(_FromPack, WidowX250SBridgeDatasetFlatTable):
     uid = "vlafuzz_widowx"
+    rig = WIDOWX
     disable_self_collisions = True  # the hand's meshes overlap: in SAPIEN 3 the fingers would be stuck
     tcp_name = "ee_gripper_link"
     fingers = (("left_finger_link",), ("right_finger_link",))
-    tool: sapien.Pose | None = sapien.Pose(q=[0.5**0.5, 0.0, 0.5**0.5, 0.0])  # x is along the fingers
-    wrist: str | None = None
+    tool = sapien.Pose(q=[0.5**0.5, 0.0, 0.5**0.5, 0.0])  # x is along the fingers
     # As in the reference, a millimetre beyond the joint limits, for some force at either end. The gap between
     # the fingers' collision meshes is 22 mm less than the joint positions.
     gripper = Gripper(closed=0.014, open=0.038, width=lambda qpos: float(qpos[-1] + qpos[-2]) - 0.022)
     urdf_config = _friction(left_finger_link=2.0, right_finger_link=2.0)
-
-    def _load_articulation(self, initial_pose: Any = None) -> None:
-        self.urdf_path = _file(WIDOWX)
-        super()._load_articulation(initial_pose)
+    gains = _bridge_gains()
 
     @property
     def _sensor_configs(self) -> list[Any]:
         return []  # the rig defines the camera
-
-    @property
-    def _controller_configs(self) -> dict[str, Any]:
-        arm = zip(self.arm_stiffness, self.arm_damping, self.arm_force_limit, strict=True)
-        fingers: Gains = (self.gripper_stiffness, self.gripper_damping, self.gripper_force_limit)
-        gains: dict[str, Gains] = dict(zip(self.arm_joint_names, arm, strict=True))
-        gains |= dict.fromkeys(self.gripper_joint_names, fingers)
-        return _control(self.tcp_name, gains, self.gripper)
 
 
 # Gap between the Google robot's fingers in metres by joint position, measured on the collision meshes.
@@ -166,17 +185,14 @@ def _google_width(qpos: NDArray[np.float64]) -> float:
 
 
 @register_agent()
-class MetricGoogle(BaseAgent):
-    """See ``MetricPanda`` for the attributes."""
-
+class MetricGoogle(_FromPack):
     uid = "vlafuzz_google"
+    rig = GOOGLE
     tcp_name = "link_gripper_tcp"
     fingers = tuple(
         (f"link_finger_tip_{side}", f"link_finger_{side}", f"link_finger_nail_{side}")
         for side in ("left", "right")
     )
-    tool: sapien.Pose | None = None
-    wrist: str | None = None
     gripper = Gripper(closed=1.31, open=0.0, width=_google_width)  # closed is a hundredth beyond the limit
     urdf_config = _friction(
         **dict.fromkeys((name for finger in fingers for name in finger[:2]), 2.0),
@@ -185,7 +201,7 @@ class MetricGoogle(BaseAgent):
     # Of arm_pd_ee_delta_pose_align_interpolate_by_planner and
     # gripper_pd_joint_target_delta_pos_interpolate_by_planner, except for the fingers' force limit of 60:
     # they would press on an orange with 900 N, at which SAPIEN 3's solver holds the arm off its target.
-    gains: dict[str, Gains] = {  # noqa: RUF012
+    gains = {  # noqa: RUF012
         "joint_torso": (1700.0, 1059.9791902443303, 300),
         "joint_shoulder": (1737.0471680861954, 1010.4720585373592, 300),
         "joint_bicep": (979.975871856535, 767.2803161582076, 100),
@@ -201,27 +217,6 @@ class MetricGoogle(BaseAgent):
     # The reference planner's limits without that of the jerk, 50 rad/s^3, which delays each change of
     # acceleration by 0.04 s.
     pace = Pace(speed=1.5, acceleration=2.0, finger_speed=1.0, finger_acceleration=7.0)
-
-    def _load_articulation(self, initial_pose: Any = None) -> None:
-        self.urdf_path = _file(GOOGLE)
-        super()._load_articulation(initial_pose)
-
-    @property
-    def _controller_configs(self) -> dict[str, Any]:
-        return _control(self.tcp_name, self.gains, self.gripper, self.pace)
-
-
-def _control(tcp: str, gains: dict[str, Gains], gripper: Gripper, pace: Pace | None = None) -> dict[str, Any]:
-    """The hand yields out of reach; the reference exceeds joint limits there, or does not move at all."""
-    config = MetricControllerConfig(
-        list(gains), tcp=tcp, gains=gains, gripper=gripper, pace=pace, yields=True
-    )
-    return {CONTROL_MODE: config}
-
-
-def _file(rig: Rig) -> str:
-    assert rig.urdf is not None
-    return str(assets.need(f"robots/{rig.urdf}", f"robot {rig.robot}"))
 
 
 AGENTS: dict[str | None, type[BaseAgent]] = {
