@@ -16,12 +16,11 @@ ROWS = (
     "__init__",
     "errors",
     "text files watch",
-    "shipped assets plugins renderer rotation statistics",
+    "assets plugins renderer statistics",
     "scene objects",
     "rigs",
     "tasks outcome",
     "validity scoring evidence",
-    "phrasing",
     "space",  # generates fair scenes: asks validity
     "formats search policies",
     "conditions",

@@ -18,6 +18,7 @@ from tests.clients import groot_server, served, test_openpi
 from tests.clients import test_openvla as test_act
 from tests.packs import box, write_pack
 from tests.sim.scenes import nominal
+from vlafuzz.assets import corpus_dir
 from vlafuzz.campaign.config import default_store
 from vlafuzz.cli import main
 from vlafuzz.clients import groot_wire, openpi_wire, vla_eval_wire
@@ -28,7 +29,6 @@ from vlafuzz.objects import open_packs
 from vlafuzz.objects.schema import read_file
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import read_corpus
-from vlafuzz.shipped import corpus_dir
 
 ROOT = Path(vlafuzz.__file__).parent
 FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]

@@ -33,11 +33,6 @@ def points(difference: float | None) -> str:
     return "–" if difference is None else f"{100 * difference:+.1f}"
 
 
-def share_of(count: int, of: int) -> str:
-    """``3 (30%)``; ``0`` of none."""
-    return f"{count} ({percent(count / of)})" if of else "0"
-
-
 def count_of(count: int, of: int, low: float, high: float) -> str:
     """``3 of 10 (10.8–60.3%)``, without an interval where there are none."""
     return f"{count} of {of} ({interval(low, high)})" if of else f"{count} of {of}"

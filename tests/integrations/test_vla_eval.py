@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import vla_eval
 
+from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
@@ -22,7 +23,6 @@ from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.serving.serve import serving
-from vlafuzz.shipped import corpus_dir
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 NAME = "vlafuzz.integrations.vla_eval:Corpus"  # as users' YAML files have it

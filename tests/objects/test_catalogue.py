@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vlafuzz import shipped
+from vlafuzz import assets
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.catalogue import BUILDER
@@ -128,7 +128,7 @@ def test_the_objects_to_grasp_have_distinct_colours(catalogue):
 
 
 def test_each_object_looks_most_like_its_own_colour(catalogue):
-    specs = read_file(shipped.operators_dir() / "objects" / "builtin.yaml")
+    specs = read_file(assets.operators_dir() / "objects" / "builtin.yaml")
     # A policy that sees mean colours only must be able to tell them apart
     for name in GRASPABLE:
         pixels = np.asarray(paint(specs[name]), dtype=np.float64)[100:-100] / 255

@@ -5,7 +5,7 @@ import pytest
 import sapien
 from PIL import Image
 
-from vlafuzz import shipped
+from vlafuzz import assets
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.schema import read_file
 from vlafuzz.objects.textures import paint
@@ -43,7 +43,7 @@ def likeness(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", ["coke_can", "7up_can", "sprite_can"])
 def test_a_label_is_upright_and_not_mirrored(photograph, name):
     seen = photograph(name)[40:88, 50:78]
-    label = paint(read_file(shipped.operators_dir() / "objects" / "builtin.yaml")[name])
+    label = paint(read_file(assets.operators_dir() / "objects" / "builtin.yaml")[name])
     width, height = label.size
     part = label.crop((int(width * 0.43), int(height * 0.29), int(width * 0.57), int(height * 0.71)))
     drawn = np.asarray(part.resize(seen.shape[1::-1], Image.Resampling.BOX)) / 255

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from vlafuzz import shipped
+from vlafuzz import assets
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects import load_catalogue
 
@@ -89,7 +89,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_files_merge_unless_they_share_a_name(tmp_path):
-    builtin = shipped.operators_dir() / "objects" / "builtin.yaml"
+    builtin = assets.operators_dir() / "objects" / "builtin.yaml"
     mine = tmp_path / "mine.yaml"
     mine.write_text(yaml.safe_dump({"objects": {"pear": APPLE}}))
     assert load_catalogue(builtin, mine).names() == (*load_catalogue().names(), "pear")

@@ -7,10 +7,10 @@ import pytest
 
 from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
+from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
 from vlafuzz.conditions.stored import operators_json
 from vlafuzz.regression.folder import write_corpus
-from vlafuzz.shipped import corpus_dir
 from vlafuzz.space import load_operators
 
 PICK_UP = str(corpus_dir() / "mini-pick-up")

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from vlafuzz.assets import corpus_dir
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.folder import is_corpus, read_corpus
-from vlafuzz.shipped import corpus_dir
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.validity import check_static

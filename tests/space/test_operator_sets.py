@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.shipped import operators_dir
 from vlafuzz.space import OPERATORS, load_operators
 from vlafuzz.space.operators import EXTRAS, ConfounderPosition, Light, TargetPosition
 

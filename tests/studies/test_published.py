@@ -2,7 +2,7 @@
 
 import pytest
 
-from vlafuzz.shipped import published_dir
+from vlafuzz.assets import published_dir
 from vlafuzz.studies import published
 from vlafuzz.tasks.tabletop import TASKS
 

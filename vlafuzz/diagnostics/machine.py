@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from vlafuzz import __version__, renderer, shipped
+from vlafuzz import __version__, assets, renderer
 from vlafuzz.diagnostics.check import Check, Rating
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
@@ -42,7 +42,7 @@ def machine() -> Iterator[Check]:
     yield from check_packages()
     yield check_cores()
     yield check_renderer(renderer.probe())
-    yield check_cache(shipped.cache_dir())
+    yield check_cache(assets.cache_dir())
     yield check_disk(Path.cwd())
 
 
@@ -54,7 +54,7 @@ def check_python() -> Check:
 
 def check_vlafuzz() -> Check:
     """The version, and the commit where this is a checkout."""
-    top = Path(shipped.__file__).resolve().parent.parent
+    top = Path(assets.__file__).resolve().parent.parent
     commit = _git(top, "rev-parse", "--short", "HEAD") if (top / ".git").exists() else None
     if commit is None:
         return Check("vlafuzz", __version__, "ok", "")

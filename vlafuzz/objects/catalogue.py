@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz import shipped
+from vlafuzz import assets
 from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.objects.model import Container, Fit, Grasp, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import Pack, PackObject
@@ -96,7 +96,7 @@ def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
     """
     specs: dict[str, Entry] = {}
     origin: dict[str, Path] = {}
-    for path in map(Path, paths or [shipped.operators_dir() / "objects" / "builtin.yaml"]):
+    for path in map(Path, paths or [assets.operators_dir() / "objects" / "builtin.yaml"]):
         for name, spec in read_file(path).items():
             if name in specs:
                 taken = f"{path}: objects.{name}: already in {origin[name]}"
@@ -121,12 +121,12 @@ def built(name: str, spec: Entry) -> ObjectModel:
     """The object from the cache, built first if necessary."""
     place = f"objects/{name.replace(':', '-')}-{fingerprint(name, spec)}"
     fill, is_complete = partial(_fill, name, spec), lambda folder: (folder / NUMBERS).is_file()
-    model = _load(shipped.made_once(place, fill, is_complete), spec)
+    model = _load(assets.made_once(place, fill, is_complete), spec)
     # SAPIEN only logs a missing mesh
     if all(file.is_file() for file in (model.visual, *model.collision)):
         return model
     shutil.rmtree(model.collision[0].parent, ignore_errors=True)
-    return _load(shipped.made_once(place, fill, is_complete), spec)
+    return _load(assets.made_once(place, fill, is_complete), spec)
 
 
 def _fill(name: str, spec: Entry, folder: Path) -> None:

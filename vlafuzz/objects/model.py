@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,11 +11,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz import rotation
 from vlafuzz.errors import CatalogueError, suggestion
 
 Array = NDArray[np.float64]
 Role = Literal["graspable", "place", "obstacle", "marker"]
+
+
+def rotation_matrix(quaternion: Iterable[float]) -> list[list[float]]:
+    """The 3 × 3 rotation matrix of a unit quaternion w, x, y, z; in inner loops faster than SciPy."""
+    w, x, y, z = quaternion
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -158,7 +167,7 @@ class ObjectModel:
 
 def _rotation(quaternion: Sequence[float] | Array) -> Array:
     """The rotation ``(3, 3)`` of a quaternion w, x, y, z of any norm."""
-    return np.array(rotation.matrix(np.asarray(quaternion) / np.linalg.norm(quaternion)))
+    return np.array(rotation_matrix(np.asarray(quaternion) / np.linalg.norm(quaternion)))
 
 
 def _scaled_pose(pose: StablePose, scale: float) -> StablePose:

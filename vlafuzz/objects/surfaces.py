@@ -15,21 +15,8 @@ import trimesh
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from vlafuzz.objects import textures
+from vlafuzz.objects import schema, textures
 from vlafuzz.objects.hulls import Array, Faces, triangles
-from vlafuzz.objects.schema import (
-    Ball,
-    Basket,
-    Bottle,
-    Box,
-    Can,
-    Carrot,
-    Egg,
-    ObjectSpec,
-    Plate,
-    Shape,
-    Spoon,
-)
 from vlafuzz.objects.shapes import along_x, convex_parts, egg_profile, spoon
 
 ROUND = 48  # sides of a surface of revolution
@@ -47,7 +34,7 @@ class Surface(NamedTuple):
     faces: Faces
 
 
-def write_visual(spec: ObjectSpec, centre: Array, file: Path) -> None:
+def write_visual(spec: schema.ObjectSpec, centre: Array, file: Path) -> None:
     """Write the object's GLB, moved by ``-centre``."""
     material = PBRMaterial(
         baseColorTexture=textures.paint(spec), metallicFactor=0.0, roughnessFactor=spec.look.roughness
@@ -70,25 +57,25 @@ def join(pieces: Sequence[Surface]) -> Surface:
     return Surface(*map(np.concatenate, (vertices, normals, uv, shifted)))
 
 
-def surfaces(shape: Shape) -> list[Surface]:
+def surfaces(shape: schema.Shape) -> list[Surface]:
     match shape:
-        case Can():
+        case schema.Can():
             return [turned(can_rings(shape))]
-        case Bottle():
+        case schema.Bottle():
             return [turned(bottle_rings(shape))]
-        case Ball():
+        case schema.Ball():
             return [turned(ball_rings(shape)), *stalk(shape)]
-        case Carrot():
+        case schema.Carrot():
             return [laid(turned(carrot_rings(shape)))]
-        case Egg():
+        case schema.Egg():
             return [laid(turned(egg_rings(shape)))]
-        case Plate():
+        case schema.Plate():
             return [turned(plate_rings(shape))]
-        case Spoon():
+        case schema.Spoon():
             return spoon_surfaces(shape)
-        case Box():
+        case schema.Box():
             return [box_surface(convex_parts(shape)[0], shape.size)]
-        case Basket():
+        case schema.Basket():
             return [box_surface(part, None) for part in convex_parts(shape)]
 
 
@@ -137,7 +124,7 @@ def laid(surface: Surface) -> Surface:
     return surface._replace(vertices=along_x(surface.vertices), normals=along_x(surface.normals))
 
 
-def can_rings(can: Can) -> list[Ring]:
+def can_rings(can: schema.Can) -> list[Ring]:
     top, neck = can.height, can.neck
     return [
         (0.0, 0.006, 0.0),
@@ -154,7 +141,7 @@ def can_rings(can: Can) -> list[Ring]:
     ]
 
 
-def bottle_rings(shape: Bottle) -> list[Ring]:
+def bottle_rings(shape: schema.Bottle) -> list[Ring]:
     top, waist = shape.height, shape.height - shape.neck_height
     foot = 0.004
     low = waist - shape.shoulder
@@ -178,7 +165,7 @@ def bottle_rings(shape: Bottle) -> list[Ring]:
     ]
 
 
-def ball_rings(shape: Ball) -> list[Ring]:
+def ball_rings(shape: schema.Ball) -> list[Ring]:
     rings = []
     for t in np.linspace(0, 1, 25):
         radius, z = np.sin(np.pi * t), -np.cos(np.pi * t)
@@ -187,7 +174,7 @@ def ball_rings(shape: Ball) -> list[Ring]:
     return rings
 
 
-def stalk(shape: Ball) -> list[Surface]:
+def stalk(shape: schema.Ball) -> list[Surface]:
     """A stalk and a leaf for a ball with a dimple."""
     if not shape.dimple:
         return []
@@ -208,7 +195,7 @@ def stalk(shape: Ball) -> list[Surface]:
     return [thin._replace(uv=np.tile(textures.STALK_UV, (len(thin.uv), 1))), *leaf]
 
 
-def carrot_rings(carrot: Carrot) -> list[Ring]:
+def carrot_rings(carrot: schema.Carrot) -> list[Ring]:
     """The leaves' stub, which is visual only, then the root."""
     bulge = [(t, np.sqrt(1 - (1 - t) ** 2)) for t in (0.0, 0.05, 0.15, 0.4, 0.7, 1.0)]
     radius, end = carrot.radius, carrot.tip
@@ -218,12 +205,12 @@ def carrot_rings(carrot: Carrot) -> list[Ring]:
     return leaves + thick + thin
 
 
-def egg_rings(egg: Egg) -> list[Ring]:
+def egg_rings(egg: schema.Egg) -> list[Ring]:
     profile = egg_profile(egg, np.linspace(0, 1, 9), np.linspace(1, 0, 12))
     return [(radius, z, z / egg.length) for radius, z in profile]
 
 
-def plate_rings(shape: Plate) -> list[Ring]:
+def plate_rings(shape: schema.Plate) -> list[Ring]:
     outer = shape.diameter / 2
     inner, edge = outer - shape.rim, outer - shape.rim / 4
     return [
@@ -238,7 +225,7 @@ def plate_rings(shape: Plate) -> list[Ring]:
     ]
 
 
-def spoon_surfaces(shape: Spoon) -> list[Surface]:
+def spoon_surfaces(shape: schema.Spoon) -> list[Surface]:
     """A hollow bowl, and the bars of the handle."""
     outer = [(0.0, 0.0, 0.0), (0.55, 0.0, 0.1), (0.75, 0.22, 0.2), (0.9, 0.6, 0.3), (1.0, 1.0, 0.4)]
     inner = [(0.94, 1.0, 0.5), (0.8, 0.55, 0.6), (0.55, 0.25, 0.8), (0.0, 0.15, 1.0)]

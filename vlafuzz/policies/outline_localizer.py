@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz import rotation
-from vlafuzz.objects.model import ObjectModel, StablePose
+from vlafuzz.objects.model import ObjectModel, StablePose, rotation_matrix
 from vlafuzz.policies.base import Outlines, Silhouette
 from vlafuzz.policies.planning import Thing
 from vlafuzz.rigs.rig import CameraPose
@@ -88,7 +87,7 @@ def _camera_values(colour: Array) -> Array:
 
 def _standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float) -> Thing:
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    return Thing(model, np.array([*place, pose.height]), turn @ rotation.matrix(pose.quaternion))
+    return Thing(model, np.array([*place, pose.height]), turn @ rotation_matrix(pose.quaternion))
 
 
 def _spread(points: Array) -> Array:

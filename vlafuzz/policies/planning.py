@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz import rotation
 from vlafuzz.objects.grasps import find_grasps
-from vlafuzz.objects.model import ObjectModel
+from vlafuzz.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.rigs.rig import Hand, Rig
 
 Array = NDArray[np.float64]
@@ -79,7 +78,7 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
     """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the object's current pose."""
     bottom = float(thing.corners[:, 2].min())
     for pose in thing.model.stable_poses:
-        nominal = np.array(rotation.matrix(pose.quaternion))
+        nominal = np.array(rotation_matrix(pose.quaternion))
         if thing.rotation[2] @ nominal[2] > UPRIGHT and pose.grasps:  # the vertical in the object's frame
             level = thing.rotation @ nominal.T
             yaw = float(np.arctan2(level[1, 0], level[0, 0]))

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from vlafuzz.assets import corpus_dir
 from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Witness
 from vlafuzz.files import reason, replacing
@@ -21,7 +22,6 @@ from vlafuzz.regression.corpus import SCHEMA, Case, Corpus
 from vlafuzz.regression.manifest import EXPORT_AGAIN, CaseRow, CorpusManifest, WitnessRow, read_manifest
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.shipped import corpus_dir
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
 # What a value and its row in the manifest have in common; the other fields are files or digests.

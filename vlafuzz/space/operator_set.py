@@ -12,8 +12,8 @@ from typing import Annotated, Any, TypeVar
 import yaml
 from pydantic import BaseModel, Field, ValidationError
 
+from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
-from vlafuzz.shipped import operators_dir
 from vlafuzz.space.base import Extra, Operator
 from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
 from vlafuzz.space.ranges import Strict

@@ -9,8 +9,8 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from vlafuzz.assets import published_dir
 from vlafuzz.errors import CatalogueError
-from vlafuzz.shipped import published_dir
 
 
 @dataclass(frozen=True)

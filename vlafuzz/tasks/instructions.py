@@ -9,10 +9,10 @@ from pathlib import Path
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
+from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.shipped import operators_dir
 from vlafuzz.tasks.tabletop import TASKS
 
 _WORDINGS = TypeAdapter(dict[str, list[str]])

@@ -7,8 +7,8 @@ from functools import cache
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
-from vlafuzz.shipped import operators_dir
 from vlafuzz.space.operator_set import load_operators
 from vlafuzz.space.operators import TargetPosition
 from vlafuzz.space.ranges import Box

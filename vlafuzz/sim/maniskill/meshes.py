@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-from vlafuzz import shipped
+from vlafuzz import assets
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -28,7 +28,7 @@ SHARP = 0.6  # least angle between two faces at a visible edge, radians
 def light_robot(urdf: Path) -> Path:
     """A URDF of the same robot with simplified visual meshes, created by the first call."""
     name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
-    folder = shipped.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
+    folder = assets.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
     return folder / urdf.name
 
 

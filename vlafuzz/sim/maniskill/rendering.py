@@ -13,7 +13,7 @@ import numpy as np
 import sapien
 from mani_skill.render.shaders import ShaderConfig
 
-from vlafuzz import shipped
+from vlafuzz import assets
 from vlafuzz.rigs.rig import Lights
 
 # The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
@@ -74,7 +74,7 @@ def _shader_pack() -> Path:
         for file in sorted((source / name).iterdir())
     }
     digest = hashlib.sha256(json.dumps(shaders).encode()).hexdigest()[:20]
-    folder = shipped.made_once(
+    folder = assets.made_once(
         f"shaders/{digest}",
         lambda folder: _fill(shaders, folder),
         lambda folder: all((folder / name).is_file() for name in shaders),

@@ -16,8 +16,7 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
-from vlafuzz import rotation
-from vlafuzz.objects.model import ObjectModel
+from vlafuzz.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import InitialPose, Placement
@@ -110,7 +109,7 @@ class World:
             tcp = tcp * self._robot.tool
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
-        rotations = np.array([rotation.matrix(quaternion.tolist()) for quaternion in quaternions]).reshape(
+        rotations = np.array([rotation_matrix(quaternion.tolist()) for quaternion in quaternions]).reshape(
             -1, 3, 3
         )
         earlier, self._before = self._before, (positions, rotations)

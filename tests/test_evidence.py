@@ -1,5 +1,4 @@
-from vlafuzz.evidence import Threshold
-from vlafuzz.phrasing import describe, signature
+from vlafuzz.evidence import Threshold, describe, signature
 
 
 def test_a_signature_names_task_stage_and_operators():
