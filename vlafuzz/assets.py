@@ -28,7 +28,6 @@ def add_folders(folders: Iterable[Path]) -> None:
 
 
 def listed() -> list[str]:
-    """The user's folders."""
     return [folder for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
 
 
@@ -69,7 +68,6 @@ def operators_dir() -> Path:
 
 
 def corpus_dir() -> Path:
-    """The folder of shipped corpora."""
     return _folder("corpus")
 
 

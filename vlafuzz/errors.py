@@ -1,16 +1,6 @@
 """All errors that vlafuzz raises on purpose: one clear sentence with the value, and a hint.
 
-VlafuzzError
-├── UsageError           a flag, name or file from the user is wrong             (exit code 2)
-│   ├── CatalogueError   a YAML catalogue of operators or objects
-│   ├── SceneError       a scene or a file of scenes
-│   ├── StoreError       a store: the file with runs, trials and findings
-│   └── CorpusError      an exported corpus: the folder of minimal failing scenes
-├── PrerequisiteError    something must be installed or started first            (exit code 3)
-├── PolicyError          the policy under test broke: an ERROR outcome, never a failed scene
-└── SimulatorError       the simulator broke: an ERROR outcome, never a failed scene
-
-The result of a scene is an outcome, never an exception.
+The result of a scene is an outcome, never an exception: errors of policy and simulator become ERROR.
 """
 
 from __future__ import annotations
@@ -40,7 +30,7 @@ class VlafuzzError(Exception):
 
 
 class UsageError(VlafuzzError):
-    """A flag, name or file from the user is wrong."""
+    """A flag, name or file from the user is wrong: exit code 2."""
 
 
 class CatalogueError(UsageError):
@@ -60,7 +50,7 @@ class CorpusError(UsageError):
 
 
 class PrerequisiteError(VlafuzzError):
-    """Something must be installed or started first; the hint names the command."""
+    """Something must be installed or started first; the hint names the command. Exit code 3."""
 
     exit_code = 3
 

@@ -44,7 +44,6 @@ class Rollout:
 
     @property
     def steps(self) -> int:
-        """The number of control steps."""
         return len(self.trace)
 
 
@@ -71,12 +70,10 @@ class Outcome:
 
     @staticmethod
     def invalid(check: str, detail: str) -> Outcome:
-        """The outcome of a scene that is not fair."""
         return Outcome(verdict=Verdict.INVALID, detail=detail, check=check)
 
     @staticmethod
     def error(detail: str, *, unanswered: bool = False) -> Outcome:
-        """The outcome of a crash of policy or simulator."""
         return Outcome(verdict=Verdict.ERROR, detail=detail, unanswered=unanswered)
 
     @staticmethod

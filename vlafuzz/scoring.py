@@ -47,7 +47,6 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """Whether the policy failed."""
         return self.verdict is Verdict.FAILED
 
     @property

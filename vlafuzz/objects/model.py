@@ -94,7 +94,6 @@ class Fit:
 
     @cached_property
     def turn(self) -> Array:
-        """The rotation ``(3, 3)``."""
         return _rotation(self.quaternion)
 
 

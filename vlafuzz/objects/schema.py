@@ -34,7 +34,6 @@ class Fitting(Strict):
     """A shape whose lengths restrict each other."""
 
     def fits(self) -> bool:
-        """Whether the lengths fit together."""
         return True
 
     @model_validator(mode="after")

@@ -98,16 +98,13 @@ def stable_turns(body: Solid) -> list[Stable]:
         if margin > FIRM and tilt > TIPS:
             stable.append((face, turn, tilt))
     faces = np.array([face for face, _, _ in stable])
-    return [
-        Stable(turn, float(turn[2, 2]), tilt, bool(tilt < ROLLS) and _has_neighbour(faces @ face))
-        for face, turn, tilt in stable
-    ]
-
-
-def _has_neighbour(cosines: Array) -> bool:
-    """Whether a stable face is adjacent, given the cosines between a face and all stable ones."""
     near, far = np.cos(NEXT)
-    return bool(np.any((cosines < near) & (cosines > far)))
+    poses = []
+    for face, turn, tilt in stable:
+        cosines = faces @ face
+        rolls = tilt < ROLLS and np.any((cosines < near) & (cosines > far))
+        poses.append(Stable(turn, float(turn[2, 2]), tilt, bool(rolls)))
+    return poses
 
 
 def _margin(polygon: Array, point: Array) -> float:

@@ -175,7 +175,6 @@ def ball_rings(shape: schema.Ball) -> list[Ring]:
 
 
 def stalk(shape: schema.Ball) -> list[Surface]:
-    """A stalk and a leaf for a ball with a dimple."""
     if not shape.dimple:
         return []
     foot = shape.height / 2 - shape.dimple

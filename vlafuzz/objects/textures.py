@@ -116,7 +116,6 @@ def paint_calyx(canvas: Canvas) -> None:
 
 
 def paint_weave(canvas: Canvas) -> None:
-    """A plain weave."""
     _, draw, colour, look = canvas
     step = SIDE // 16
     for i in range(16):

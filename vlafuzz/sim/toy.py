@@ -44,7 +44,6 @@ def near(path: str, centre: float, span: float, period: float = math.inf) -> Dis
 
 
 def among(path: str, names: Sequence[str]) -> Distance:
-    """The value is one of several names."""
     return lambda scene: float(read(scene, path) not in names)
 
 
@@ -90,7 +89,6 @@ class Toy:
         self._min_distance, self._signal = min_distance, signal
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome per scene, in order."""
         return [self._outcome(scene) for scene in scenes]
 
     def close(self) -> None:

@@ -45,7 +45,6 @@ class State:
     seconds: float = 0.2
 
     def touches(self, index: int) -> set[int | str]:
-        """What object ``index`` touches."""
         return {other for touching, other in self.contacts if touching == index}
 
     def at_rest(self, index: int) -> bool:
@@ -115,7 +114,6 @@ class Task:
 
     @property
     def stage_names(self) -> tuple[str, ...]:
-        """The names of the stages in order."""
         return tuple(stage.name for stage in self.stages)
 
     def solved(self, models: tuple[ObjectModel, ...], state: State) -> bool:
@@ -134,7 +132,6 @@ class Monitor:
         self._trace: list[float] = []
 
     def observe(self, state: State) -> None:
-        """Add the state after a control step."""
         situation = Situation(self._models, self._start, state)
         for index, stage in enumerate(self._task.stages):
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0

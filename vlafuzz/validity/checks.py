@@ -119,23 +119,17 @@ def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
             lifts = f"the hand can lift from at most {hand.highest:g} m"
             return f"{model.spoken}, {a.rest}, is grasped at a height of {height:.3f} m: {lifts}"
         problem = f"{width:.3f} m wide" if grasps else "without a grasp"
-        return f"{model.spoken}, {a.rest}, is {problem}: the gripper takes {_range(hand)} m"
+        least = f"{hand.thinnest:g} to" if hand.thinnest else "up to"
+        return f"{model.spoken}, {a.rest}, is {problem}: the gripper takes {least} {hand.widest:g} m"
     return None
-
-
-def _range(hand: Hand) -> str:
-    return f"{hand.thinnest:g} to {hand.widest:g}" if hand.thinnest else f"up to {hand.widest:g}"
 
 
 def cannot_place(
     onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
 ) -> str | None:
     """Why ``a`` in its orientation cannot stay on the ``support`` or in the ``container`` ``b``."""
-    return _cannot_place(onto, _at_origin(a), model_a, _at_origin(b), model_b)
-
-
-def _at_origin(placement: Placement) -> Placement:
-    return replace(placement, x=0.0, y=0.0, yaw=0.0)
+    a, b = (replace(placement, x=0.0, y=0.0, yaw=0.0) for placement in (a, b))
+    return _cannot_place(onto, a, model_a, b, model_b)
 
 
 @lru_cache(maxsize=4096)

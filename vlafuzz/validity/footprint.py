@@ -69,7 +69,6 @@ def _separates(a: Array, b: Array) -> bool:
 
 
 def _centre(placement: Placement, model: ObjectModel) -> tuple[float, float]:
-    """The position of an object's origin."""
     if placement.quaternion is None:
         return placement.x, placement.y
     x, y, _ = model.shift(placement.quaternion) * placement.scale

@@ -37,7 +37,6 @@ def shifted(pose: sapien.Pose, shift: Array, turn: Array) -> sapien.Pose:
 
 
 def _damped(jacobian: Array, twist: Array) -> Array:
-    """The joint step for a twist by damped least squares."""
     return np.asarray(jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), twist))
 
 
@@ -98,7 +97,6 @@ class MetricArm:
         self.refused = 0
 
     def reset(self) -> None:
-        """Set the targets to the robot's present position."""
         self._qpos = np.array(self._robot.qpos, dtype=np.float64)
         self._model.compute_forward_kinematics(self._qpos)
         self.target = self._model.get_link_pose(self._tcp)
@@ -176,7 +174,6 @@ class Profile:
         self._acceleration = np.repeat([pace.acceleration, pace.finger_acceleration], [arms, 2])
 
     def start(self, positions: Array) -> None:
-        """Start at rest at these positions."""
         self._position, self._velocity = positions.copy(), np.zeros_like(positions)
 
     def step(self, targets: Array, seconds: float) -> Array:

@@ -45,7 +45,6 @@ class Cameras:
 
     @property
     def third_person(self) -> list[str]:
-        """Names of the third-person cameras."""
         return [name for name, request in self._requests.items() if request.role == "third_person"]
 
     def configs(self, agent: BaseAgent) -> list[CameraConfig]:
@@ -95,7 +94,6 @@ class Cameras:
 
 
 def sapien_pose(view: CameraPose) -> sapien.Pose:
-    """The pose of a camera in the world."""
     return sapien.Pose(view.position, view.quaternion)
 
 

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.errors import PrerequisiteError, SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.rig import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
@@ -86,9 +85,9 @@ class TabletopEnv(BaseEnv):
     def begin(self, scene: Scene, seed: int = 0) -> State:
         """Build a scene for a rollout with this seed; the state at its start."""
         self._scene_shown = scene
-        self._models = models_of(scene.placements, self.catalogue)
-        self.poses = start_poses(scene, self._models, self.rig, dropped=self._dropped)
-        start = self.world.begin(self._models, scene.placements, self.poses, scene.initial_pose)
+        self.models = models_of(scene.placements, self.catalogue)
+        self.poses = start_poses(scene, self.models, self.rig, dropped=self._dropped)
+        start = self.world.begin(self.models, scene.placements, self.poses, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
@@ -98,7 +97,7 @@ class TabletopEnv(BaseEnv):
             self._aim()
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
-        self.monitor = Monitor(self.task, self._models, start)
+        self.monitor = Monitor(self.task, self.models, start)
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
@@ -122,8 +121,8 @@ class TabletopEnv(BaseEnv):
         third_person = self._cameras.third_person if self.scene.can_render() else []
         return Applied(
             instruction=self._scene_shown.instruction,
-            poses=tuple(self.world.pose_of(index) for index in range(len(self._models))),
-            objects=tuple(model.name for model in self._models),
+            poses=tuple(self.world.pose_of(index) for index in range(len(self.models))),
+            objects=tuple(model.name for model in self.models),
             light=self._lights.measure(self.world.scene) if self.scene.can_render() else self.light,
             camera=self._render_camera(third_person[0]).local_pose
             if third_person
@@ -135,11 +134,6 @@ class TabletopEnv(BaseEnv):
                 "latency": self._commands.latency,
             },
         )
-
-    @property
-    def models(self) -> tuple[ObjectModel, ...]:
-        """The models of the scene's objects, in its order."""
-        return self._models
 
     def _render_camera(self, name: str) -> sapien.render.RenderCameraComponent:
         return self.scene.sensors[name].camera._render_cameras[0]

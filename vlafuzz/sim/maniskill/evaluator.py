@@ -16,7 +16,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
-from vlafuzz.policies.base import EpisodeStart, Knowing, Observation, Outlines, Policy, PolicySpec, Privileged
+from vlafuzz.policies.base import EpisodeStart, Knowing, Observation, Policy, PolicySpec, Privileged
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
@@ -62,7 +62,6 @@ class Episode:
 
     @property
     def over(self) -> bool:
-        """Whether the rollout has ended."""
         return len(self.actions) >= self._last
 
     @property
@@ -85,15 +84,13 @@ class Episode:
             instruction=self.instruction,
             images={camera.name: env.seen(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
-            outlines=self._outlines() if spec.silhouettes else None,
+            outlines=outlines(env.models, state, env.view, env.light, env.table_colour)
+            if spec.silhouettes
+            else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now)
             if spec.privileged
             else None,
         )
-
-    def _outlines(self) -> Outlines:
-        env = self.env
-        return outlines(env.models, self._state, env.view, env.light, env.table_colour)
 
     def advance(self, action: NDArray[np.float64]) -> None:
         """Execute a metric action for one control step."""
@@ -156,7 +153,6 @@ class ManiSkillEvaluator:
             policy.know(catalogue)
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        """One outcome per scene, in order."""
         return [self._evaluate(scene) for scene in scenes]
 
     def check(self, scene: Scene) -> Rejection | None:
@@ -173,11 +169,12 @@ class ManiSkillEvaluator:
 
     def renew(self) -> None:
         """Use a new environment for the next scene."""
-        self._drop_env()
+        if self._env is not None:
+            self._env.close()
+            self._env = None
 
     def close(self) -> None:
-        """Close simulator and policy."""
-        self._drop_env()
+        self.renew()
         self._policy.close()
 
     def _evaluate(self, scene: Scene) -> Outcome:
@@ -186,19 +183,16 @@ class ManiSkillEvaluator:
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
             seeds = range(self.seed, self.seed + self._conditions.repeats)
-            rollouts = tuple(self._persist(scene, seed) for seed in seeds)
+            # Restarted at most twice if the policy's server was lost or too late
+            rollouts = tuple(with_retries(partial(self._rollout, scene, seed), UNANSWERED) for seed in seeds)
         except PrerequisiteError:
             raise  # other scenes would raise it too
         except PolicyError as error:
             return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
         except Exception as error:  # a crash of the simulator is not a failure of the policy
-            self._drop_env()  # after an exception only a new environment is clean
+            self.renew()  # after an exception only a new environment is clean
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
         return Outcome.of(rollouts, self._task.stage_names)
-
-    def _persist(self, scene: Scene, seed: int) -> Rollout:
-        """A rollout, restarted at most twice if the policy's server was lost or too late."""
-        return with_retries(partial(self._rollout, scene, seed), UNANSWERED)
 
     def _rollout(self, scene: Scene, seed: int) -> Rollout:
         began = time.perf_counter()
@@ -224,7 +218,7 @@ class ManiSkillEvaluator:
 
     def _environment(self, robot: str) -> TabletopEnv:
         if self._env is not None and self._env.rig.robot != robot:
-            self._drop_env()
+            self.renew()
         if self._env is None:
             spec = self._policy.spec
             cameras = spec.cameras
@@ -234,11 +228,6 @@ class ManiSkillEvaluator:
                 self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._conditions.placement
             )
         return self._env
-
-    def _drop_env(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
 
 
 def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:

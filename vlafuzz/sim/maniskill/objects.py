@@ -35,16 +35,12 @@ def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.f
         turn = model.turned(placement.quaternion)
         x, y, _ = model.shift(placement.quaternion) * placement.scale
         height = -float((model.vertices @ turn[2]).min())
-        return np.array([placement.x + x, placement.y + y, height]), as_quaternion(turn)
+        quaternion = np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
+        return np.array([placement.x + x, placement.y + y, height]), quaternion
     pose = model.stable_pose(placement.rest)
     half = np.radians(placement.yaw) / 2
     turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
     return np.array([placement.x, placement.y, pose.height]), np.array(turned.q, dtype=np.float64)
-
-
-def as_quaternion(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The quaternion ``(4,)`` wxyz of a rotation matrix."""
-    return np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
 
 
 def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:

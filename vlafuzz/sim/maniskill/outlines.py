@@ -45,25 +45,26 @@ def outlines(
     """
     height = round(WIDTH / view.aspect)
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
+    bodies = [_corners(model, state, index) for index, model in enumerate(models)]
     seen = np.zeros((height, WIDTH), dtype=np.uint8)
     areas = []
-    for index in range(len(models)):
+    for body in bodies:
         alone = np.zeros_like(seen)
-        _paint(alone, _corners(models[index], state, index), view, 1)
-        areas.append(max(_size(models[index], state, index, view, height), int(alone.sum())))
+        _paint(alone, body, view, 1)
+        areas.append(max(_size(body, view, height), int(alone.sum())))
     for index in sorted(range(len(models)), key=lambda i: -depth[i]):
-        _paint(seen, _corners(models[index], state, index), view, index + 1)
+        _paint(seen, bodies[index], view, index + 1)
     _paint(seen, _hand(state), view, HAND)
-    things = tuple(
-        Silhouette(
-            pixels, np.minimum(models[index].colour * light, 1.0), min(len(pixels) / areas[index], 1.0)
-        )
-        for index in range(len(models))
-        if len(pixels := _pixels(seen, index + 1))
-    )
+    things = [
+        Silhouette(pixels, np.minimum(model.colour * light, 1.0), min(len(pixels) / area, 1.0))
+        for label, (model, area) in enumerate(zip(models, areas, strict=True), 1)
+        if len(pixels := _pixels(seen, label))
+    ]
+    # From left to right: the scene's order would reveal which object is the target
+    things.sort(key=lambda thing: float(thing.pixels[:, 0].mean()))
     hand, distance = view.project(state.tcp[None])
     visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
-    return Outlines(_sorted(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))
+    return Outlines(tuple(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))
 
 
 def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:
@@ -86,11 +87,10 @@ def _paint(picture: NDArray[np.uint8], parts: list[Array], view: CameraPose, val
         cv2.fillConvexPoly(picture, cv2.convexHull(points), value, lineType=cv2.LINE_8, shift=SUBPIXEL)
 
 
-def _size(model: ObjectModel, state: State, index: int, view: CameraPose, height: int) -> int:
+def _size(parts: list[Array], view: CameraPose, height: int) -> int:
     """Area in pixels of the whole outline if it extends beyond the image; else 0."""
-    uv, _ = view.project(np.concatenate(_corners(model, state, index)))
-    inside = np.all((uv >= 0) & (uv <= 1))
-    if inside:
+    uv, _ = view.project(np.concatenate(parts))
+    if np.all((uv >= 0) & (uv <= 1)):
         return 0
     hull = cv2.convexHull((uv * [WIDTH, height]).astype(np.float32))
     return round(float(cv2.contourArea(hull)))
@@ -100,8 +100,3 @@ def _pixels(seen: NDArray[np.uint8], value: int) -> Array:
     v, u = np.nonzero(seen == value)
     height, width = seen.shape
     return np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=1)
-
-
-def _sorted(things: tuple[Silhouette, ...]) -> tuple[Silhouette, ...]:
-    """Sorted from left to right: the scene's order would reveal which object is the target."""
-    return tuple(sorted(things, key=lambda thing: float(thing.pixels[:, 0].mean())))

@@ -39,7 +39,6 @@ class Recording:
         self.observations: list[Observation] = []
 
     def clear(self) -> None:
-        """Start a new rollout."""
         self.frames, self.observations = [], []
 
     def note(self, env: TabletopEnv, instruction: str) -> None:
@@ -106,7 +105,6 @@ class Stills:
         return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
 
     def close(self) -> None:
-        """Close the simulator."""
         if self._env is not None:
             self._env.close()
             self._env = None

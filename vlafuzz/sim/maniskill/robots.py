@@ -52,11 +52,9 @@ class MetricController(BaseController):
         )
 
     def reset(self) -> None:
-        """Set the targets to the robot's present position."""
         self.arm.reset()
 
     def set_action(self, action: torch.Tensor) -> None:
-        """Set the targets for one control step."""
         self.arm.command(np.asarray(action, dtype=np.float64).reshape(-1))
 
 

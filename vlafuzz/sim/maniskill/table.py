@@ -29,20 +29,12 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     table.add_component(body)
     if render_system(scene) is not None:
         table.add_component(_box(size.half, _painted(shaded(COLOUR, planks()))))
-        for surroundings in (_floor(size.floor), _wall(size.floor)):
-            scene.add_entity(surroundings)
+        wall = sapien.render.RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
+        scene.add_entity(_standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, size.floor)))
+        scene.add_entity(_standing("wall", (0.01, 3.0, 2.0), wall, (WALL, 0.0, size.floor + 2.0)))
     table.pose = sapien.Pose([*size.centre, -size.half[2]])
     scene.add_entity(table)
     return table
-
-
-def _floor(height: float) -> sapien.Entity:
-    return _standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, height))
-
-
-def _wall(floor: float) -> sapien.Entity:
-    paint = sapien.render.RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
-    return _standing("wall", (0.01, 3.0, 2.0), paint, (WALL, 0.0, floor + 2.0))
 
 
 def _standing(
@@ -98,7 +90,6 @@ def shaded(colour: Sequence[float], shade: NDArray[np.float64]) -> NDArray[np.ui
 
 
 def _tiles(size: int = 128) -> NDArray[np.uint8]:
-    """Grey tiles with joints."""
     rng = np.random.default_rng(5)
     cells = size // 8
     shade = 1.0 + rng.normal(0, 0.04, (8, 8)).repeat(cells, axis=0).repeat(cells, axis=1)

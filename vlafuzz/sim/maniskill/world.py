@@ -142,7 +142,6 @@ class World:
         return [body.entity.per_scene_id for body in shown]
 
     def pose_of(self, index: int) -> sapien.Pose:
-        """The pose of an object in the simulator."""
         return self._bodies[index].entity_pose
 
     def _move_over(self) -> None:
