@@ -59,14 +59,10 @@ class Scan:
         self._reach: dict[float, tuple[Array, Array]] = {}
 
     def reach(self, shift: int, heights: Iterable[float]) -> tuple[Array, Array]:
-        """Least and greatest coordinate along the closing axis on the scan lines of a pad.
+        """Least and greatest coordinate along the closing axis on the scan lines of a pad, at ``m`` heights.
 
-        Args:
-            shift: of the pad from the centre of mass, steps.
-            heights: ``m`` of them, metres.
-
-        Returns:
-            two arrays ``(m, 2 * PAD + 1)``, metres; inf and -inf where there is no object.
+        ``shift``: of the pad from the centre of mass, steps. Two arrays ``(m, 2 * PAD + 1)``, metres; inf and
+        -inf where there is no object.
         """
         pad = slice(shift - SHIFTS[0], shift - SHIFTS[0] + 2 * PAD + 1)
         spans = [self._at(round(z, 4) + 1e-7) for z in heights]  # off the corners, where cuts are ambiguous
@@ -102,9 +98,7 @@ def _chords(polygon: Array, lines: Array) -> tuple[Array, Array]:
 def find_grasps(parts: Sequence[Array], centre: Array) -> tuple[Grasp, ...]:
     """Up to twelve grasps, best first, each distinct from the better ones.
 
-    Args:
-        parts: convex parts ``(n, 3)`` at rest on z = 0, origin at (0, 0), metres.
-        centre: of mass, ``(3,)``.
+    ``parts``: convex, ``(n, 3)``, at rest on z = 0, origin at (0, 0), metres; ``centre``: of mass, ``(3,)``.
     """
     body = Body(parts)
     ranked = sorted(_candidates(body, centre), key=lambda grasp: (-grasp.quality, grasp.yaw, grasp.z))

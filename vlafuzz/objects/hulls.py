@@ -65,12 +65,9 @@ def outline(points: Array) -> Array:
 
 
 def section(points: Array, edges: Faces, z: float) -> Array:
-    """Points ``(k, 2)`` on the section of a convex body at height ``z``, including its corners.
+    """Points ``(k, 2)``, corners included, on the section at height ``z`` of a convex body.
 
-    Args:
-        points: ``(n, 3)`` corners of the body.
-        edges: ``(m, 2)`` pairs of corners.
-        z: metres.
+    ``points``: its corners ``(n, 3)``; ``edges``: ``(m, 2)`` pairs of corners.
     """
     low, high = points[edges[:, 0]], points[edges[:, 1]]
     crossing = (low[:, 2] - z) * (high[:, 2] - z) < 0
@@ -80,10 +77,9 @@ def section(points: Array, edges: Faces, z: float) -> Array:
 
 
 def find_cavity(parts: Sequence[Array]) -> Container | None:
-    """The largest cavity about the origin with an even floor and walls all round; None if it is too small.
+    """The largest cavity about the origin of convex parts ``(n, 3)``, z up; None if it is too small.
 
-    Args:
-        parts: convex parts ``(n, 3)``, z up.
+    It has an even floor and walls all round.
     """
     reach = np.abs(np.concatenate(parts)[:, :2]).max(axis=0)
     x, y = (np.arange(-np.floor(side / STEP), np.floor(side / STEP) + 1) * STEP for side in reach)

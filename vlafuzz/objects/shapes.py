@@ -103,11 +103,7 @@ def carrot_profile(carrot: Carrot) -> list[tuple[float, float]]:
 
 
 def egg_profile(egg: Egg, thin: ArrayLike, thick: ArrayLike) -> list[tuple[float, float]]:
-    """Rings on the thin ball, then on the thick one.
-
-    Args:
-        thin, thick: share of the angle between a ball's pole and where the common tangent touches.
-    """
+    """Rings on the thin ball, then on the thick one, at shares of the angle from pole to common tangent."""
     lean = np.arcsin((egg.radius - egg.tip) / (egg.length - egg.radius - egg.tip))
     sharp, blunt = np.asarray(thin) * (np.pi / 2 - lean), np.asarray(thick) * (np.pi / 2 + lean)
     rings = [(egg.tip * float(np.sin(t)), egg.tip * float(1 - np.cos(t))) for t in sharp]

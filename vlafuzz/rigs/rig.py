@@ -196,14 +196,9 @@ class CameraPose:
     aspect: float
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Image coordinates of world points.
+        """Image coordinates of world points ``(n, 3)``, and their depths ``(n,)`` along the axis; metres.
 
-        Args:
-            points: ``(n, 3)`` metres.
-
-        Returns:
-            ``(n, 2)`` u to the right and v down, both in [0, 1] inside the picture; ``(n,)`` depth along
-            the axis, metres.
+        Coordinates ``(n, 2)`` are u to the right and v down, both in [0, 1] inside the picture.
         """
         forward, left, up = ((points - self.position) @ self.axes.T).T
         scale = 2 * math.tan(math.radians(self.fov) / 2) * np.maximum(forward, 1e-6)

@@ -169,11 +169,7 @@ def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: Ob
 
 
 def check_geometry(scene: Scene, catalogue: Catalogue, min_distance: float) -> Rejection | None:
-    """Check the positions in a scene that passes ``check_semantic``.
-
-    Args:
-        min_distance: between the centres of any two objects, metres.
-    """
+    """Check the positions in a scene that passes ``check_semantic``. ``min_distance``: of centres, metres."""
     setup = rig(scene.robot)
     models = [catalogue[placement.object] for placement in scene.placements]
     outlines = [footprint(*pair) for pair in zip(scene.placements, models, strict=True)]

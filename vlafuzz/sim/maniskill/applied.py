@@ -52,10 +52,7 @@ class Applied:
         }
 
     def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
-        """Compare with the requested scene, before the first step.
-
-        Args:
-            poses: requested poses of the objects.
+        """Compare with the requested scene and poses of its objects, before the first step.
 
         Raises:
             SimulatorError: an option was not applied.

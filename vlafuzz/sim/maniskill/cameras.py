@@ -30,10 +30,7 @@ WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 
 
 class Cameras:
-    """The requested cameras of one rig.
-
-    Args:
-        task: decides on the photo, if the rig has any.
+    """The requested cameras of one rig. The task decides on the photo, if the rig has any.
 
     Raises:
         PrerequisiteError: the photo is in none of the user's folders.
@@ -65,8 +62,7 @@ class Cameras:
     ) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, in the requested size.
 
-        Args:
-            visible: SAPIEN's numbers of the bodies in front of the photo.
+        ``visible``: SAPIEN's numbers of the bodies in front of the photo.
         """
         camera.take_picture()
         colour = camera.get_picture("Color")[..., :3]

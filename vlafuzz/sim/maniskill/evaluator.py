@@ -33,23 +33,13 @@ AFTER_SUCCESS = 10  # control steps, to tell success at the end from success onc
 
 
 class Episode:
-    """Begins a rollout of a scene in an environment.
+    """Begins a rollout of a scene in an environment. ``actions``: so far, ``(7,)``, metric.
 
-    Args:
-        spec: of the policy.
-        conditions: define when a rollout is over and what counts as success.
-
-    Attributes:
-        actions: so far, ``(7,)`` metric actions.
+    The conditions define when a rollout is over and what counts as success.
     """
 
     def __init__(
-        self,
-        env: TabletopEnv,
-        spec: PolicySpec,
-        scene: Scene,
-        seed: int,
-        conditions: Conditions,
+        self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions
     ) -> None:
         self.env, self._spec, self._scene = env, spec, scene
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
@@ -128,7 +118,7 @@ class ManiSkillEvaluator:
     """Runs a policy in scenes of one task.
 
     Args:
-        conditions: task, seed and all else that determines an outcome; their ``policy`` is only a name.
+        conditions: all that determines an outcome beside the scene; their ``policy`` is only a name.
         recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
 

@@ -37,11 +37,9 @@ def outlines(
     light: float,
     table: Sequence[float] = COLOUR,
 ) -> Outlines:
-    """Outlines of objects and hand, and the table's colour, in a view.
+    """Outlines of objects and hand, and the mean colour of the ``table`` top, in a view.
 
-    Args:
-        light: factor on all lights; an apparent colour saturates at 1.
-        table: mean colour of the table top.
+    ``light``: factor on all lights; an apparent colour saturates at 1.
     """
     height = round(WIDTH / view.aspect)
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]

@@ -67,10 +67,7 @@ def settle(
     """Check that the objects stay in place and that the task is not solved before the policy acts.
 
     No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold
-    neither before nor after.
-
-    Args:
-        dropped: poses of the objects if they were dropped. Then they only have to stay on the table.
+    neither before nor after. Objects that were dropped, to poses ``dropped``, only have to stay on the table.
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
@@ -86,13 +83,15 @@ def settle(
     after = _state(scene, bodies)
     moments = (("at the start", before), ("after settling", after))
     solved = [moment for moment, state in moments if task.solved(tuple(models), state)]
+    rejection = _restless(placements, before, after, dropped=dropped is not None)
+    if solved and rejection is None:
+        rejection = Rejection("solved", f"{task.name} is solved {solved[0]}, before the policy acts")
     spots = np.array([pose.p[:2] for pose in wanted])
     return Settled(
         shift=float(np.linalg.norm(((before if dropped else after).positions[:, :2] - spots), axis=1).max()),
         solved=bool(solved),
         published=task.published(Situation(tuple(models), before, before)),
-        rejection=_restless(placements, before, after, dropped=dropped is not None)
-        or _solved(task.name, solved),
+        rejection=rejection,
     )
 
 
@@ -102,17 +101,12 @@ def _restless(
     for index, placement in enumerate(placements):
         reason = _fell(after, index) or (None if dropped else _moved(before, after, index))
         if reason:
-            return Rejection(
-                "settling", f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f}) {reason}"
-            )
+            where = f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f})"
+            return Rejection("settling", f"{where} {reason}")
     return None
 
 
-def _solved(task: str, moments: Sequence[str]) -> Rejection | None:
-    return Rejection("solved", f"{task} is solved {moments[0]}, before the policy acts") if moments else None
-
-
-def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
+def _state(scene: sapien.Scene, bodies: Sequence[Body]) -> State:
     labels: dict[object, int | str] = {body: index for index, body in enumerate(bodies)}
     labels.update(dict.fromkeys(scene.physx_system.rigid_static_components, TABLE))
     contacts = {(index, other) for index, other, *_ in object_contacts(scene.physx_system, labels)}

@@ -67,9 +67,7 @@ class World:
     ) -> State:
         """Place the objects and reset the robot; the state at the start.
 
-        Args:
-            poses: of the objects, unless they start at their resting poses.
-            initial: of the arm, unless it starts as the rig does.
+        By default the objects start at their resting poses, and the arm as the rig does.
         """
         if not self._fresh:
             self._move_over()
@@ -109,9 +107,8 @@ class World:
             tcp = tcp * self._robot.tool
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
-        rotations = np.array([rotation_matrix(quaternion.tolist()) for quaternion in quaternions]).reshape(
-            -1, 3, 3
-        )
+        turns = [rotation_matrix(quaternion.tolist()) for quaternion in quaternions]
+        rotations = np.array(turns).reshape(-1, 3, 3)
         earlier, self._before = self._before, (positions, rotations)
         return State(
             positions=positions,
@@ -172,13 +169,11 @@ class World:
 
     def _label_bodies(self) -> dict[object, int | str]:
         links = self._robot.articulation.links
-        labels: dict[object, int | str] = dict.fromkeys(links, ARM)
-        labels.update(
-            dict.fromkeys((link for link in links if any(part in link.name for part in _HAND)), HAND)
-        )
-        labels.update({body: index for index, body in enumerate(self._bodies)})
-        labels.update(dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE))
-        return labels
+        labels: dict[object, int | str] = {
+            link: HAND if any(part in link.name for part in _HAND) else ARM for link in links
+        }
+        labels |= {body: index for index, body in enumerate(self._bodies)}
+        return labels | dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
