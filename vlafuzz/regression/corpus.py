@@ -13,38 +13,48 @@ from vlafuzz.store.records import Manifest
 SCHEMA = 2  # of the folder, described in corpus/README.md
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Case:
-    """One failure.
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """A failure without its scenes, witness and picture: what the manifest of a folder holds as it is.
 
     Attributes:
-        scene: minimal: every operator that is not nominal in it is needed for the policy to fail.
         lost_stage: the stage that the policy does not reach.
         operators: those that are not nominal in the scene; all confounder operators count as one.
-        counterparts: by operator, the scene with this operator reset, in which the policy passes.
-        nominal: the scene with all operators reset, the control; ``nominal_passes``: its verdict.
-        witness: a solution of the scene.
+        nominal_passes: verdict of the nominal scene.
         found: digest of the scene as the search found it.
         run: index of the run that found it, in ``Corpus.runs``.
         repeats: rollouts that confirmed it; ``failures`` of them failed.
         rollouts: of the policy, to shrink and attribute the finding.
-        thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
 
-    scene: Scene
     lost_stage: str
     signature: str
     operators: tuple[str, ...]
     causes: Causes
-    counterparts: Mapping[str, Scene]
-    nominal: Scene
     nominal_passes: bool
-    witness: Witness
     found: str
     run: int
     repeats: int
     failures: int
     rollouts: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case(Facts):
+    """One failure.
+
+    Attributes:
+        scene: minimal: every operator that is not nominal in it is needed for the policy to fail.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes.
+        nominal: the scene with all operators reset, the control.
+        witness: a solution of the scene.
+        thumbnail: PNG from the third-person camera; None where nothing could be rendered.
+    """
+
+    scene: Scene
+    counterparts: Mapping[str, Scene]
+    nominal: Scene
+    witness: Witness
     thumbnail: bytes | None = None
 
     @property
@@ -59,7 +69,6 @@ class Evidence:
     """What triage of the store found, and what the export left out.
 
     Attributes:
-        findings: number of findings in the store.
         shares: of the triaged findings: confirmed, flaky, witnessed, unproven, base, minimal.
         left_out: number of minimal findings that are not in the corpus, by reason.
         search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
@@ -98,7 +107,6 @@ class Corpus:
 
     @property
     def task(self) -> str:
-        """The task of all scenes."""
         return self.runs[0].task
 
     @property

@@ -53,7 +53,6 @@ class SignTest:
     _most: float = 1.0
 
     def see(self, *, worse: bool, control: bool) -> None:
-        """Add a discordant pair."""
         self.worse += worse
         self.better += not worse
         self.controls_worse += worse and control

@@ -29,11 +29,13 @@ UNSOLVED = "its witness no longer solves it"
 
 
 class PictureRunner(SceneRunner, Protocol):
-    """A scene runner that also takes pictures."""
+    """A scene runner that also takes pictures.
 
-    @property
-    def renderer(self) -> str | None:
-        """What renders the policy's images; None for a policy without cameras."""
+    Attributes:
+        renderer: what renders the policy's images; None for a policy without cameras.
+    """
+
+    renderer: str | None
 
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a scene; None where nothing can be rendered."""
@@ -61,7 +63,6 @@ def export(
 
     Args:
         runner: makes the scene runner that checks the findings of a run.
-        name: of the corpus.
         run: only findings that this run found first.
         watch: called with the number of findings checked, and of all.
 
@@ -90,9 +91,8 @@ def export(
                 watch(done, len(chosen))
     if not cases:
         reasons = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
-        raise StoreError(
-            f"{store.path}: no minimal finding holds: {reasons}", hint="`vlafuzz triage` it here"
-        )
+        problem = f"{store.path}: no minimal finding holds: {reasons}"
+        raise StoreError(problem, hint="`vlafuzz triage` it here")
     return Corpus(
         name=name,
         runs=[runs[number].manifest for number in numbers],
@@ -121,10 +121,8 @@ def _choose(store: Store, run: int | None) -> list[_Chosen]:
 def _check_alike(store: Store, runs: Sequence[Run]) -> None:
     kinds = {f"{run.manifest.policy} on {run.manifest.task}" for run in runs}
     if len(kinds) > 1:
-        message = (
-            f"{store.path}: has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
-        )
-        raise UsageError(message, hint="--run N exports the findings of one run")
+        problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
+        raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
 
 
 def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:

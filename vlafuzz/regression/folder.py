@@ -7,29 +7,70 @@ import io
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.assets import corpus_dir
 from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Witness
 from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.regression.corpus import SCHEMA, Case, Corpus
-from vlafuzz.regression.manifest import EXPORT_AGAIN, CaseRow, CorpusManifest, WitnessRow, read_manifest
+from vlafuzz.regression.corpus import SCHEMA, Case, Corpus, Evidence, Facts
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
+from vlafuzz.store.records import Manifest
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
-# What a value and its row in the manifest have in common; the other fields are files or digests.
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_RENAMED = {"subject": "policy", "given": "scene_file"}  # in schema 2
+# What a corpus or case and its row in the manifest have in common; the other fields are files or digests.
 _OF_CORPUS = ("name", "created", "renderer", "versions", "evidence")
-_OF_CASE = (
-    "lost_stage", "signature", "operators", "causes", "nominal_passes", "found", "run", "repeats", "failures",
-    "rollouts",
-)  # fmt: skip
+_OF_CASE = tuple(fact.name for fact in fields(Facts))
+
+
+@dataclass(frozen=True)
+class _WitnessRow:
+    """A witness: the digest of the file with its actions, and the rest."""
+
+    __pydantic_config__ = _STRICT
+    digest: str
+    steps: int
+    states_hash: str
+    attempt: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CaseRow(Facts):
+    """A case, with scenes by their digests."""
+
+    __pydantic_config__ = _STRICT
+    scene: str
+    counterparts: Mapping[str, str]
+    nominal: str
+    witness: _WitnessRow
+    thumbnail: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Manifest:
+    """All of a corpus but the scenes, actions and images."""
+
+    __pydantic_config__ = _STRICT
+    schema: int
+    name: str
+    created: str
+    renderer: str | None
+    versions: Mapping[str, str]
+    runs: tuple[Manifest, ...]
+    evidence: Evidence
+    cases: tuple[_CaseRow, ...]
+
+
+_ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
 
 
 def locate(folder: Path) -> Path:
@@ -54,22 +95,14 @@ def thumbnail_path(folder: Path, scene: Scene) -> Path:
 
 
 def write_corpus(corpus: Corpus, folder: Path) -> None:
-    """Write a new folder.
-
-    Raises:
-        CorpusError: the folder exists already, or cannot be written.
-    """
+    """Write a new folder; a CorpusError if it exists already, or cannot be written."""
     with whole(folder) as unfinished:
         _write(corpus, unfinished)
 
 
 @contextmanager
 def whole(folder: Path) -> Iterator[Path]:
-    """A temporary folder that is renamed to ``folder`` at the end, so that it is complete or absent.
-
-    Raises:
-        CorpusError: the folder exists already, or cannot be written.
-    """
+    """A temporary folder that is renamed to ``folder`` at the end; checks like ``check_new``."""
     check_new(folder)
     try:
         with replacing(folder) as unfinished:
@@ -79,11 +112,7 @@ def whole(folder: Path) -> Iterator[Path]:
 
 
 def check_new(folder: Path) -> None:
-    """Check that a folder does not exist and can be created.
-
-    Raises:
-        CorpusError: the folder exists already, or cannot be written.
-    """
+    """Raise a CorpusError if a folder exists already, or cannot be written."""
     if folder.exists():
         raise CorpusError(f"{folder}: exists already", hint="give --out a new folder")
     try:
@@ -108,17 +137,17 @@ def _write(corpus: Corpus, folder: Path) -> None:
         if case.thumbnail is not None:
             thumbnail_path(folder, case.scene).write_bytes(case.thumbnail)
     rows, runs = tuple(map(_row, corpus.cases)), tuple(corpus.runs)
-    manifest = CorpusManifest(schema=SCHEMA, cases=rows, runs=runs, **_fields(corpus, _OF_CORPUS))
+    manifest = _Manifest(schema=SCHEMA, cases=rows, runs=runs, **_fields(corpus, _OF_CORPUS))
     (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
 
 
-def _row(case: Case) -> CaseRow:
+def _row(case: Case) -> _CaseRow:
     actions, witness = case.witness.actions, case.witness
-    return CaseRow(
+    return _CaseRow(
         scene=case.scene.digest,
         counterparts={name: scene.digest for name, scene in case.counterparts.items()},
         nominal=case.nominal.digest,
-        witness=WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt),
+        witness=_WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt),
         thumbnail=case.thumbnail is not None,
         **_fields(case, _OF_CASE),
     )
@@ -136,21 +165,50 @@ def read_corpus(folder: Path) -> Corpus:
             message names the file.
     """
     folder = locate(folder)
-    manifest = read_manifest(folder / MANIFEST)
+    manifest = _read_manifest(folder / MANIFEST)
     try:
         scenes = {scene.digest: scene for scene in load_scenes(folder / SCENES)}
         scenes |= {scene.digest: scene for scene in load_scenes(folder / COUNTERPARTS)}
     except SceneError as error:
-        raise CorpusError(error.message, hint=EXPORT_AGAIN) from None
+        raise _damaged(error.message) from None
     cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
     return Corpus(runs=manifest.runs, cases=cases, **_fields(manifest, _OF_CORPUS))
 
 
-def _case(folder: Path, number: int, row: CaseRow, scenes: Mapping[str, Scene]) -> Case:
+def _read_manifest(path: Path) -> _Manifest:
+    """Read and validate a manifest of any schema so far."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        schema = content["schema"] if isinstance(content, dict) else None
+        if isinstance(schema, int) and schema > SCHEMA:
+            raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
+        manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
+    except OSError as error:
+        message = f"{path}: cannot be read: {reason(error)}"
+        raise CorpusError(message, hint="expected an exported corpus") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        problem = f"{where}: {first['msg'].lower()}, got {repr(first['input'])[:60]}"
+        raise _damaged(f"{path}: {problem}") from None
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        problem = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise _damaged(f"{path}: not the manifest of a corpus: {problem}") from None
+    if not manifest.cases or any(not 0 <= case.run < len(manifest.runs) for case in manifest.cases):
+        raise _damaged(f"{path}: has no case, or a case without its run")
+    return manifest
+
+
+def _upgraded(content: dict[str, Any]) -> dict[str, Any]:
+    """Schema 1 as schema 2, which renamed fields of the runs."""
+    runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
+    return content | {"schema": SCHEMA, "runs": runs}
+
+
+def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene]) -> Case:
     def scene(digest: str, file: str) -> Scene:
         if digest not in scenes:
-            message = f"{folder / file}: case {number}: no scene with digest {digest}"
-            raise CorpusError(message, hint=EXPORT_AGAIN)
+            raise _damaged(f"{folder / file}: case {number}: no scene with digest {digest}")
         return scenes[digest]
 
     failing = scene(row.scene, SCENES)
@@ -172,8 +230,7 @@ def _case(folder: Path, number: int, row: CaseRow, scenes: Mapping[str, Scene]) 
 def _read_actions(path: Path, digest: str) -> Actions:
     data = _read(path)
     if _digest(data) != digest:
-        message = f"{path}: was changed: its digest is {_digest(data)}, not {digest}"
-        raise CorpusError(message, hint=EXPORT_AGAIN)
+        raise _damaged(f"{path}: was changed: its digest is {_digest(data)}, not {digest}")
     return np.asarray(np.load(io.BytesIO(data), allow_pickle=False), dtype=np.float32)
 
 
@@ -181,7 +238,11 @@ def _read(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise CorpusError(f"{path}: cannot be read: {reason(error)}", hint=EXPORT_AGAIN) from None
+        raise _damaged(f"{path}: cannot be read: {reason(error)}") from None
+
+
+def _damaged(problem: str) -> CorpusError:
+    return CorpusError(problem, hint="`vlafuzz export STORE --minimal` writes a new one")
 
 
 def _npy(actions: Actions) -> bytes:

@@ -68,19 +68,13 @@ class Answer(NamedTuple):
         lost = f"does not reach {outcome.lost_stage}" if outcome.lost_stage else ""
         return Answer(outcome.verdict, seconds, outcome.detail or lost)
 
-    @staticmethod
-    def of_record(*, passed: bool) -> Answer:
-        """From a recorded verdict."""
-        return Answer(Verdict.PASSED if passed else Verdict.FAILED)
-
     @property
     def judged(self) -> bool:
-        """Whether there is a verdict on the policy: passed or failed."""
+        """Whether it passed or failed."""
         return self.verdict >= Verdict.PASSED
 
     @property
     def passed(self) -> bool:
-        """Whether the policy succeeded."""
         return self.verdict is Verdict.PASSED
 
 
@@ -125,12 +119,10 @@ class Compared:
 
     @property
     def baseline_passed(self) -> int:
-        """Judged pairs in which the baseline passed."""
         return sum(pair.baseline.passed for pair in self.judged)
 
     @property
     def policy_passed(self) -> int:
-        """Judged pairs in which the policy passed."""
         return sum(pair.policy.passed for pair in self.judged)
 
     @property

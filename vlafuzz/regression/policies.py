@@ -27,10 +27,8 @@ def compare_policies(
 ) -> Comparison:
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
 
-    Args:
-        folder: of the corpus, for messages.
-        baseline: None for the recorded outcomes of the corpus's own policy; a stochastic policy is rolled out
-            instead.
+    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy; a stochastic one is
+    rolled out instead. ``folder`` is that of the corpus, for messages.
     """
 
     def progress(now: regress.Progress) -> None:

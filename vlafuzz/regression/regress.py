@@ -19,38 +19,23 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from vlafuzz.outcome import Outcome
+from vlafuzz.outcome import Verdict
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.e_process import SignTest
 from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest
+from vlafuzz.triage.triager import PolicyRunner
 
 REPEATS = 5  # of each scene at most, by default, if a policy is stochastic
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "hopeless", "unjudged", "done"]
 
 
-class PolicyRunner(Protocol):
-    """Rolls out a policy under the conditions of a run. A failing scene is an outcome, never an exception."""
-
-    @property
-    def deterministic(self) -> bool:
-        """Whether the policy is deterministic."""
-
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """One rollout in each scene, with the runner's seed plus ``number``."""
-
-    def close(self) -> None:
-        """Release the simulator."""
-
-
 class Side(Protocol):
     """One of the two policies that are compared."""
 
     @property
-    def name(self) -> str:
-        """As it is shown."""
+    def name(self) -> str: ...
 
     @property
     def deterministic(self) -> bool:
@@ -68,8 +53,8 @@ class Recorded:
     deterministic: bool = True
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """See ``Side``."""
-        return Answer.of_record(passed=probe.passed)
+        """The recorded verdict."""
+        return Answer(Verdict.PASSED if probe.passed else Verdict.FAILED)
 
 
 class Rerun:
@@ -77,24 +62,21 @@ class Rerun:
 
     Args:
         runs: of the corpus.
-        runner: makes the runner for the conditions of a run; called with the run's manifest at seed 0.
+        make: makes the runner for the conditions of a run; called with the run's manifest at seed 0.
     """
 
-    def __init__(
-        self, name: str, runs: Sequence[Manifest], runner: Callable[[Manifest], PolicyRunner]
-    ) -> None:
+    def __init__(self, name: str, runs: Sequence[Manifest], make: Callable[[Manifest], PolicyRunner]) -> None:
         self.name, self._runs = name, runs
         distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
-        self._runners = {key: runner(run) for key, run in distinct.items()}
+        self._runners = {key: make(run) for key, run in distinct.items()}
         self.deterministic = all(runner.deterministic for runner in self._runners.values())
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """See ``Side``. The first rollout has the seed of the recorded one."""
+        """One rollout; the first has the seed of the recorded one."""
         run = self._runs[probe.run]
         return Answer.of(self._runners[run.key(seeded=False)].evaluate([probe.scene], run.seed + repeat)[0])
 
     def close(self) -> None:
-        """Close all runners."""
         for runner in self._runners.values():
             runner.close()
 
@@ -140,7 +122,6 @@ class Comparison:
 
     @property
     def total(self) -> Tally:
-        """Counts over all scenes."""
         return Tally.of(self.compared)
 
     @property
@@ -154,11 +135,9 @@ class Comparison:
         return self.alarm or 2 * self.total.baseline.of >= max(self.tried, 1)
 
     def of(self, group: Group) -> list[Compared]:
-        """The scenes of a group."""
         return [compared for compared in self.compared if compared.probe.group == group]
 
     def tally(self, group: Group) -> Tally:
-        """Counts over a group."""
         return Tally.of(self.of(group))
 
     @property

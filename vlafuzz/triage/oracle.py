@@ -38,7 +38,6 @@ class BudgetedOracle:
 
     Args:
         judge: gives one answer a scene.
-        stages: of the task, in order.
         finding: the failing scene and its verdict.
         budget: rollouts that may be spent.
         rollouts_a_scene: the most that one scene takes.
@@ -93,6 +92,5 @@ class BudgetedOracle:
         return lost
 
     def _still(self, judged: Judged | None) -> bool:
-        return (
-            judged is not None and judged.lost is not None and self._stages.index(judged.lost) <= self._last
-        )
+        lost = judged.lost if judged else None
+        return lost is not None and self._stages.index(lost) <= self._last

@@ -85,14 +85,10 @@ class PathToNominal:
             return self._scene  # off the grid or not
         values = dict(self._values)
         for gene, away in self._away.items():
-            values[gene.path] = value_at(gene, round(away * step / self.length))
+            grid = gene.grid
+            levels = round(away * step / self.length)
+            values[gene.path] = grid.value((grid.nominal_level + levels) % grid.size)
         return self._space.composer.compose(values)
-
-
-def value_at(gene: Gene, away: int) -> float:
-    """The value at a number of levels from nominal."""
-    grid = gene.grid
-    return grid.value((grid.nominal_level + away) % grid.size)
 
 
 def _steps(gene: Gene, value: float) -> int:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from functools import partial
-from itertools import groupby
+from itertools import count, groupby
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -44,12 +44,11 @@ def triage(
 
     Args:
         runner: makes a scene runner for the findings of a run; picklable where there are several workers.
-        findings: to triage; by default all of the store.
+        findings: by default all of the store.
         max_rollouts: of the policy, to shrink and attribute one finding; None for 100, or 1000 for a
             stochastic policy.
         limit: the most findings to triage.
-        workers: number of processes; 1 for this one alone.
-        watch: called with the progress after every finding.
+        watch: called after every finding.
 
     Returns:
         The number of findings that could not be judged, as the policy broke or the scene is no longer fair.
@@ -64,14 +63,11 @@ def triage(
     todo.sort(key=lambda finding: finding.run)
     runs = {run.id: run for run in store.runs()}
     jobs = [(runs[finding.run], finding) for finding in todo]
-    work = (
-        partial(_here, runner, max_rollouts)
-        if workers == 1
-        else partial(_in_processes, runner, max_rollouts, workers)
-    )
+    make = partial(_triager, runner, max_rollouts)
     unjudged, rollouts = 0, 0
     watch(Progress(0, len(todo), 0))
-    for number, triaged in enumerate(work(jobs), start=1):
+    results = _here(make, jobs) if workers == 1 else _in_processes(make, jobs, workers)
+    for number, triaged in enumerate(results, start=1):
         if triaged is None:
             unjudged += 1
         else:
@@ -82,27 +78,28 @@ def triage(
 
 
 Jobs = Sequence[tuple[Run, Finding]]
+Make = Callable[[Run], Triager]
 
 
-def _here(
-    runner: Callable[[Run], SceneRunner], max_rollouts: int | None, jobs: Jobs
-) -> Iterator[Triaged | None]:
+def _triager(runner: Callable[[Run], SceneRunner], max_rollouts: int | None, run: Run) -> Triager:
+    return Triager(runner(run), max_rollouts)
+
+
+def _here(make: Make, jobs: Jobs) -> Iterator[Triaged | None]:
     """Triage in this process, run by run."""
     for run, findings in groupby(jobs, lambda job: job[0]):
-        with closing(runner(run)) as tools:
-            triager = Triager(tools, max_rollouts)
+        triager = make(run)
+        with closing(triager.runner):
             for _, finding in findings:
                 yield triager.triage(finding)
 
 
-def _in_processes(
-    runner: Callable[[Run], SceneRunner], max_rollouts: int | None, workers: int, jobs: Jobs
-) -> Iterator[Triaged | None]:
+def _in_processes(make: Make, jobs: Jobs, workers: int) -> Iterator[Triaged | None]:
     """Triage in several processes; results come in the order in which they are done."""
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
     try:
         with single_threaded():
-            done = [pool.submit(_work, runner, max_rollouts, run, finding) for run, finding in jobs]
+            done = [pool.submit(_work, make, run, finding) for run, finding in jobs]
         for future in as_completed(done):
             yield future.result()
     except BrokenProcessPool:
@@ -115,23 +112,17 @@ def _in_processes(
 _triagers: dict[int, Triager] = {}  # of a worker process, by run
 
 
-def _work(
-    runner: Callable[[Run], SceneRunner], max_rollouts: int | None, run: Run, finding: Finding
-) -> Triaged | None:
+def _work(make: Make, run: Run, finding: Finding) -> Triaged | None:
     """Triage one finding in a worker process, which keeps the scene runner of the run before."""
     if run.id not in _triagers:
         for triager in _triagers.values():
             triager.runner.close()
         _triagers.clear()
-        _triagers[run.id] = Triager(runner(run), max_rollouts)
+        _triagers[run.id] = make(run)
     return _triagers[run.id].triage(finding)
 
 
 def _cells_first(findings: Sequence[Finding]) -> list[Finding]:
     """Findings sorted: the first of each cell, then the second ones, and so on."""
-    seen: Counter[str] = Counter()
-    ranked = []
-    for finding in findings:
-        ranked.append((seen[finding.cell], finding))
-        seen[finding.cell] += 1
-    return [finding for _, finding in sorted(ranked, key=lambda pair: pair[0])]
+    number: defaultdict[str, Iterator[int]] = defaultdict(count)
+    return sorted(findings, key=lambda finding: next(number[finding.cell]))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vlafuzz.conditions import provenance
-from vlafuzz.conditions.stored import stored_catalogue, stored_operators
+from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.base import evaluate_safely
@@ -20,7 +20,6 @@ from vlafuzz.renderer import probe
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, Film, make_evaluator
-from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.triage.witness import Player
 from vlafuzz.watch import Watch
@@ -45,8 +44,7 @@ class SimulatorSceneRunner:
     def __init__(
         self, source: Path, manifest: Manifest, policy: Policy | str | None = None, *, later: int = 0
     ) -> None:
-        catalogue = stored_catalogue(manifest)
-        self.space = SearchSpace(stored_operators(source, manifest), catalogue, manifest.task, manifest.robot)
+        self.space = stored_space(source, manifest)
         self.stages = self.space.task.stage_names
         name = policy if isinstance(policy, str) else manifest.policy
         self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
@@ -58,7 +56,7 @@ class SimulatorSceneRunner:
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
         self.renderer = probe().name if spec.cameras else None
-        here = provenance.here(name, self._policy, catalogue)
+        here = provenance.here(name, self._policy, self.space.catalogue)
         self.changed = manifest.differences(replace(manifest, **here))
         self._stills: Stills | None = None
         # By whether given actions are played
@@ -73,21 +71,17 @@ class SimulatorSceneRunner:
         return make_evaluator(once, of, catalogue=self.space.catalogue, checked=checked, recording=recording)
 
     def renew(self) -> None:
-        """See ``SceneRunner``."""
         self._policies.renew()
 
     def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """See ``SceneRunner``."""
         self._policies.seed = self._seed + number
         return evaluate_safely(self._policies, scenes)
 
     def solve(self, scene: Scene, attempt: int) -> Outcome:
-        """See ``SceneRunner``."""
         self._expert.attempt = attempt
         return evaluate_safely(self._experts, [scene])[0]
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """See ``SceneRunner``."""
         self._player.actions = actions
         return evaluate_safely(self._players, [scene])[0]
 
@@ -104,11 +98,7 @@ class SimulatorSceneRunner:
             return None
 
     def film(self, scene: Scene, actions: Actions | None = None) -> Film | None:
-        """What the policy does in a fair scene, or the robot that executes actions; None if that broke.
-
-        Raises:
-            PrerequisiteError: nothing here can render.
-        """
+        """What the policy does in a fair scene, or the robot that executes actions; None if that broke."""
         from vlafuzz.sim.maniskill.recording import Recording, to_jpeg, to_mp4
 
         played = actions is not None
@@ -127,19 +117,18 @@ class SimulatorSceneRunner:
         return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
 
     def close(self) -> None:
-        """Let go of simulator and policy."""
         if self._stills is not None:
             self._stills.close()
         for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
-        for each in (self._policies, self._experts, self._players):
-            each.close()
+        for evaluator in (self._policies, self._experts, self._players):
+            evaluator.close()
 
 
 def runner_of_run(
     store: Path, run: Run, *, later: int = 0, note: Callable[[str], None] = Watch.note
 ) -> SimulatorSceneRunner:
-    """What the findings of a run are worked on with; notes when it differs from what found them.
+    """A scene runner for the findings of a run; notes when it differs from what found them.
 
     Args:
         later: seeds to skip, of a stochastic policy: triage has selected findings by their outcomes.

@@ -47,11 +47,7 @@ class Shrunk:
 
 
 def shrink(scene: Scene, oracle: BudgetedOracle, space: SearchSpace) -> Shrunk:
-    """Make a failing scene as nominal as possible while it still fails; the targets' types are kept.
-
-    Raises:
-        SceneError: the scene has a value that no operator gives.
-    """
+    """Make a failing scene as nominal as possible while it still fails; the targets' types are kept."""
     nominal = space.nominal(like=scene)
     judged = oracle.ask([nominal])[0]
     if judged is not None and judged.lost is not None:
@@ -79,7 +75,7 @@ class _Shrinker:
             self._unblock()
         while True:
             before = self.best
-            self._thin_confounders()
+            self._drop(range(len(self.best.confounders)), self._without_confounders)
             self._drop_values()
             for name in deviating(self.space, self.best):
                 for gene in free_genes(self.space, self.best, GROUPS[name]):
@@ -119,9 +115,6 @@ class _Shrinker:
             places = self._reset([TargetPosition.name, ConfounderPosition.name])
             if self._fails([places])[0]:
                 self.best = places
-
-    def _thin_confounders(self) -> None:
-        self._drop(range(len(self.best.confounders)), self._without_confounders)
 
     def _drop_values(self) -> None:
         """Reset values one by one; the confounders' by operator first, as they have twenty values."""

@@ -36,19 +36,14 @@ class TriagedFinding:
 
     @staticmethod
     def of(triaged: Triaged) -> TriagedFinding:
-        """The same finding, for people and JSON."""
+        same = ("bucket", "signature", "failures", "repeats", "shrink_rollouts", "detail")
         return TriagedFinding(
+            **{name: getattr(triaged, name) for name in same},
             scene=triaged.scene.digest,
-            bucket=triaged.bucket,
-            signature=triaged.signature,
             shrunk=triaged.shrunk.digest if triaged.shrunk else None,
             necessary=triaged.causes.necessary,
             sufficient=triaged.causes.sufficient,
             causes=tuple(map(describe, triaged.causes.thresholds)),
-            failures=triaged.failures,
-            repeats=triaged.repeats,
-            shrink_rollouts=triaged.shrink_rollouts,
-            detail=triaged.detail,
         )
 
 
@@ -58,18 +53,15 @@ class TriageSummary:
 
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
-        buckets: findings by bucket.
         confirmed: findings that failed again: all that are not flaky.
         witnessed: confirmed findings that the expert solved.
         distinct_cells: cells in which the findings lie, before triage.
         signatures: findings by signature, after triage; without ``base``.
         deviating_before: operators that were not nominal, median over the shrunk findings.
-        deviating_after: operators left, median over the same.
-        shrink_rollouts: median over the same.
+        deviating_after: operators left; ``shrink_rollouts``: medians over the same.
         policy_rollouts: all rollouts to confirm, shrink and attribute.
         expert_rollouts: all rollouts of the expert, replays included.
-        seconds: wall time of triage.
-        triaged_findings: one a finding, in the order in which they were triaged.
+        triaged_findings: in the order in which they were triaged.
     """
 
     store: str

@@ -25,35 +25,37 @@ from vlafuzz.triage.witness import Search, find_witness
 MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 100, 1000
 
 
-class SceneRunner(Protocol):
-    """Runs policy and expert in the scenes of one run. Nothing raises for what a scene does."""
+class PolicyRunner(Protocol):
+    """Rolls out a policy under the conditions of a run. Nothing raises for what a scene does."""
 
-    @property
-    def space(self) -> SearchSpace:
-        """The search space with the operators of the run."""
+    deterministic: bool
 
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """The names of the task's stages."""
+    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+        """One rollout in each scene, with the runner's seed plus ``number``."""
 
-    @property
-    def deterministic(self) -> bool:
-        """Whether the policy is deterministic."""
+    def close(self) -> None:
+        """Release simulator and policies."""
+
+
+class SceneRunner(PolicyRunner, Protocol):
+    """Runs policy and expert in the scenes of one run.
+
+    Attributes:
+        space: the search space with the operators of the run.
+        stages: the names of the task's stages.
+    """
+
+    space: SearchSpace
+    stages: tuple[str, ...]
 
     def renew(self) -> None:
         """Give the next scene an environment that has seen no other."""
-
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """The n-th rollout of the policy in each scene; a deterministic policy repeats itself."""
 
     def solve(self, scene: Scene, attempt: int) -> Outcome:
         """One rollout of the expert, in its n-th attempt."""
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         """The outcome when the robot executes these actions."""
-
-    def close(self) -> None:
-        """Release simulator and policies."""
 
 
 class _BrokenError(Exception):
@@ -77,8 +79,7 @@ class Triager:
         began = time.monotonic()
         self.runner.renew()
         confirmation, judged = repeat(self.runner, finding.scene)
-        clear = confirmation.confirmed or confirmation.refuted or confirmation.repeats == MOST
-        if not clear:
+        if not (confirmation.confirmed or confirmation.refuted or confirmation.repeats == MOST):
             raise _BrokenError
         triaged = Triaged(
             scene=finding.scene,

@@ -74,14 +74,12 @@ class Player:
         self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Nothing to prepare: observations have the number of their step."""
+        """Observations have the number of their step."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """The action of that step."""
         return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
 
-    def close(self) -> None:
-        """Nothing to close."""
+    def close(self) -> None: ...
 
     def _at(self, step: int) -> NDArray[np.float64]:
         if step < len(self.actions):
