@@ -53,14 +53,12 @@ class RunConfig:
         budget: in policy rollouts; by default all scenes of a file, else 100.
         batch: proposals that are asked for at once.
         repeats: rollouts a scene.
-        criteria, placement: see ``Conditions``.
         operators: a file of ranges, or the name of a shipped one; by default that of the robot.
         vary: operators that vary; empty for all that the file varies.
         scenes: a file of scenes to run in place of generated ones.
         pool: a file of scenes from which the strategy chooses, each of them once at most.
         packs: of objects, which replace the built-in ones unless ``operators`` names those.
         store: by default ``runs/<task>-<policy>-<strategy>-<seed>.db``.
-        workers, executor, address: see ``Place``.
     """
 
     task: str | None = None
@@ -160,12 +158,7 @@ def default_store(task: str, policy: str, strategy: str, seed: int) -> Path:
 
 
 def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
-    """The scenes of a file, to run or to choose from; none where neither file is named.
-
-    Raises:
-        UsageError: both files are named.
-        SceneError: the file cannot be read.
-    """
+    """The scenes of a file, to run or to choose from; none where neither file is named."""
     if scenes and pool:
         raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
     path = scenes or pool
@@ -199,10 +192,9 @@ def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     wanted = config.task or (scenes[0].task if scenes else "pick-up")
     for number, scene in enumerate(scenes, start=1):
         if scene.task != wanted:
-            raise SceneError(
-                f"{config.scenes or config.pool}: scene {number} is of task {scene.task!r}, not {wanted!r}",
-                hint="a run has one task: split the file, or leave out --task",
-            )
+            problem = f"scene {number} is of task {scene.task!r}, not {wanted!r}"
+            hint = "a run has one task: split the file, or leave out --task"
+            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
     return find_task(wanted)
 
 
@@ -211,10 +203,9 @@ def named_rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
     setup = rig(config.robot or (scenes[0].robot if scenes else PANDA.robot))
     for number, scene in enumerate(scenes, start=1):
         if scene.robot != setup.robot:
-            raise SceneError(
-                f"{config.scenes or config.pool}: scene {number} is for {scene.robot!r}, not {setup.robot!r}",
-                hint="a run has one robot: split the file, or leave out --robot",
-            )
+            problem = f"scene {number} is for {scene.robot!r}, not {setup.robot!r}"
+            hint = "a run has one robot: split the file, or leave out --robot"
+            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
     if setup.urdf:
         assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
     for photo in setup.photos.values():
@@ -227,10 +218,8 @@ def named_strategy(config: RunConfig) -> str:
     if config.scenes is None:
         return config.strategy or STRATEGY
     if config.strategy not in (None, POOL):
-        raise UsageError(
-            f"--scenes: strategy {config.strategy!r} makes its own scenes",
-            hint="--pool lets it choose from the file",
-        )
+        problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
+        raise UsageError(problem, hint="--pool lets it choose from the file")
     return POOL
 
 

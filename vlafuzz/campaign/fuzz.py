@@ -118,10 +118,9 @@ class _Campaign:
         with self.tally.search:
             proposals = self.strategy.ask(room)
         if len(proposals) > room:  # a user's own strategy may, but the budget holds
-            problem = f"asked for {room} proposals, got {len(proposals)}"
-            raise UsageError(
-                f"strategy {self.tally.manifest.strategy!r}: {problem}", hint="give at most as many"
-            )
+            name = self.tally.manifest.strategy
+            problem = f"strategy {name!r}: asked for {room} proposals, got {len(proposals)}"
+            raise UsageError(problem, hint="give at most as many")
         return proposals
 
     def _room(self) -> int:
@@ -245,7 +244,5 @@ class Past:
 
     def _diverged(self, proposal: int) -> StoreError:
         problem = f"was made by another version: its strategy now differs at proposal {proposal}"
-        return StoreError(
-            f"{self._store.path}: run {self._run} {problem}",
-            hint=f"use the version that began it, or {AFRESH}",
-        )
+        hint = f"use the version that began it, or {AFRESH}"
+        return StoreError(f"{self._store.path}: run {self._run} {problem}", hint)

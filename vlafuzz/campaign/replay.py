@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,6 @@ from vlafuzz.policies.registry import make_policy
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import make_evaluator
-from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 if TYPE_CHECKING:
@@ -89,11 +87,7 @@ class Replayed:
 
 
 def find(source: Path, digest: str | None = None) -> Replayable:
-    """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
-
-    Raises:
-        UsageError: there is no such file or scene.
-    """
+    """The scene whose digest begins so; by default a store's first failure, or a file's first scene."""
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
     if is_store(source):
@@ -144,7 +138,7 @@ def _find_in_store(store: Store, digest: str | None) -> Replayable:
     if digest is None:
         findings = store.findings()
         if not findings:
-            raise UsageError(f"{store.path}: no scene failed", hint=_example(_rolled_out(store)))
+            raise UsageError(f"{store.path}: no scene failed", hint=_example(store))
         scene = findings[0].scene
     else:
         scene = store.scene(digest)
@@ -161,11 +155,8 @@ def _find_in_store(store: Store, digest: str | None) -> Replayable:
     return _never_run(scene) if manifest is None else Replayable(scene, manifest)
 
 
-def _rolled_out(store: Store) -> Iterable[Trial]:
-    return (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
-
-
-def _example(trials: Iterable[Trial]) -> str:
+def _example(store: Store) -> str:
+    trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
     digest = next((trial.scene.digest[:12] for trial in trials), None)
     return f"give the digest of a scene that passed: {digest}" if digest else "none of its scenes was run"
 

@@ -59,11 +59,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
-    """The newest run that ended early and fits.
-
-    Raises:
-        StoreError: there is none, or there are several that are not the same run.
-    """
+    """The newest run that ended early and fits; several have to be the same run."""
     runs = store.runs()
     early = [run for run in runs if run.status in UNFINISHED]
     if not early:
@@ -73,33 +69,24 @@ def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
     fitting = [run for run in early if misfits[run.id] is None]
     if not fitting:
         newest = early[-1].id
-        raise StoreError(
-            f"{store.path}: no run that ended early fits: run {newest} has {misfits[newest]}",
-            hint=f"give the flags of run {newest}, or --store alone to take them from it",
-        )
-    if len({_about(run.manifest) for run in fitting}) > 1:
+        problem = f"no run that ended early fits: run {newest} has {misfits[newest]}"
+        hint = f"give the flags of run {newest}, or --store alone to take them from it"
+        raise StoreError(f"{store.path}: {problem}", hint)
+    if len({(_shown(run.manifest), run.manifest.operators_digest) for run in fitting}) > 1:
         shown = "; ".join(f"run {run.id}: {_shown(run.manifest)}" for run in fitting)
         alike = len({_shown(run.manifest) for run in fitting}) == 1
-        raise StoreError(
-            f"{store.path}: {len(fitting)} runs that ended early fit ({shown})",
-            hint="give --operators or --vary" if alike else "give those flags in which they differ",
-        )
+        hint = "give --operators or --vary" if alike else "give those flags in which they differ"
+        raise StoreError(f"{store.path}: {len(fitting)} runs that ended early fit ({shown})", hint)
     return fitting[-1]
 
 
 def check_version(path: object, run: Run, here: Manifest) -> None:
-    """Check that what decides outcomes is as it was when the run began.
-
-    Raises:
-        StoreError: policy, simulator, catalogue or our own code have changed.
-    """
+    """Raise a StoreError if policy, simulator, catalogue or our own code changed since the run began."""
     for name in run.manifest.differences(here):
         was, now = getattr(run.manifest, name), getattr(here, name)
         values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph
-        raise StoreError(
-            f"{path}: run {run.id} was made by another version: its {name} differs{values}",
-            hint=f"use the version that began it, or {AFRESH}",
-        )
+        problem = f"run {run.id} was made by another version: its {name} differs{values}"
+        raise StoreError(f"{path}: {problem}", hint=f"use the version that began it, or {AFRESH}")
 
 
 def stored_flag(manifest: Manifest) -> dict[str, Path]:
@@ -109,17 +96,12 @@ def stored_flag(manifest: Manifest) -> dict[str, Path]:
 
 
 def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> None:
-    """Check that the file still holds the scenes of the run.
-
-    Raises:
-        StoreError: it holds other scenes.
-    """
+    """Raise a StoreError if the file of scenes no longer holds those of the run."""
     before, here = (json.loads(manifest.scene_file or "{}") for manifest in (was, now))
     if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
-        raise StoreError(
-            f"{path}: run {run} had other scenes than {here.get('file', 'there are now')} holds",
-            hint=f"give --{before['flag']} {before['file']} as it was then",
-        )
+        problem = f"run {run} had other scenes than {here.get('file', 'there are now')} holds"
+        hint = f"give --{before['flag']} {before['file']} as it was then"
+        raise StoreError(f"{path}: {problem}", hint)
 
 
 def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
@@ -136,10 +118,6 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         if asked.in_task(manifest.task).digest != manifest.operators_digest:
             return "other operators, or other ranges"
     return None
-
-
-def _about(manifest: Manifest) -> tuple[object, ...]:
-    return (_shown(manifest), manifest.operators_digest)
 
 
 def _shown(manifest: Manifest) -> str:

@@ -13,7 +13,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest, Spent, Trial
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """The result of a run. Scenes are counted once, however often they were proposed.
 
@@ -24,14 +24,12 @@ class Summary:
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
-        findings: distinct scenes that failed.
-        distinct_cells: cells in which they lie.
+        findings: distinct scenes that failed; ``distinct_cells``: cells in which they lie.
         clusters: groups of near-duplicates among them; None where scenes have no embedding.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
         last_error: the last ERROR, in a sentence.
         stopped: why the run ended before its budget was spent, in a sentence.
-        checkup: result of the policy's check, see ``Manifest``.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
     """
@@ -61,6 +59,10 @@ class Summary:
     search_seconds: float
     store_seconds: float
     store: str
+
+
+_OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "checkup")
+_OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "last_error", "stopped")
 
 
 class Stopwatch:
@@ -114,14 +116,12 @@ class Tally:
         self._barren: list[tuple[str, str]] = []
 
     def count(self, trial: Trial) -> None:
-        """Count a trial."""
         outcome, digest = trial.outcome, trial.scene.digest
         self.proposals += 1
         self.duplicates += trial.duplicate
         self.rollouts += 0 if trial.duplicate else len(outcome.rollouts)
-        before = self._seen.get(digest)
+        before, first = self._seen.get(digest), trial.proposal
         self.earlier += trial.duplicate and before is None
-        first = trial.proposal
         if before is not None:
             self.verdicts[before.verdict] -= 1
             first = min(first, before.first)
@@ -145,14 +145,15 @@ class Tally:
             elif outcome.rollouts:
                 self._barren.clear()
             else:
-                self._barren.append((_reason(outcome), outcome.detail))
+                invalid = outcome.verdict is Verdict.INVALID
+                reason = f"rejected by the {outcome.check} check" if invalid else "policy or simulator error"
+                self._barren.append((reason, outcome.detail))
             self._asked.add(scene.digest)
         if patience is not None and len(self._barren) >= patience:
             self.stopped = self._why()
 
     @property
     def spent(self) -> Spent:
-        """Time spent so far."""
         return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
 
     def summary(self, store: str, clusters: int | None = None) -> Summary:
@@ -160,20 +161,11 @@ class Tally:
         manifest, scenes = self.manifest, self._seen.values()
         judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
         failed = {digest: seen.first for digest, seen in self._seen.items() if seen.verdict is Verdict.FAILED}
+        verdicts = sorted(Verdict, reverse=True)
         return Summary(
-            run=self.run,
-            task=manifest.task,
-            policy=manifest.policy,
-            strategy=manifest.strategy,
-            seed=manifest.seed,
-            budget=manifest.budget,
-            rollouts=self.rollouts,
-            proposals=self.proposals,
-            duplicates=self.duplicates,
-            earlier=self.earlier,
-            verdicts={
-                verdict.name.lower(): self.verdicts[verdict] for verdict in sorted(Verdict, reverse=True)
-            },
+            **{name: getattr(manifest, name) for name in _OF_MANIFEST},
+            **{name: getattr(self, name) for name in _OF_TALLY},
+            verdicts={verdict.name.lower(): self.verdicts[verdict] for verdict in verdicts},
             invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),
             stages={stage: sum(stage in seen.reached for seen in scenes) for stage in self._stages},
             findings=len(failed),
@@ -181,9 +173,6 @@ class Tally:
             clusters=clusters,
             progress_mean=math.fsum(judged) / len(judged) if judged else None,
             first_failure=min(failed, key=failed.__getitem__, default=None),
-            last_error=self.last_error,
-            stopped=self.stopped,
-            checkup=manifest.checkup,
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,
             store_seconds=self.store.seconds,
@@ -197,9 +186,3 @@ class Tally:
         counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
         example = f"; the last of them: {last}" if last else ""
         return f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"
-
-
-def _reason(outcome: Outcome) -> str:
-    if outcome.verdict is Verdict.INVALID:
-        return f"rejected by the {outcome.check} check"
-    return "policy or simulator error"

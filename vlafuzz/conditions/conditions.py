@@ -104,11 +104,7 @@ class Conditions:
     scene_file: str = condition(Role.SCENES, Origin.FILE, default="", compared_by=_pool)
 
     def __post_init__(self) -> None:
-        """Refuse a value that no simulator knows.
-
-        Raises:
-            UsageError: it is none of those that there are.
-        """
+        """Raise a UsageError for a value that no simulator knows."""
         check_choice("criteria", self.criteria, CRITERIA)
         check_choice("placement", self.placement, PLACEMENTS)
 
@@ -121,11 +117,7 @@ class Conditions:
         }
 
     def key(self, *, seeded: bool = True) -> str:
-        """The policy and all else that an outcome depends on: within one key, a store answers for it.
-
-        Args:
-            seeded: whether the seed counts.
-        """
+        """The policy and all else that an outcome depends on: within one key, stored outcomes are reused."""
         roles = (Role.POLICY, Role.SIMULATION, *([Role.SEED] if seeded else []))
         text = json.dumps(self.values(*roles), sort_keys=True)
         return f"{self.policy}:{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
@@ -166,11 +158,7 @@ ASKED: Final = (Origin.FLAG, Origin.FILE)
 
 
 def check_choice(name: str, value: str, known: Collection[str]) -> str:
-    """The same value.
-
-    Raises:
-        UsageError: it is none of those that are known.
-    """
+    """The same value; a UsageError if it is not known."""
     if value not in known:
         raise UsageError(f"unknown {name} {value!r}", hint=suggestion(value, known))
     return value

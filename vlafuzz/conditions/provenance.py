@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -19,16 +19,14 @@ _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
 def here(name: str, policy: Policy, catalogue: Catalogue) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed (``Origin.HERE``).
-
-    Args:
-        name: of the policy.
-    """
+    """The fields of conditions that come with what is installed (``Origin.HERE``)."""
+    packages = ("vlafuzz", "mani_skill", "sapien")
+    installed = versions()
     return {
         "spec": json.dumps(asdict(policy.spec), sort_keys=True),
         "source": source_digest(name, policy),
         "catalogue_digest": catalogue.digest,
-        "simulator": simulator(versions()),
+        "simulator": "/".join(f"{package} {installed.get(package)}" for package in packages),
         "commit": commit(),
     }
 
@@ -37,16 +35,9 @@ def versions() -> dict[str, str]:
     """Versions of vlafuzz and of the packages that matter, by name."""
     installed = {"vlafuzz": __version__}
     for name in _PACKAGES:
-        try:
+        with suppress(metadata.PackageNotFoundError):
             installed[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
     return installed
-
-
-def simulator(versions: Mapping[str, str]) -> str:
-    """Name and version of the simulator."""
-    return "/".join(f"{name} {versions.get(name)}" for name in ("vlafuzz", "mani_skill", "sapien"))
 
 
 def commit() -> str | None:
@@ -55,13 +46,7 @@ def commit() -> str | None:
     if not (here.parent / ".git").exists():
         return None
     try:
-        done = subprocess.run(
-            ["git", "-C", str(here), "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        )
+        command = ["git", "-C", str(here), "rev-parse", "HEAD"]
+        return subprocess.check_output(command, stderr=subprocess.DEVNULL, text=True, timeout=5).strip()
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip()

@@ -30,11 +30,7 @@ class SceneFile:
     left_out: int = 0
 
     def scenes(self) -> list[Scene]:
-        """All scenes.
-
-        Raises:
-            SceneError: a line is broken, or there is no scene.
-        """
+        """All scenes; a SceneError if a line is broken, or there is no scene."""
         scenes: list[Scene] = []
         for _, scene in self.lines:
             if isinstance(scene, SceneError):
@@ -46,11 +42,7 @@ class SceneFile:
 
 
 def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
-    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error.
-
-    Raises:
-        SceneError: the file cannot be read.
-    """
+    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -66,20 +58,12 @@ def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
 
 
 def load_scenes(path: Path | str) -> list[Scene]:
-    """All scenes of a JSON-lines file.
-
-    Raises:
-        SceneError: a line is broken, or there is no scene.
-    """
+    """All scenes of a JSON-lines file; a SceneError if a line is broken, or there is no scene."""
     return SceneFile(Path(path), tuple(read_scenes(Path(path)))).scenes()
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
-    """Write JSON lines atomically.
-
-    Raises:
-        UsageError: the path is a folder.
-    """
+    """Write JSON lines atomically."""
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")
     write_whole(path, "".join(scene.to_json() + "\n" for scene in scenes))
@@ -95,14 +79,7 @@ def is_store(path: Path) -> bool:
 
 
 def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
-    """Read a file of scenes, ours or VLATest's.
-
-    Args:
-        frame: of scenes of VLATest, see ``read_vlatest``.
-
-    Raises:
-        SceneError: the file cannot be read, or is a malformed file of VLATest.
-    """
+    """Read a file of scenes, ours or VLATest's; for ``frame`` see ``read_vlatest``."""
     if not is_vlatest(path):
         return SceneFile(path, tuple(read_scenes(path)))
     imported = read_vlatest(path, catalogue, frame=frame)

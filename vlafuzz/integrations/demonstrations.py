@@ -89,7 +89,6 @@ class Demonstrations:
 
         Raises:
             PrerequisiteError: rendering does not work here.
-            UsageError: an object pack is missing.
         """
         runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
         catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
@@ -113,13 +112,10 @@ class Demonstrations:
             episode.advance(action)
         if not episode.success:
             return None
-        cameras = self._spec.cameras
+        names = [camera.name for camera in self._spec.cameras]
         return Demonstration(
             scene,
-            {
-                camera.name: np.stack([seen.images[camera.name] for seen in observations])
-                for camera in cameras
-            },
+            {name: np.stack([seen.images[name] for seen in observations]) for name in names},
             np.stack([seen.state for seen in observations if seen.state is not None]),
             np.array(episode.actions, dtype=np.float32),
         )

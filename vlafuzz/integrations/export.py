@@ -33,16 +33,11 @@ class Exported(NamedTuple):
 
 
 def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> list[Scene]:
-    """The distinct scenes of a store with a verdict; all scenes of a file, VLATest's unchanged.
-
-    Raises:
-        UsageError: ``run`` is given for a file of scenes.
-    """
+    """The distinct scenes of a store with a verdict; all scenes of a file, VLATest's unchanged."""
     if source.suffix in SCENE_FILES:
         if run is not None:
-            raise UsageError(
-                f"--run {run}: {source} is a file of scenes, not a store", hint="leave out --run"
-            )
+            problem = f"--run {run}: {source} is a file of scenes, not a store"
+            raise UsageError(problem, hint="leave out --run")
         return read_scene_file(source, load_catalogue(), "original").scenes()
     with Store.open(source) as store:
         if chosen == "failed":
@@ -54,11 +49,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
 
 
 def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
-    """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
+    """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``."""
     left_out: Mapping[str, int] = {}
     try:
         if layout == "vlafuzz":

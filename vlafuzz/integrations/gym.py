@@ -29,13 +29,8 @@ from vlafuzz.tasks.base import State
 HZ = 5
 ID = "vlafuzz/Corpus-v0"
 MOST = (0.25, 0.25, 0.25, np.pi, np.pi, np.pi)  # metres and radians per step: more than the robot can do
-STATE = (
-    (-2, 2),
-    (-2, 2),
-    (-1, 2),
-    *[(-3.15, 3.15)] * 3,
-    (-0.1, 1.1),
-)  # bounds of the hand pose and the opening
+# Bounds of the hand pose and the opening
+STATE = ((-2, 2), (-2, 2), (-1, 2), *[(-3.15, 3.15)] * 3, (-0.1, 1.1))
 Seen = dict[str, Any]
 
 
@@ -84,11 +79,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Build case ``options["case"]``, or the next one; with a seed, the first one.
-
-        Raises:
-            UsageError: the case does not exist.
-        """
+        """Build case ``options["case"]``, or the next one; with a seed, the first one."""
         super().reset(seed=seed)
         number = (options or {}).get("case", self._next if seed is None else self._first)
         if not (isinstance(number, int) and 0 <= number < len(self.cases)):
@@ -101,7 +92,6 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         return self._observation(state), about | {"lost_stage": self._case.lost_stage}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """One control step."""
         metric = np.asarray(action, dtype=np.float64)
         if metric.shape != (7,) or not np.all(np.isfinite(metric)):
             raise UsageError(f"action: {action!r}", hint="expected 7 finite numbers")
@@ -121,14 +111,11 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         return self._env.picture(self._camera.name) if self._camera else None
 
     def close(self) -> None:
-        """Close the simulator."""
         self._env.close()
 
     def _observation(self, state: State) -> Seen:
-        seen: Seen = {
-            "state": proprioception(state, self._env.rig.opening),
-            "instruction": self._case.scene.instruction,
-        }
+        hand = proprioception(state, self._env.rig.opening)
+        seen: Seen = {"state": hand, "instruction": self._case.scene.instruction}
         return seen | ({"image": self._env.seen(self._camera.name)} if self._camera else {})
 
 
@@ -147,9 +134,6 @@ def corpus_envs(
 
     Args:
         processes: run every environment in a process of its own.
-
-    Raises:
-        VlafuzzError: as ``CorpusEnv``.
     """
     makers = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
     if not processes:

@@ -34,20 +34,13 @@ NAMES = {
     STATE: ["x", "y", "z", "rx", "ry", "rz", "opening"],
     ACTION: ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],
 }
-NUMBERS = {"timestamp": "float32"} | dict.fromkeys(
-    ("frame_index", "episode_index", "index", "task_index"), "int64"
-)
+_COUNTERS = ("frame_index", "episode_index", "index", "task_index")
+NUMBERS = {"timestamp": "float32"} | dict.fromkeys(_COUNTERS, "int64")
 Columns = dict[str, NDArray[Any]]
 
 
 class Dataset:
-    """Writes a dataset episode by episode; ``close`` completes it.
-
-    Args:
-        folder: empty or absent.
-        fps: frames per second.
-        robot: name of the robot.
-    """
+    """Writes a dataset episode by episode into an empty or absent folder; ``close`` completes it."""
 
     def __init__(self, folder: Path, fps: int, robot: str) -> None:
         self._folder, self._fps, self._robot = folder, fps, robot
@@ -61,11 +54,9 @@ class Dataset:
 
     @property
     def episodes(self) -> int:
-        """Number of episodes so far."""
         return len(self._rows)
 
     def add(self, shown: Demonstration) -> None:
-        """Add an episode."""
         task = self._tasks.setdefault(shown.scene.instruction, len(self._tasks))
         columns = self._numbered(shown, task)
         pictures = {PICTURE + name: frames for name, frames in shown.images.items()}
@@ -76,11 +67,11 @@ class Dataset:
         stats |= {key: summary(values) for key, values in columns.items()}
         self._rows.append(self._row(shown, len(shown.actions), stats))
         self._columns.append(columns)
-        self._levels = {key: self._levels.get(key, Levels.none()) + level for key, level in levels.items()}
+        for key, level in levels.items():
+            self._levels[key] = self._levels[key] + level if key in self._levels else level
         self._frames += len(shown.actions)
 
     def close(self) -> None:
-        """Write the metadata of the whole dataset."""
         if self._writer is not None:
             self._writer.close()
         tasks = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
@@ -90,10 +81,8 @@ class Dataset:
         tasks.to_parquet(self._folder / TASKS)
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(self._rows), episodes)
         stats = {key: level.summary() for key, level in self._levels.items()}
-        stats |= {
-            key: summary(np.concatenate([columns[key] for columns in self._columns]))
-            for key in self._columns[0]
-        }
+        for key in self._columns[0]:
+            stats[key] = summary(np.concatenate([columns[key] for columns in self._columns]))
         for name, content in (("stats", stats), ("info", self._info())):
             (meta / f"{name}.json").write_text(json.dumps(content) + "\n", encoding="utf-8")
 
@@ -214,11 +203,6 @@ class Levels:
     pictures: int
 
     @staticmethod
-    def none() -> Levels:
-        """The histogram of no images."""
-        return Levels(np.zeros((3, 256), dtype=np.int64), 0)
-
-    @staticmethod
     def of(pictures: NDArray[np.uint8]) -> Levels:
         """The histogram of images ``(n, height, width, 3)``."""
         channels = [np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)]
@@ -239,9 +223,8 @@ class Levels:
         }
         for quantile in QUANTILES:
             stats[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
-        return {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()} | {
-            "count": [self.pictures]
-        }
+        lists = {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()}
+        return lists | {"count": [self.pictures]}
 
 
 def _named(quantile: float) -> str:

@@ -23,8 +23,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
-import numpy as np
-from numpy.typing import NDArray
 from vla_eval.benchmarks.base import StepBenchmark, StepResult
 from vla_eval.render import configure_sapien_render
 from vla_eval.specs import DimSpec
@@ -100,7 +98,6 @@ class CorpusBenchmark(StepBenchmark):
         return dict(configure_sapien_render(mode, LAVAPIPE))
 
     def get_tasks(self) -> list[dict[str, Any]]:
-        """One task per scene."""
         return [
             {
                 "name": digest,
@@ -114,11 +111,7 @@ class CorpusBenchmark(StepBenchmark):
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Build a scene. The n-th episode adds n to the seed, as the n-th repeat of `vlafuzz regress` does.
-
-        Raises:
-            SceneError: the scene is not fair.
-        """
+        """Build a fair scene; the n-th episode adds n to the seed, as repeats of `vlafuzz regress` do."""
         probe = self._probes[task["name"]]
         run = self._corpus.runs[probe.run]
         task["seed"] = run.seed + task.get("episode_idx", 0)  # the runner sends the task after this
@@ -131,12 +124,11 @@ class CorpusBenchmark(StepBenchmark):
             return self._episode.observe()
 
     def step(self, action: Mapping[str, Any]) -> StepResult:
-        """Execute an action ``(7,)``, or the first ``execute`` (an option) of a chunk ``(steps, 7)``.
-
-        Raises:
-            PolicyError: the action is malformed.
-        """
-        self._player.actions = _chunk(action)[: self.spec.execute]
+        """Execute an action ``(7,)``, or the first ``execute`` (an option) of a chunk ``(steps, 7)``."""
+        try:
+            self._player.actions = actions_of(action)[: self.spec.execute]
+        except ValueError as error:
+            raise PolicyError(f"{NAME}: {error}", cause="bad_action") from None
         with self._renewed_after_errors():
             for number in range(len(self._player.actions)):
                 if not self._episode.over:
@@ -151,14 +143,10 @@ class CorpusBenchmark(StepBenchmark):
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Success as vlafuzz judges it, and progress."""
         rollout = self._episode.rollout()
-        return {
-            "success": rollout.success_once,
-            "success_at_end": rollout.success_at_end,
-            "progress": rollout.progress,
-        }
+        success = {"success": rollout.success_once, "success_at_end": rollout.success_at_end}
+        return success | {"progress": rollout.progress}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """All metrics are means."""
         return dict.fromkeys(("success", "success_at_end", "progress"), "mean")
 
     def get_metadata(self) -> dict[str, Any]:
@@ -168,15 +156,12 @@ class CorpusBenchmark(StepBenchmark):
         return {"max_steps": max(robot.seconds * (robot.control_hz or hz) for robot in rigs)}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
-        """Actions as the options declare them."""
         return _specs(declared_actions(self.spec.action))
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """Observations that the options ask for."""
         return _specs(declared_observations(self.spec.cameras, self._layout))
 
     def cleanup(self) -> None:
-        """Close the simulator."""
         for evaluator in self._evaluators.values():
             evaluator.close()
 
@@ -204,13 +189,6 @@ class CorpusBenchmark(StepBenchmark):
 
 
 Corpus = CorpusBenchmark  # the public name: users' YAML files have "vlafuzz.integrations.vla_eval:Corpus"
-
-
-def _chunk(action: Mapping[str, Any]) -> NDArray[np.float64]:
-    try:
-        return actions_of(action)
-    except ValueError as error:
-        raise PolicyError(f"{NAME}: {error}", cause="bad_action") from None
 
 
 def _specs(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, DimSpec]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from vlafuzz.conditions.stored import stored_catalogue, stored_operators
+from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.regression.corpus import Case, Corpus
@@ -28,16 +28,10 @@ class Spaces:
         self._spaces: dict[tuple[str, ...], SearchSpace] = {}
 
     def of(self, run: Manifest) -> SearchSpace:
-        """The space that contains the scenes of a run.
-
-        Raises:
-            StoreError: another version wrote it, with other operators.
-            UsageError: an object pack is missing.
-        """
+        """The space that contains the scenes of a run; see ``stored_space``."""
         key = (run.task, run.robot, run.operators, run.packs)
         if key not in self._spaces:
-            operators = stored_operators(self._source, run)
-            self._spaces[key] = SearchSpace(operators, stored_catalogue(run), run.task, run.robot)
+            self._spaces[key] = stored_space(self._source, run)
         return self._spaces[key]
 
 

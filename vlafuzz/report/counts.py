@@ -25,7 +25,6 @@ class Counts:
     """Rollouts and verdicts of a store.
 
     Attributes:
-        rollouts: of policies, during search.
         last: the last verdict of every scene under every policy key.
         begun: rollouts by task and policy; ``reached``: those that reached a stage.
     """
@@ -37,7 +36,6 @@ class Counts:
 
     @property
     def verdicts(self) -> Counter[Verdict]:
-        """Distinct scenes by verdict."""
         return Counter(self.last.values())
 
     @property
@@ -47,7 +45,6 @@ class Counts:
         return Share.of_counts(counted[Verdict.FAILED], counted[Verdict.FAILED] + counted[Verdict.PASSED])
 
     def add(self, run: Run, trial: Trial) -> None:
-        """Count a trial."""
         manifest, outcome = run.manifest, trial.outcome
         key = (manifest.key(), trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
@@ -61,7 +58,6 @@ class Counts:
 
 
 def count(store: Store) -> Counts:
-    """Count all trials of a store."""
     counts = Counts()
     for run in store.runs():
         for trial in store.trials(run.id):
@@ -72,14 +68,10 @@ def count(store: Store) -> Counts:
 def verdict_chart(counts: Counts) -> Chart:
     """Distinct scenes by their verdict."""
     scenes, judged = counts.verdicts, counts.failed.of
-    measures = (
-        Measure(
-            verdict.name.lower(),
-            Share.of_counts(scenes[verdict], judged if verdict >= Verdict.PASSED else scenes.total()),
-            says,
-        )
-        for verdict, says in _VERDICTS.items()
-    )
+    measures = []
+    for verdict, says in _VERDICTS.items():
+        of = judged if verdict >= Verdict.PASSED else scenes.total()
+        measures.append(Measure(verdict.name.lower(), Share.of_counts(scenes[verdict], of), says))
     return Chart("Verdicts", "Distinct scenes by their last verdict.", tuple(measures))
 
 

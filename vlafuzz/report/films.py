@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 from vlafuzz.evidence import Actions
 from vlafuzz.report.view import Card, View
@@ -15,12 +14,8 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.text import plural
 from vlafuzz.triage import scene_runner
 
-
-class Films(Protocol):
-    """Makes the film of a scene."""
-
-    def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        """The run's policy in a scene, or the given actions; None if that raised an error."""
+# Makes a film of the run's policy in a scene, or of the given actions; None if that raised an error.
+Films = Callable[[Manifest, Scene, Actions | None], Film | None]
 
 
 class RunFilms:
@@ -32,25 +27,19 @@ class RunFilms:
         self._runner: scene_runner.SimulatorSceneRunner | None = None
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
-        """See ``Films``."""
         if self._runner is None or run != self._run:
             self.close()
             self._run, self._runner = run, scene_runner.SimulatorSceneRunner(self._source, run)
         return self._runner.film(scene, actions)
 
     def close(self) -> None:
-        """Close simulator and policy."""
         if self._runner is not None:
             self._runner.close()
             self._runner = None
 
 
 def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], None]) -> View:
-    """The view with films of its first ``limit`` cards, made run by run: each run needs its own simulator.
-
-    Args:
-        watch: called with the number of cards done, and of all.
-    """
+    """The view with films of its first ``limit`` cards, made run by run: each run needs its own simulator."""
     chosen = view.cards[:limit]
     order = sorted(range(len(chosen)), key=lambda index: view.runs.index(chosen[index].run))
     with_films: dict[int, Card] = {}

@@ -46,11 +46,7 @@ def _data(content: bytes, kind: str) -> str:
 
 
 def check_place(out: Path) -> None:
-    """Check that a page can be written there.
-
-    Raises:
-        UsageError: it cannot.
-    """
+    """Raise a UsageError if no page can be written there."""
     if out.is_dir():
         raise UsageError(f"{out}: is a folder", hint="give --out a file, such as page.html")
     with _folder_of(out):
@@ -58,11 +54,7 @@ def check_place(out: Path) -> None:
 
 
 def write_page(out: Path, page: str) -> None:
-    """Write atomically.
-
-    Raises:
-        UsageError: the page cannot be written there.
-    """
+    """Write atomically; a UsageError if the page cannot be written there."""
     with _folder_of(out):
         write_whole(out, page)
 

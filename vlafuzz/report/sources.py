@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from vlafuzz.regression.corpus import Corpus, Evidence
+from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.view import (
@@ -16,7 +16,6 @@ from vlafuzz.report.view import (
     Card,
     Chart,
     Measure,
-    OperatorRow,
     RunRow,
     View,
     in_order,
@@ -24,7 +23,7 @@ from vlafuzz.report.view import (
     title_of,
 )
 from vlafuzz.statistics import Share
-from vlafuzz.store.records import Run, Triaged
+from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import task
 from vlafuzz.text import duration, interval, named, percent, plural
@@ -36,6 +35,7 @@ def view_of_store(store: Store) -> View:
     runs, counts, summary = store.runs(), count(store), summarise(store)
     manifests = tuple(run.manifest for run in runs)
     triaged = store.triaged()
+    shrunk = (row for row in triaged if row.shrunk is not None and row.bucket != "base")
     return View(
         title=title_of(manifests),
         source=str(store.path),
@@ -45,7 +45,7 @@ def view_of_store(store: Store) -> View:
         runs=manifests,
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
-        operators=_operators(triaged),
+        operators=operator_rows((row.operators, row.causes) for row in shrunk),
         cards=in_order(_merged(_cards(store, runs, triaged))),
     )
 
@@ -69,14 +69,12 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     manifests = [run.manifest for run in runs]
     searched = sum(run.seconds or 0.0 for run in runs)
     facts = [
-        ("Policy", named(run.policy for run in manifests)),
-        ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
-        ("Task", named(run.task for run in manifests)),
-        ("Strategy", named(run.strategy for run in manifests)),
-        ("Budget", f"{sum(run.budget for run in manifests)} rollouts in {plural(len(runs), 'run')}"),
+        *_of_runs(manifests),
         ("Search", f"{plural(counts.rollouts, 'rollout')}, {duration(searched)}"),
         ("Distinct cells before triage", str(summary.distinct_cells)),
     ]
+    checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
+    facts.insert(1, ("Policy checkup", checkups))
     if summary.triaged:
         rollouts = (
             f"{summary.policy_rollouts} rollouts of the policy, {summary.expert_rollouts} of the expert"
@@ -93,6 +91,15 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     return tuple((name, value) for name, value in facts if value)
 
 
+def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
+    return [
+        ("Policy", named(run.policy for run in runs)),
+        ("Task", named(run.task for run in runs)),
+        ("Strategy", named(run.strategy for run in runs)),
+        ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
+    ]
+
+
 def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
     left = summary.findings - summary.triaged
     if not left:
@@ -106,19 +113,14 @@ def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
     charts = [verdict_chart(counts), *funnels(counts)]
     if summary.triaged:
         numbers = summary.buckets | {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
-        measures = [
-            Measure(name, Share.of_counts(numbers[name], summary.triaged), meaning)
-            for name, meaning in SHARES.items()
-        ]
-        says = f"Of the {summary.triaged} triaged findings."
-        charts.append(Chart("Evidence", says, tuple(measures)))
+        shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
+        charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
     return tuple(charts)
 
 
-def _operators(triaged: Iterable[Triaged]) -> tuple[OperatorRow, ...]:
-    """Over the shrunk findings, without those that fail at nominal."""
-    shrunk = [row for row in triaged if row.shrunk is not None and row.bucket != "base"]
-    return operator_rows((row.operators, row.causes) for row in shrunk)
+def _evidence(shares: Mapping[str, Share], says: str) -> Chart:
+    measures = (Measure(name, share, SHARES.get(name, "")) for name, share in shares.items())
+    return Chart("Evidence", says, tuple(measures))
 
 
 def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
@@ -156,7 +158,7 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         todo=(),
         runs=runs,
         run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(runs, start=1)),
-        charts=(_evidence(corpus.evidence), _lost(corpus)),
+        charts=(_evidence(corpus.evidence.shares, "Of the triaged findings of the store."), _lost(corpus)),
         operators=operator_rows((case.operators, case.causes) for case in cases),
         cards=in_order(
             card_of_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in cases
@@ -172,13 +174,10 @@ def _corpus_headline(corpus: Corpus) -> str:
 
 
 def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
-    evidence, runs = corpus.evidence, corpus.runs
+    evidence, left_out = corpus.evidence, corpus.evidence.left_out.items()
     facts = [
         ("Name", corpus.name),
-        ("Policy", named(run.policy for run in runs)),
-        ("Task", named(run.task for run in runs)),
-        ("Strategy", named(run.strategy for run in runs)),
-        ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
+        *_of_runs(corpus.runs),
         ("Search", plural(evidence.search_rollouts, "rollout")),
         (
             "Triage",
@@ -186,22 +185,15 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
             f"{duration(evidence.seconds)}",
         ),
         ("Distinct signatures", str(len({case.signature for case in corpus.cases}))),
+        ("Renderer", corpus.renderer or ""),
+        ("Made", corpus.created),
+        ("Minimal, but left out", ", ".join(f"{count} {reason}" for reason, count in left_out if count)),
     ]
-    facts += [("Renderer", corpus.renderer)] if corpus.renderer else []
-    facts += [("Made", corpus.created)] if corpus.created else []
-    left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
-    return (*facts, *([("Minimal, but left out", left_out)] if left_out else []))
-
-
-def _evidence(evidence: Evidence) -> Chart:
-    measures = (Measure(name, share, SHARES.get(name, "")) for name, share in evidence.shares.items())
-    return Chart("Evidence", "Of the triaged findings of the store.", tuple(measures))
+    return tuple((name, value) for name, value in facts if value)
 
 
 def _lost(corpus: Corpus) -> Chart:
-    lost = Counter(case.lost_stage for case in corpus.cases)
-    measures = (
-        Measure(stage, Share.of_counts(lost[stage], len(corpus.cases)))
-        for stage in task(corpus.task).stage_names
-    )
+    lost, cases = Counter(case.lost_stage for case in corpus.cases), len(corpus.cases)
+    stages = task(corpus.task).stage_names
+    measures = (Measure(stage, Share.of_counts(lost[stage], cases)) for stage in stages)
     return Chart("Lost stage", "The stage that the policy does not reach; of all cases.", tuple(measures))

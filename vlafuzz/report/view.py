@@ -146,9 +146,7 @@ class View:
 
     Attributes:
         headline: the result in a sentence.
-        facts: names and values.
         todo: next steps, each a sentence and the command.
-        runs: manifests of all runs.
         cards: ordered by evidence, most first, then by signature.
         notes: caveats, in sentences.
     """
@@ -176,23 +174,20 @@ class View:
 
     @property
     def filmed(self) -> bool:
-        """Whether there are films."""
         return any(card.failure or card.solution for card in self.cards)
 
     @property
     def filters(self) -> tuple[Filter, ...]:
-        """The filters of the gallery."""
         cards = self.cards
         return (
-            _filter("task", "Task", ((card.scene.task,) for card in cards)),
-            _filter("stage", "Lost stage", ((card.lost_stage,) for card in cards)),
-            _filter("operator", "Operator", (card.operators for card in cards)),
-            _filter("evidence", "Evidence", ((card.bucket,) for card in cards)),
+            _filter("task", "Task", (card.scene.task for card in cards)),
+            _filter("stage", "Lost stage", (card.lost_stage for card in cards)),
+            _filter("operator", "Operator", (name for card in cards for name in card.operators)),
+            _filter("evidence", "Evidence", (card.bucket for card in cards)),
         )
 
 
 def title_of(runs: Sequence[Manifest]) -> str:
-    """Policies and tasks of the runs."""
     if not runs:
         return "no run yet"
     return f"{named(run.policy for run in runs)} on {named(run.task for run in runs)}"
@@ -202,14 +197,14 @@ def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:
     """Ordered by evidence, the most first, then by the frequency of the signature."""
     cards = list(cards)
     counts = Counter(card.signature for card in cards)
-    ranks = {name: rank for rank, name in enumerate(BUCKETS)}
+    ranks = list(BUCKETS)
     return tuple(
-        sorted(cards, key=lambda card: (ranks[card.bucket], -counts[card.signature], card.signature))
+        sorted(cards, key=lambda card: (ranks.index(card.bucket), -counts[card.signature], card.signature))
     )
 
 
-def _filter(key: str, name: str, values: Iterable[tuple[str, ...]]) -> Filter:
-    return Filter(key, name, tuple(sorted({value for choices in values for value in choices})))
+def _filter(key: str, name: str, values: Iterable[str]) -> Filter:
+    return Filter(key, name, tuple(sorted(set(values))))
 
 
 def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[OperatorRow, ...]:

@@ -54,24 +54,26 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it, and fail at the first write
         raise _problem(path, "SQLITE_READONLY")
     connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
-    try:
+    with _closed_on_errors(connection):
         _check(path, connection, new_allowed=True)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")  # what `add` acknowledged survives a power cut, too
         connection.execute("PRAGMA foreign_keys = ON")
         migrate(connection, APPLICATION_ID)
-    except BaseException:
-        connection.close()
-        raise
     return connection
 
 
-def check_is_file(path: Path) -> None:
-    """Check that a path is no folder.
+@contextmanager
+def _closed_on_errors(connection: sqlite3.Connection) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        connection.close()
+        raise
 
-    Raises:
-        StoreError: it is one.
-    """
+
+def check_is_file(path: Path) -> None:
+    """Raise a StoreError if a path is a folder."""
     if path.is_dir():
         raise StoreError(f"{path}: is a folder", hint="give the file of a store in it")
 
@@ -82,11 +84,8 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise StoreError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
     connection = _reader(path)
-    try:
+    with _closed_on_errors(connection):
         _check(path, connection, new_allowed=False)
-    except BaseException:
-        connection.close()
-        raise
     return connection
 
 
@@ -100,17 +99,14 @@ def _reader(path: Path) -> sqlite3.Connection:
     # Not "ro" where that can be avoided: it would leave SQLite's two files beside the store.
     connection = sqlite3.connect(uri + "rw", uri=True, timeout=BUSY, isolation_level=None)
     try:
-        connection.execute("PRAGMA query_only = ON")
-        _pragma(connection, "user_version")
+        with _closed_on_errors(connection):
+            connection.execute("PRAGMA query_only = ON")
+            _pragma(connection, "user_version")
     except sqlite3.OperationalError:
         # Even reading makes a WAL file beside the store, which a read-only folder does not allow.
-        connection.close()
         if os.access(path.parent, os.W_OK) or path.with_name(path.name + "-wal").exists():
             raise
         return sqlite3.connect(uri + "ro&immutable=1", uri=True, isolation_level=None)
-    except BaseException:
-        connection.close()
-        raise
     return connection
 
 
@@ -165,7 +161,6 @@ class WriterLock:
             ) from None
 
     def release(self) -> None:
-        """Let another process write."""
         # Removed before the lock is released: afterwards it may be another process's file.
         self._beside.unlink(missing_ok=True)
         os.close(self._file)

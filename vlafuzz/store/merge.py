@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,17 +70,11 @@ def merge(sources: Sequence[Path], out: Path) -> Merged:
 def _write(sources: Sequence[Path], path: Path, named: Path) -> Merged:
     with explained(named), closing(connect_to_write(path)) as target:
         for source in sources:
-            with _transaction(target):
+            target.execute("BEGIN IMMEDIATE")
+            with target:
                 _copy(source, target)
         counts = [target.execute(f"SELECT count(*) FROM {table}") for table in ("run", "trial", "finding")]
         return Merged(*(count.fetchone()[0] for count in counts))
-
-
-@contextmanager
-def _transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    connection.execute("BEGIN IMMEDIATE")
-    with connection:
-        yield
 
 
 def _copy(path: Path, target: sqlite3.Connection) -> None:
@@ -104,9 +98,8 @@ def _copy_table(
     if "id" in columns and "id" not in shift:
         columns.remove("id")  # no other table refers to it, so the target numbers its own
     names = ", ".join(f'"{column}"' for column in columns)
-    values = ", ".join(
-        f'"{column}" + {shift[column]}' if column in shift else f'"{column}"' for column in columns
-    )
+    shifted = {column: f" + {number}" for column, number in shift.items()}
+    values = ", ".join(f'"{column}"{shifted.get(column, "")}' for column in columns)
     marks = ", ".join("?" * len(columns))
     everything = ", ".join(f'"{column}" = excluded."{column}"' for column in columns)
     conflict = _CONFLICT.get(table, "").replace("{all}", everything)

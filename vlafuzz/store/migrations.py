@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
 
 _FIRST = (
     """
@@ -35,12 +34,7 @@ _FIRST = (
         seconds REAL
     ) STRICT
     """,
-    """
-    CREATE TABLE scene (
-        digest TEXT PRIMARY KEY,
-        json TEXT NOT NULL
-    ) STRICT
-    """,
+    "CREATE TABLE scene (digest TEXT PRIMARY KEY, json TEXT NOT NULL) STRICT",
     """
     CREATE TABLE trial (
         id INTEGER PRIMARY KEY,
@@ -126,47 +120,6 @@ _TRIAGE = """
     """
 
 
-def _first(connection: sqlite3.Connection) -> None:
-    for statement in _FIRST:
-        connection.execute(statement)
-
-
-def _triage(connection: sqlite3.Connection) -> None:
-    connection.execute(_TRIAGE)
-
-
-def _seconds_apart(connection: sqlite3.Connection) -> None:
-    """Unknown for earlier runs."""
-    for name in ("search_seconds", "store_seconds"):
-        connection.execute(f"ALTER TABLE run ADD COLUMN {name} REAL")
-
-
-def _packs(connection: sqlite3.Connection) -> None:
-    """Earlier runs had no packs."""
-    connection.execute("ALTER TABLE run ADD COLUMN packs TEXT NOT NULL DEFAULT '[]'")
-
-
-def _robot(connection: sqlite3.Connection) -> None:
-    """There was only one robot."""
-    connection.execute("ALTER TABLE run ADD COLUMN robot TEXT NOT NULL DEFAULT 'panda'")
-
-
-def _checkup(connection: sqlite3.Connection) -> None:
-    """The policies of earlier runs were not checked."""
-    connection.execute("ALTER TABLE run ADD COLUMN checkup TEXT NOT NULL DEFAULT ''")
-
-
-def _placement(connection: sqlite3.Connection) -> None:
-    """Earlier runs dropped no objects."""
-    connection.execute("ALTER TABLE run ADD COLUMN placement TEXT NOT NULL DEFAULT 'resting'")
-
-
-def _given(connection: sqlite3.Connection) -> None:
-    """Unknown for earlier runs: their file of scenes, and the user's own code."""
-    for name in ("given", "source"):
-        connection.execute(f"ALTER TABLE run ADD COLUMN {name} TEXT NOT NULL DEFAULT ''")
-
-
 RENAMED = (
     ("run", "subject", "policy"),
     ("run", "subject_key", "policy_key"),
@@ -175,40 +128,37 @@ RENAMED = (
     ("triage", "subject_key", "policy_key"),
     ("triage", "subject_rollouts", "policy_rollouts"),
 )
+_ADD = "ALTER TABLE run ADD COLUMN"
 
-
-def _policy(connection: sqlite3.Connection) -> None:
-    """A policy was called a subject, and the file of scenes what was given."""
-    for table, old, new in RENAMED:
-        connection.execute(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}")
-
-
-def _unread(connection: sqlite3.Connection) -> None:
-    """These were written, but never read."""
-    for table, name in (("finding", "evidence"), ("triage", "complete"), ("triage", "unresolved")):
-        connection.execute(f"ALTER TABLE {table} DROP COLUMN {name}")
-
-
-MIGRATIONS: list[Callable[[sqlite3.Connection], None]] = [
-    _first,
-    _triage,
-    _seconds_apart,
-    _packs,
-    _robot,
-    _checkup,
-    _placement,
-    _given,
-    _policy,
-    _unread,
+# Each step is the statements that it executes.
+MIGRATIONS: list[tuple[str, ...]] = [
+    _FIRST,
+    (_TRIAGE,),
+    (f"{_ADD} search_seconds REAL", f"{_ADD} store_seconds REAL"),  # unknown for earlier runs
+    (f"{_ADD} packs TEXT NOT NULL DEFAULT '[]'",),  # earlier runs had none
+    (f"{_ADD} robot TEXT NOT NULL DEFAULT 'panda'",),  # the only one before
+    (f"{_ADD} checkup TEXT NOT NULL DEFAULT ''",),  # earlier runs checked no policy
+    (f"{_ADD} placement TEXT NOT NULL DEFAULT 'resting'",),  # earlier runs dropped no objects
+    # Unknown for earlier runs: their file of scenes, and the user's own code.
+    (f"{_ADD} given TEXT NOT NULL DEFAULT ''", f"{_ADD} source TEXT NOT NULL DEFAULT ''"),
+    # A policy was called a subject, and the file of scenes what was given.
+    tuple(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}" for table, old, new in RENAMED),
+    # These were written, but never read.
+    (
+        "ALTER TABLE finding DROP COLUMN evidence",
+        "ALTER TABLE triage DROP COLUMN complete",
+        "ALTER TABLE triage DROP COLUMN unresolved",
+    ),
 ]
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:
     """Bring a store to the newest schema, each step in a transaction of its own."""
     (version,) = connection.execute("PRAGMA user_version").fetchone()
-    for number, step in enumerate(MIGRATIONS[version:], start=version + 1):
+    for number, statements in enumerate(MIGRATIONS[version:], start=version + 1):
         connection.execute("BEGIN IMMEDIATE")
         with connection:
-            step(connection)
+            for statement in statements:
+                connection.execute(statement)
             connection.execute(f"PRAGMA application_id = {application_id}")
             connection.execute(f"PRAGMA user_version = {number}")

@@ -109,10 +109,8 @@ class Triaged:
         repeats: repetitions of the finding, of which ``failures`` failed.
         deviating: operators that were not nominal, the confounders' as one.
         shrunk: the scene that is left; None where it was not shrunk.
-        lost_stage: stage that is lost in the scene that is left.
-        operators: operators left in it.
+        lost_stage: stage that is lost in the scene that is left; ``operators``: those left in it.
         counterparts: by operator left, the scene without it, in which the policy passes.
-        signature: which bug it is.
         witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding.
         shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all of them.
     """

@@ -22,6 +22,7 @@ from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
+_SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
@@ -29,8 +30,6 @@ _PLAIN = (
     "shrink_rollouts", "policy_rollouts", "expert_rollouts",
 )  # fmt: skip
 _OF_RUN = tuple(column.name for column in fields(Run) if column.name != "manifest")
-
-
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
 
 
@@ -49,11 +48,7 @@ def pack(array: NDArray[np.float32]) -> bytes:
 
 
 def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
-    """The array that ``pack`` wrote, in a shape; empty when there is no blob.
-
-    Raises:
-        StoreError: the blob is damaged.
-    """
+    """The array that ``pack`` wrote, in a shape; empty without a blob; a StoreError if that is damaged."""
     try:
         data = zlib.decompress(blob) if blob is not None else b""
         return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
@@ -64,13 +59,12 @@ def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
 
 def run_row(manifest: Manifest) -> Row:
     """Columns of ``run``."""
-    row = asdict(manifest)
-    row["versions"] = json.dumps(row["versions"], sort_keys=True)
-    return row | {"policy_key": manifest.key()}
+    versions = json.dumps(manifest.versions, sort_keys=True)
+    return asdict(manifest) | {"versions": versions, "policy_key": manifest.key()}
 
 
 def to_run(row: sqlite3.Row) -> Run:
-    """The run in a row of ``run``."""
+    """The inverse of ``run_row``."""
     values = dict(row)
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
@@ -130,11 +124,9 @@ def to_outcome(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Outcome:
 def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
     """Columns of ``rollout``. Actions are kept where they lead to a failure."""
     return {
+        **{name: int(getattr(rollout, name)) for name in _SUCCESSES},
         "trial": trial,
         "number": number_,
-        "success_once": int(rollout.success_once),
-        "success_at_end": int(rollout.success_at_end),
-        "published_success": int(rollout.published_success),
         "reached": json.dumps(rollout.reached),
         "progress": number(rollout.progress),
         "steps": rollout.steps,
@@ -146,11 +138,9 @@ def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
 
 
 def to_rollout(row: sqlite3.Row) -> Rollout:
-    """The rollout in a row of ``rollout``."""
+    """The inverse of ``rollout_row``."""
     return Rollout(
-        success_once=bool(row["success_once"]),
-        success_at_end=bool(row["success_at_end"]),
-        published_success=bool(row["published_success"]),
+        **{name: bool(row[name]) for name in _SUCCESSES},
         reached=tuple(json.loads(row["reached"])),
         progress=row["progress"] or 0.0,
         trace=unpack(row["trace"], -1),
@@ -162,13 +152,8 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
 
 def to_finding(row: sqlite3.Row) -> Finding:
     """The finding in a row of ``finding`` joined with its scene's JSON and its proposal."""
-    return Finding(
-        Scene.from_json(row["json"]),
-        row["policy_key"],
-        row["run"],
-        row["proposal"],
-        row["cell"],
-    )
+    names = ("policy_key", "run", "proposal", "cell")
+    return Finding(Scene.from_json(row["json"]), **{name: row[name] for name in names})
 
 
 def triage_row(triaged: Triaged) -> Row:

@@ -76,11 +76,7 @@ class Store:
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
     def reopen(self, run: int) -> Spent:
-        """Continue a run that ended early; returns the time that it has taken.
-
-        Raises:
-            StoreError: it did not end early.
-        """
+        """Continue a run that ended early; returns the time that it has taken."""
         rolling = "max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
@@ -110,20 +106,11 @@ class Store:
                     self._insert_scene(scene)
             self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
 
-    def finish(
-        self,
-        run: int,
-        status: Status,
-        seconds: float,
-        search_seconds: float | None = None,
-        store_seconds: float | None = None,
-    ) -> None:
-        """Mark a run as over. Seconds are wall time, see ``Spent``."""
+    def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
+        """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
         query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
         with self._transaction():
-            self._connection.execute(
-                f"{query} WHERE id = ?", (status, _now(), seconds, search_seconds, store_seconds, run)
-            )
+            self._connection.execute(f"{query} WHERE id = ?", (status, _now(), *Spent(seconds, *parts), run))
 
     # reading
 
@@ -191,9 +178,8 @@ class Store:
 
     def triaged(self) -> list[Triaged]:
         """All triaged findings, in the order in which they were triaged."""
-        return [
-            rows.to_triaged(row, self._scene) for row in self._select("SELECT * FROM triage ORDER BY rowid")
-        ]
+        selected = self._select("SELECT * FROM triage ORDER BY rowid")
+        return [rows.to_triaged(row, self._scene) for row in selected]
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).
@@ -223,14 +209,11 @@ class Store:
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
         matches = self._select(query, prefix, _SHOWN)
         if not matches:
-            raise StoreError(
-                f"{self.path}: no scene {prefix!r}", hint="`vlafuzz export` writes a store's scenes to a file"
-            )
+            hint = "`vlafuzz export` writes a store's scenes to a file"
+            raise StoreError(f"{self.path}: no scene {prefix!r}", hint=hint)
         if len(matches) > 1:
-            raise StoreError(
-                f"{self.path}: {prefix!r} fits several scenes",
-                hint="give more digits: " + ", ".join(row["digest"] for row in matches),
-            )
+            hint = "give more digits: " + ", ".join(row["digest"] for row in matches)
+            raise StoreError(f"{self.path}: {prefix!r} fits several scenes", hint=hint)
         return Scene.from_json(matches[0]["json"])
 
     # SQL

@@ -28,11 +28,6 @@ class Confirmation:
     confirmed: bool
     refuted: bool = False
 
-    @property
-    def rate(self) -> float | None:
-        """Share of failures; None when no repeat could be judged."""
-        return self.failures / self.repeats if self.repeats else None
-
 
 def confirm(repeat: Callable[[int], Verdict], *, deterministic: bool) -> Confirmation:
     """Repeat a finding until it is clear whether it mostly fails; a deterministic policy once.

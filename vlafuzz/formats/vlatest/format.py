@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from vlafuzz.errors import SceneError
 from vlafuzz.files import write_whole
@@ -68,20 +68,13 @@ class _Two(_Strict):
     target_obj_id: int
 
 
-_GRASP, _TWO = TypeAdapter(_Grasp), TypeAdapter(_Two)
-
-
 def is_ycb(path: Path) -> bool:
     """Whether the names in a file mean objects of YCB: some names are in both catalogues of VLATest."""
     return path.name.startswith("ycb_")
 
 
 def read_entries(path: Path) -> dict[str, Entry]:
-    """The scenes of a file by key, in order.
-
-    Raises:
-        SceneError: not a scene file of VLATest; the message names file and key.
-    """
+    """The scenes of a file by key, in order; a SceneError names file and key."""
     return {key: _entry(path, key, raw) for key, raw in _scenes(path).items()}
 
 
@@ -118,8 +111,8 @@ def _entry(path: Path, key: str, raw: object) -> Entry:
     """A scene in the schema of the grasp task, or of those with two targets."""
     try:
         if isinstance(raw, dict) and "model_id" in raw:
-            return _of_grasp(_GRASP.validate_python(raw))
-        return _of_two(_TWO.validate_python(raw))
+            return _of_grasp(_Grasp.model_validate(raw))
+        return _of_two(_Two.model_validate(raw))
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
         where = ".".join([key, *map(str, problem["loc"])])

@@ -47,7 +47,7 @@ def original_entry(scene: Scene) -> Entry:
 
 def in_robot_frame(scene: Scene) -> Scene:
     """An original scene in the frame of our rig: every distance and angle to the robot stays."""
-    there, here = _base(scene.task), rig(scene.robot).base
+    there, here = vlatest_table().original.bases[scene.task], rig(scene.robot).base
     return _moved(scene, there, Base(x=here[0], y=here[1], yaw=0.0), "")
 
 
@@ -59,7 +59,8 @@ def as_original(scene: Scene) -> Scene | None:
     if scene.frame or not vlatest_robot or not all(placement.quaternion for placement in scene.placements):
         return None
     here = rig(scene.robot).base
-    return _moved(scene, Base(x=here[0], y=here[1], yaw=0.0), _base(scene.task), FRAME)
+    there = vlatest_table().original.bases[scene.task]
+    return _moved(scene, Base(x=here[0], y=here[1], yaw=0.0), there, FRAME)
 
 
 def is_place(name: str) -> bool:
@@ -94,10 +95,6 @@ def bare(name: str) -> str:
 def _placement(thing: Thing, task: str, *, ycb: bool) -> Placement:
     name = (YCB if ycb and not is_place(thing.model) else CUSTOM) + thing.model
     return Placement(name, "", *thing.xy, quaternion=thing.quaternion, scale=original_scale(task, name))
-
-
-def _base(task: str) -> Base:
-    return vlatest_table().original.bases[task]
 
 
 def _moved(scene: Scene, old: Base, new: Base, frame: str) -> Scene:

@@ -123,9 +123,8 @@ def _placement(
     yaw = 2 * math.atan2(z, w)
     expected = quaternion(yaw, level=level)
     if not level and abs(sum(a * b for a, b in zip(thing.quaternion, expected, strict=True))) < 1 - 1e-6:
-        raise SceneError(
-            f"{path}: {key}: {thing.model}: orientation {thing.quaternion} is neither upright nor level"
-        )
+        problem = f"orientation {thing.quaternion} is neither upright nor level"
+        raise SceneError(f"{path}: {key}: {thing.model}: {problem}")
     pose = counterpart.poses.level if level else counterpart.poses.turned
     turned = math.degrees(yaw) + pose.yaw + 180.0
     wrapped = 180.0 - (180.0 - turned) % 360.0  # in (-180, 180]

@@ -79,11 +79,7 @@ class Table(_Strict):
 
 @cache
 def vlatest_table() -> Table:
-    """The table, read once.
-
-    Raises:
-        CatalogueError: the file is malformed.
-    """
+    """The table, read once."""
     path = operators_dir() / "objects" / "vlatest.yaml"
     try:
         return Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
