@@ -21,8 +21,7 @@ from tests.sim.scenes import nominal
 from vlafuzz.assets import corpus_dir
 from vlafuzz.campaign.config import default_store
 from vlafuzz.cli import main
-from vlafuzz.clients import groot_wire, openpi_wire, vla_eval_wire
-from vlafuzz.clients import openvla_wire as act_wire
+from vlafuzz.clients import msgpack_wire, openvla
 from vlafuzz.clients.profiles import load_profile, options_of
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.objects import open_packs
@@ -95,20 +94,20 @@ ARRAY = {"__ndarray__": True, "data": BOMB, "dtype": "|O", "shape": [1]}
 @pytest.mark.parametrize(
     ("unpack", "frame"),
     [
-        (groot_wire.unpack, msgpack.packb(OBJECTS)),
-        (groot_wire.unpack, msgpack.packb(OBJECTS | {b"type": "O8"})),
+        (msgpack_wire.unpack_groot, msgpack.packb(OBJECTS)),
+        (msgpack_wire.unpack_groot, msgpack.packb(OBJECTS | {b"type": "O8"})),
         (
-            groot_wire.unpack,
+            msgpack_wire.unpack_groot,
             msgpack.packb({"__ndarray_class__": True, "as_npy": b"\x93NUMPY\x01\x00\x3b\x00"
                            b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }  \n" + BOMB}),
         ),
-        (openpi_wire.unpack, msgpack.packb({key.encode(): value for key, value in ARRAY.items()})),
+        (msgpack_wire.unpack_openpi, msgpack.packb({key.encode(): value for key, value in ARRAY.items()})),
         (
-            vla_eval_wire.unpack,
+            msgpack_wire.unpack_vla_eval,
             msgpack.packb({"type": "action", "payload": {"actions": ARRAY}, "seq": 1, "timestamp": 0.0}),
         ),
         (
-            act_wire.decode,
+            openvla.decode,
             json.dumps({"__numpy__": base64.b64encode(BOMB).decode(), "dtype": "|O", "shape": [1]}),
         ),
     ],
@@ -154,7 +153,7 @@ SERVERS = {
         lambda number: served.message("action", ACTIONS | POISONED, number),
         hello=served.HELLO | POISONED | {"model_server": AWAY, "harness_version": AWAY},
     ),
-    "openpi": lambda: test_openpi.scripted(ACTIONS | POISONED, metadata=openpi_wire.pack(POISONED)),
+    "openpi": lambda: test_openpi.scripted(ACTIONS | POISONED, metadata=msgpack_wire.pack_openpi(POISONED)),
     "http": lambda: test_act.scripted((200, json.dumps(ACTIONS | POISONED))),
     "groot": lambda: groot_server.served(
         [groot_server.parts(np.ones((1, 1, 7))) | POISONED, POISONED],

@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from vlafuzz.clients.groot import GrootOptions
-from vlafuzz.clients.groot_wire import pack, unpack
+from vlafuzz.clients.msgpack_wire import pack_groot, unpack_groot
 from vlafuzz.clients.wire import ROLLOUT
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 
@@ -211,7 +211,7 @@ def groot(faults: Faults) -> Iterator[str]:
             if not line.poll(20):
                 continue
             client, empty, frame = line.recv_multipart()
-            reply, fault = pack(answer(unpack(frame))), faults.next()
+            reply, fault = pack_groot(answer(unpack_groot(frame))), faults.next()
             if fault == "kill":
                 line.close(0)
                 faults.over.wait(faults.seconds)

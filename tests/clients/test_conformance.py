@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from tests.clients.served import seen, start
-from vlafuzz.clients import groot_wire
-from vlafuzz.clients.openpi_wire import pack, unpack
-from vlafuzz.clients.openvla_wire import decode, request
+from vlafuzz.clients.msgpack_wire import pack_groot, pack_openpi, unpack_openpi
+from vlafuzz.clients.openvla import decode, request
 from vlafuzz.policies.controls import Random
 from vlafuzz.serving.serve import serving
 
@@ -98,11 +97,12 @@ def test_the_golden_frames_are_what_they_write_today(tmp_path):
 
 def test_they_read_what_we_write_and_write_it_again_byte_by_byte(tmp_path):
     image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
-    (tmp_path / "ours.msgpack").write_bytes(pack({"image": image, "scalar": np.float32(1.25), "text": "é"}))
-    (tmp_path / "groot.msgpack").write_bytes(groot_wire.pack({"image": image}))
+    ours = pack_openpi({"image": image, "scalar": np.float32(1.25), "text": "é"})
+    (tmp_path / "ours.msgpack").write_bytes(ours)
+    (tmp_path / "groot.msgpack").write_bytes(pack_groot({"image": image}))
     (tmp_path / "ours.txt").write_bytes(request({"image": image, "instruction": "up"}))
     others(READ, tmp_path)
-    assert unpack((tmp_path / "ours.msgpack").read_bytes())["scalar"] == 1.25
+    assert unpack_openpi((tmp_path / "ours.msgpack").read_bytes())["scalar"] == 1.25
     assert decode((tmp_path / "ours.txt").read_bytes())["instruction"] == "up"
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy, parts, served
 from tests.clients.served import STATE, black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
-from vlafuzz.clients.groot_wire import pack, unpack
+from vlafuzz.clients.msgpack_wire import pack_groot, unpack_groot
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
@@ -46,7 +46,8 @@ class TestFrames:
             "state": {"x": np.array([[[0.5]]], dtype=np.float32)},
             "language": {"task": [["up"]]},
         }
-        assert pack({"endpoint": "get_action", "data": {"observation": observation, "options": None}}) == (
+        data = {"observation": observation, "options": None}
+        assert pack_groot({"endpoint": "get_action", "data": data}) == (
             b"\x82\xa8endpoint\xaaget_action\xa4data\x82\xabobservation\x83"
             b"\xa5video\x81\xa5image"
             + file("|u1", "(1, 1, 2, 3, 3)", bytes(range(18)))
@@ -57,11 +58,11 @@ class TestFrames:
 
     def test_a_reply_of_n16(self):
         moves = b"\x00\x00\x80\x3f\x00\x00\x00\x40"
-        reply, info = unpack(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
+        reply, info = unpack_groot(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
         assert (reply["x"].tolist(), reply["x"].dtype, info) == ([[[1.0], [2.0]]], np.float32, {})
 
     def test_a_reply_of_n17(self):
-        reply, info = unpack((GOLDEN / "groot_reply.msgpack").read_bytes())
+        reply, info = unpack_groot((GOLDEN / "groot_reply.msgpack").read_bytes())
         assert np.array_equal(reply["x"], np.linspace(-1, 1, 14).reshape(1, 2, 7).astype(np.float32))
         assert info == {"milliseconds": 1.5}
 
@@ -69,13 +70,13 @@ class TestFrames:
     @pytest.mark.parametrize("under", [b"\xa7as_json", b"\xa7as_dict"])
     def test_a_models_keys(self, mark, under):
         plain = b"\x82\xaddelta_indices\x91\x00\xadmodality_keys\x91\xa5image"
-        assert unpack(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain) == {
+        assert unpack_groot(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain) == {
             "video": {"delta_indices": [0], "modality_keys": ["image"]}
         }
 
     def test_an_array_by_columns(self):
         columns = np.asfortranarray(np.arange(6, dtype=np.int16).reshape(2, 3))
-        assert unpack(msgpack.packb(npy(columns))).tolist() == columns.tolist()
+        assert unpack_groot(msgpack.packb(npy(columns))).tolist() == columns.tolist()
 
 
 class TestConversation:
@@ -92,9 +93,9 @@ class TestConversation:
             policy.act([seen("one", images=black(policy.spec))])
             policy.close()
         observation = requests[0]["data"]["observation"]
-        state = {key: unpack(msgpack.packb(part)) for key, part in observation["state"].items()}
+        state = {key: unpack_groot(msgpack.packb(part)) for key, part in observation["state"].items()}
         assert [*observation["video"]] == ["image", "wrist_image"]
-        assert unpack(msgpack.packb(observation["video"]["image"])).shape == (1, 1, 32, 48, 3)
+        assert unpack_groot(msgpack.packb(observation["video"]["image"])).shape == (1, 1, 32, 48, 3)
         assert [part.shape for part in state.values()] == [(1, 1, 1)] * 6 + [(1, 1, 2)]
         assert {part.dtype.str for part in state.values()} == {"<f4"}
         assert state["yaw"][0, 0, 0] == STATE[5]
@@ -139,7 +140,7 @@ class TestConversation:
             policy.act([Observation("one", 0, "up", images=black(policy.spec), state=down)])
             policy.close()
         observation = requests[0]["data"]["observation"]["state"]
-        state = [float(unpack(msgpack.packb(part))[0, 0, 0]) for part in observation.values()]
+        state = [float(unpack_groot(msgpack.packb(part))[0, 0, 0]) for part in observation.values()]
         assert state == pytest.approx([0.1, 0.2, 0.3, 0, 0, 0, 0, 0.5], abs=1e-6)
 
     def test_in_the_simulator(self):

@@ -12,7 +12,7 @@ import pytest
 import websockets.sync.server
 
 from tests.clients.served import CLOSE, HANG, STATE, black, seen, start, still_open
-from vlafuzz.clients.openpi_wire import pack, unpack
+from vlafuzz.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.registry import make_policy
@@ -30,16 +30,16 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
     left, requests = list(replies), []
 
     def session(connection: Any) -> None:
-        connection.send(pack({}) if metadata is None else metadata)
+        connection.send(pack_openpi({}) if metadata is None else metadata)
         for frame in connection:
-            requests.append((unpack(frame), connection.request.headers.get("Vlafuzz-Rollout")))
+            requests.append((unpack_openpi(frame), connection.request.headers.get("Vlafuzz-Rollout")))
             reply = left.pop(0)
             if reply is CLOSE:
                 return
             if reply is HANG:
                 threading.Event().wait(1.0)
             else:
-                connection.send(reply if isinstance(reply, bytes | str) else pack(reply))
+                connection.send(reply if isinstance(reply, bytes | str) else pack_openpi(reply))
 
     server = websockets.sync.server.serve(session, "127.0.0.1", 0, compression=None, max_size=None)
     thread = threading.Thread(target=server.serve_forever)
@@ -69,13 +69,13 @@ OBSERVATION = {
 
 class TestFrames:
     def test_they_equal_those_of_openpis_own_client_byte_by_byte(self):
-        assert pack(OBSERVATION) == (GOLDEN / "openpi_observation.msgpack").read_bytes()
+        assert pack_openpi(OBSERVATION) == (GOLDEN / "openpi_observation.msgpack").read_bytes()
 
     def test_those_of_openpis_own_packer_are_read(self):
-        message = unpack((GOLDEN / "openpi_observation.msgpack").read_bytes())
+        message = unpack_openpi((GOLDEN / "openpi_observation.msgpack").read_bytes())
         assert message.keys() == OBSERVATION.keys()
         assert np.array_equal(message["observation/image"], PICTURE)
-        reply = unpack((GOLDEN / "openpi_reply.msgpack").read_bytes())
+        reply = unpack_openpi((GOLDEN / "openpi_reply.msgpack").read_bytes())
         assert np.array_equal(reply["actions"], np.linspace(-1, 1, 14).reshape(2, 7).astype(np.float32))
         assert reply["server_timing"] == {"infer_ms": 1.5, "prev_total_ms": 2.5}
         assert reply["policy_timing"]["infer_ms"].dtype == np.float32

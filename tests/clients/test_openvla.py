@@ -14,7 +14,7 @@ import pytest
 
 from tests.clients.served import black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
-from vlafuzz.clients.openvla_wire import decode, encode, request
+from vlafuzz.clients.openvla import decode, encode, request
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.outcome import Verdict
@@ -113,7 +113,7 @@ class TestConversation:
             (json.dumps(STILL), 1),
             (json.dumps([STILL] * 3), 3),
             (encode(np.array(STILL)).decode(), 1),
-            (encode(np.array(STILL), twice=True).decode(), 1),
+            (encode(encode(np.array(STILL)).decode()).decode(), 1),
             (encode([np.array(STILL)] * 8).decode(), 8),
             (encode({"action": np.array(STILL)}).decode(), 1),
             (encode({"actions": [STILL]}).decode(), 1),

@@ -124,7 +124,7 @@ def test_it_is_listed_with_its_form():
 
 @pytest.mark.parametrize("missing", ["msgpack", "websockets"])
 def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
-    for module in ("websocket_connection", "vla_eval_wire", "vla_eval"):
+    for module in ("websocket_connection", "msgpack_wire", "vla_eval"):
         monkeypatch.delitem(sys.modules, f"vlafuzz.clients.{module}", raising=False)
         monkeypatch.delattr(f"vlafuzz.clients.{module}", raising=False)
     for name in [name for name in sys.modules if name.split(".")[0] == missing]:

@@ -12,8 +12,7 @@ import pytest
 from tests.execute.models import Counter, Sleeper, deadly, refused, unmade
 from tests.execute.test_in_simulator import trials
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.execute.policy_process import PolicyProcess
-from vlafuzz.execute.shared import SharedPolicy, share
+from vlafuzz.execute.shared import PolicyProcess, SharedPolicy, share
 from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness

@@ -21,8 +21,8 @@ from websockets.sync.client import connect
 from tests.clients.served import STATE, Attentive, black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.clients import openpi_wire, vla_eval_wire
-from vlafuzz.clients.openvla_wire import decode, encode
+from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
+from vlafuzz.clients.openvla import decode, encode
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.outcome import Verdict
@@ -125,10 +125,10 @@ class TestOthersClients:
         echo = Echo(CameraRequest("front", 64, 48))
         message = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
         with serving(echo, "openpi") as name, connect(url(name)) as line:
-            assert openpi_wire.unpack(line.recv())["policy"] == "echo"
+            assert unpack_openpi(line.recv())["policy"] == "echo"
             for step in range(2):
-                line.send(openpi_wire.pack(message))
-                (action,) = openpi_wire.unpack(line.recv())["actions"]
+                line.send(pack_openpi(message))
+                (action,) = unpack_openpi(line.recv())["actions"]
                 assert action.tolist() == [9.0, *STATE[1:6].tolist(), step]
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
         assert echo.ended == echo.begun
@@ -173,8 +173,8 @@ class TestOthersClients:
             serving(Echo(CameraRequest("front", 64, 48)), "vla-eval") as name,
             connect(url(name)) as line,
         ):
-            line.send(vla_eval_wire.pack("observation", message, 4))
-            kind, payload, number = vla_eval_wire.unpack(line.recv())
+            line.send(pack_vla_eval("observation", message, 4))
+            kind, payload, number = unpack_vla_eval(line.recv())
         assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
 
     @pytest.mark.parametrize(("protocol", "path"), [("vla-eval", "health"), ("openpi", "healthz")])

@@ -7,12 +7,20 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from vlafuzz.clients.conventions import layout_width
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions, needed
-from vlafuzz.clients.wire import failure, required, short, with_retries
+from vlafuzz.clients.wire import (
+    bad_action,
+    closed_on_error,
+    failure,
+    required,
+    short,
+    validated,
+    with_retries,
+)
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.harness import check_chunks
@@ -54,7 +62,6 @@ class GrootOptions(ProfiledOptions):
     flat: bool = False
 
     def refusals(self) -> list[tuple[str, str]]:
-        """Also refuse parts that do not fit the layout."""
         problems, layout = super().refusals(), self.layout
         total, expected = sum(parts_of(self.state_key).values()), layout_width(layout) if layout else 0
         if layout and total != expected:
@@ -99,19 +106,16 @@ class Groot:
 
     def __init__(self, address: Address[GrootOptions]) -> None:
         with needed(address.name):
-            from vlafuzz.clients import groot_wire, zmq_connection
+            from vlafuzz.clients import msgpack_wire, zmq_connection
         self._address, self._options = address, address.options
-        self._wire, self._connect = groot_wire, zmq_connection.ZmqConnection
+        self._wire, self._connect = msgpack_wire, zmq_connection.ZmqConnection
         self._connection: zmq_connection.ZmqConnection | None = None
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
             self._modalities = self._get_modalities()
-        try:
+        with closed_on_error(self):
             _check_modalities(address.name, self._modalities, self._keys())
-        except BaseException:
-            self.close()
-            raise
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Begin these rollouts, after checking that the server still has the same model."""
@@ -121,39 +125,29 @@ class Groot:
         self._ask("reset", {"options": None})
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Answer all observations by one request."""
         if not observations:
             return []
         reply = self._ask("get_action", {"observation": self._message(observations), "options": None})
         if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
             raise failure(self._address.url, f"no actions, but {short(reply)}", "protocol")
-        try:
+        with bad_action(self._address.name):
             joined = self._joined(reply[0], len(observations))
             pairs = zip(joined, observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
-        except ValueError as error:
-            raise PolicyError(f"{self._address.name}: {error}", cause="bad_action") from None
         check_chunks(chunks, len(observations), self._address.name)
         return chunks
 
     def close(self) -> None:
-        """Close the connection."""
         if self._connection is not None:
             self._connection.close()
         self._connection = None
 
     def _get_modalities(self) -> Modalities:
-        try:
-            return Modalities.model_validate(self._ask("get_modality_config"))
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(str(step) for step in first["loc"]) or "all of it"
-            self.close()
-            message = f"its modality config: {where}: {first['msg']}"
-            raise failure(self._address.url, message, "protocol") from None
+        declared = self._ask("get_modality_config")
+        with closed_on_error(self):
+            return validated(Modalities, self._address.url, "modality config", declared)
 
     def _keys(self) -> dict[str, tuple[str, ...]]:
-        """The keys that the options name, by modality."""
         options = self._options
         key_of = {"front": options.image_key, "wrist": options.wrist_key}
         return {
@@ -203,19 +197,17 @@ class Groot:
 
     def _attempt(self, message: object) -> Any:
         """One request; the connection is opened when there is none, and closed when it breaks."""
-        try:
+        with closed_on_error(self):
             if self._connection is None:
                 self._connection = self._connect(self._address.url, self._options.timeout)
-            return self._wire.unpack(self._connection.ask(self._wire.pack(message)))
-        except BaseException as error:
-            self.close()
-            if isinstance(error, ValueError):
+            frame = self._connection.ask(self._wire.pack_groot(message))
+            try:
+                return self._wire.unpack_groot(frame)
+            except ValueError as error:
                 raise failure(self._address.url, f"not a GR00T message: {error}", "protocol") from None
-            raise
 
 
 def _check_modalities(name: str, declared: Modalities, named: Mapping[str, tuple[str, ...]]) -> None:
-    """Check that the options name exactly the keys of the model."""
     prefixes = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
     for kind, keys in named.items():
         modality: Modality = getattr(declared, kind)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from urllib.parse import urlsplit
 
-from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short, too_large
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, blamed, failure, short, too_large
 
 
 class HttpConnection:
@@ -23,9 +23,9 @@ class HttpConnection:
         self._line = kind(parts.hostname or "", parts.port, timeout=min(timeout, OPENING))
         with self._blamed(min(timeout, OPENING)):
             self._line.connect()
+        self.close = self._line.close
 
     def post(self, body: bytes, headers: Mapping[str, str]) -> None:
-        """Send a request."""
         with self._blamed(self._timeout):
             if self._line.sock is None or _closed(self._line):
                 self._line.close()
@@ -48,18 +48,11 @@ class HttpConnection:
                     sock.settimeout(max(until - time.monotonic(), 0.001))
         return response.status, body
 
-    def close(self) -> None:
-        """Close the connection."""
-        self._line.close()
-
     @contextmanager
     def _blamed(self, wait: float) -> Iterator[None]:
         try:
-            yield
-        except TimeoutError:
-            raise late(self.url, wait) from None
-        except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
-            raise failure(self.url, short(getattr(error, "strerror", None) or error), "connect") from None
+            with blamed(self.url, wait):
+                yield
         except HTTPException as error:
             raise failure(self.url, f"not HTTP: {type(error).__name__}: {short(error)}", "protocol") from None
 

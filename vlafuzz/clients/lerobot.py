@@ -17,7 +17,7 @@ from pydantic import Field
 from vlafuzz.clients.conventions import ROTATIONS, layout_width
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions, needed
-from vlafuzz.clients.wire import numbers, short
+from vlafuzz.clients.wire import bad_action, numbers, short
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.harness import check_chunks
@@ -31,9 +31,7 @@ REMEMBERED = ("_queues", "_action_queue", "temporal_ensembler")  # rollout state
 class LeRobotOptions(ProfiledOptions):
     """The user's options for the policy; its own config declares its pictures and dimensions.
 
-    Attributes:
-        image_key: which of its pictures is the third-person view; a single picture needs no name.
-        device: of torch; None for lerobot's choice.
+    ``image_key``: which picture is the third-person view; a single one needs no name. ``device``: of torch.
     """
 
     protocol: ClassVar[str] = "lerobot"
@@ -111,12 +109,10 @@ class LeRobot:
         return chunks
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Forget these rollouts."""
         for start in episodes:
             self._live.pop(start.episode, None)
 
     def close(self) -> None:
-        """Forget all rollouts."""
         self._live.clear()
 
     def _act(self, seen: Observation) -> NDArray[np.float64]:
@@ -137,18 +133,12 @@ class LeRobot:
             choose = self._policy.select_action if self._card.stepwise else self._policy.predict_action_chunk
             actions = self._after(choose(batch))
         memory.update({key: vars(self._policy)[key] for key in memory})
-        try:
+        with bad_action(self._name):
             return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
-        except ValueError as error:
-            raise PolicyError(f"{self._name}: {error}", cause="bad_action") from None
 
 
 def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
-    """The options, completed by what the policy declares.
-
-    Raises:
-        UsageError: they do not fit its pictures, state or actions.
-    """
+    """The options, completed by what the policy declares; UsageError when they contradict it."""
     front, wrist = _pictures(name, options, card)
     layout = options.layout
     width = layout_width(layout) if layout else 0
@@ -207,7 +197,6 @@ def _card(name: str, config: Any) -> Card:
 
 
 def _load(folder: Path, device: str | None) -> tuple[Any, Any, Any]:
-    """The policy with its preprocessor and postprocessor."""
     from lerobot.configs.policies import PreTrainedConfig
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from types import ModuleType
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,16 @@ from numpy.typing import NDArray
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions, needed
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.wire import actions_of, failure, required, rollout_header, short, with_retries
+from vlafuzz.clients.wire import (
+    actions_of,
+    closed_on_error,
+    failure,
+    required,
+    rollout_header,
+    short,
+    with_retries,
+)
 from vlafuzz.policies.base import EpisodeStart, Observation
-
-if TYPE_CHECKING:
-    from vlafuzz.clients.websocket_connection import WebSocketConnection
 
 
 class OpenPiOptions(ProfiledOptions):
@@ -42,10 +46,10 @@ class OpenPi(Sessions):
     options: ClassVar[type[CommonOptions]] = OpenPiOptions
 
     def __init__(self, address: Address[OpenPiOptions]) -> None:
-        super().__init__(address.name, address.options.timeout)
+        super().__init__(address)
         with needed(address.name):
-            from vlafuzz.clients import openpi_wire, websocket_connection
-        self._address, self._wire, self._sockets = address, openpi_wire, websocket_connection
+            from vlafuzz.clients import msgpack_wire, websocket_connection
+        self._wire, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
@@ -55,32 +59,25 @@ class OpenPi(Sessions):
         return with_retries(lambda: self._open(rollout_header(start) if start else {}))
 
     def _open(self, headers: dict[str, str]) -> OpenPiSession:
-        url, timeout = self._address.url, self._address.options.timeout
-        socket = self._sockets.WebSocketConnection(url, timeout, headers)
-        session = OpenPiSession(socket, self._wire, self._model)
-        try:
+        session = OpenPiSession(self._connect(self._url, self._timeout, headers), self._wire, self._model)
+        with closed_on_error(session):
             session.receive()  # the server's metadata, which is arbitrary
-        except BaseException:
-            socket.close()
-            raise
         return session
 
 
 class OpenPiSession:
-    """One rollout at such a server."""
+    """A ``Session`` at such a server."""
 
-    def __init__(self, socket: WebSocketConnection, wire: ModuleType, model: Model) -> None:
+    def __init__(self, socket: Any, wire: Any, model: Model) -> None:
         self._socket, self._wire, self._model = socket, wire, model
         self._pending: deque[Observation] = deque()
         self.close = socket.close
 
     def ask(self, seen: Observation) -> None:
-        """Send it under the model's keys."""
-        self._socket.send(self._wire.pack(self._model.message(seen)))
+        self._socket.send(self._wire.pack_openpi(self._model.message(seen)))
         self._pending.append(seen)
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        """The actions."""
         actions = actions_of(self.receive(wait))
         return self._model.actions(actions, self._pending.popleft())
 
@@ -88,16 +85,12 @@ class OpenPiSession:
         """The protocol cannot express it."""
 
     def receive(self, wait: float | None = None) -> dict[object, object]:
-        """The next message.
-
-        Raises:
-            PolicyError: no message in time, a malformed one, or the text of an error.
-        """
+        """The next message; PolicyError when it is late, malformed, or the text of an error."""
         frame = self._socket.receive(wait)
         if isinstance(frame, str):  # a traceback, whose last line is the error
             raise failure(self._socket.url, short(frame.strip().rpartition("\n")[2] or frame), "remote")
         try:
-            message: dict[object, object] = self._wire.unpack(frame)
+            message: dict[object, object] = self._wire.unpack_openpi(frame)
         except ValueError as error:
             raise failure(self._socket.url, f"not an openpi message: {error}", "protocol") from None
         return message

@@ -1,19 +1,34 @@
-"""Models behind ``POST /act``, as OpenVLA and OpenVLA-OFT are served."""
+"""Models behind ``POST /act``, as OpenVLA and OpenVLA-OFT are served.
+
+The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clients encode the JSON as a string
+once more, which servers accept, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import base64
+import json
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.http_connection import HttpConnection
-from vlafuzz.clients.openvla_wire import decode, request
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.wire import actions_of, failure, numbers, required, rollout_header, short, with_retries
+from vlafuzz.clients.wire import (
+    KINDS,
+    actions_of,
+    array_of,
+    failure,
+    numbers,
+    required,
+    rollout_header,
+    short,
+    with_retries,
+)
 from vlafuzz.policies.base import EpisodeStart, Observation
 
 
@@ -42,22 +57,22 @@ class OpenVla(Sessions):
     options: ClassVar[type[CommonOptions]] = ActOptions
 
     def __init__(self, address: Address[ActOptions]) -> None:
-        super().__init__(address.name, address.options.timeout)
-        self._address = address
+        super().__init__(address)
+        self._options = address.options
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
         with required("/act", "start it first: python vla-scripts/deploy.py …"):
             self._open().close()
 
     def _begin(self, start: EpisodeStart) -> ActSession:
-        return ActSession(self._open(), self._model, self._address.options, start)
+        return ActSession(self._open(), self._model, self._options, start)
 
     def _open(self) -> HttpConnection:
-        return with_retries(lambda: HttpConnection(self._address.url, self._address.options.timeout))
+        return with_retries(lambda: HttpConnection(self._url, self._timeout))
 
 
 class ActSession:
-    """One rollout at such a server."""
+    """A ``Session`` at such a server."""
 
     def __init__(
         self, connection: HttpConnection, model: Model, options: ActOptions, start: EpisodeStart
@@ -67,7 +82,6 @@ class ActSession:
         self.close = connection.close
 
     def ask(self, seen: Observation) -> None:
-        """Send it under the model's keys."""
         key = self._options.unnorm_key
         message = self._model.message(seen) | ({"unnorm_key": key} if key else {})
         headers = rollout_header(self._start, self._sent)
@@ -76,7 +90,6 @@ class ActSession:
         self._pending = seen  # one at a time: HTTP answers in order
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        """The actions."""
         return self._model.actions(self._actions(*self._connection.reply(wait)), self._pending)
 
     def end(self) -> None:
@@ -97,3 +110,37 @@ class ActSession:
         if "error" in reply:
             raise failure(url, short(reply["error"]), "remote")
         return actions_of({"actions": reply["action"]} if "action" in reply else reply)
+
+
+def encode(value: object) -> bytes:
+    """A value as JSON."""
+    return json.dumps(value, default=_encode).encode()
+
+
+def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
+    """The request with an observation; ``twice``: as a string under the key ``encoded``."""
+    return encode({"encoded": encode(message).decode()} if twice else message)
+
+
+def decode(body: bytes | str) -> Any:
+    """The value, whether it was encoded once or twice; ValueError for other text, or an invalid array."""
+    try:
+        value = json.loads(body, object_hook=_decode)
+        return json.loads(value, object_hook=_decode) if isinstance(value, str) else value
+    except Exception as error:  # NumPy raises many types on malformed data
+        text = body if isinstance(body, str) else body.decode("utf-8", "replace")
+        raise ValueError(f"{short(text)}: {type(error).__name__}: {short(error)}") from None
+
+
+def _encode(value: Any) -> Any:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
+        raise TypeError(f"{type(value).__name__} cannot be sent")
+    data = base64.b64encode(value.tobytes()).decode()
+    return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
+
+
+def _decode(value: dict[str, Any]) -> Any:
+    if "__numpy__" not in value:
+        return value
+    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
+    return array if array.shape else array[()]

@@ -60,7 +60,6 @@ class ProfiledOptions(CommonOptions):
 
     @property
     def convention(self) -> Convention:
-        """The convention of the actions."""
         pose, tool = self.action == "eef_pose", self.frame == "tool"
         return Convention(pose, tool, self.rotation, self.position_scale, self.rotation_scale)
 
@@ -136,11 +135,7 @@ class Model:
         return message | {options.instruction_key: seen.instruction}
 
     def actions(self, chunk: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:
-        """The model's answer in the units of the spec.
-
-        Raises:
-            ValueError: it is not a chunk as the options describe it.
-        """
+        """The model's answer in the units of the spec; ValueError when the options describe it otherwise."""
         expected = self._options.chunk
         if expected is not None and len(chunk) != expected:
             raise ValueError(f"a chunk of {len(chunk)} actions, expected chunk={expected}")

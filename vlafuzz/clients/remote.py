@@ -142,11 +142,7 @@ class Remote(Policy, Protocol):
 
 @contextmanager
 def needed(name: str, install: str = INSTALL) -> Iterator[None]:
-    """Import optional packages in this block. ``install``: the hint on how to get them.
-
-    Raises:
-        PrerequisiteError: a package is missing.
-    """
+    """Import optional packages in this block; PrerequisiteError, with ``install`` as hint, for missing ones."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -154,11 +150,7 @@ def needed(name: str, install: str = INSTALL) -> Iterator[None]:
 
 
 def parse(name: str, kind: type[Remote]) -> Address[Any]:
-    """Parse and validate an address; connects to nothing, and opens no folder.
-
-    Raises:
-        UsageError: the address is malformed, or an option or its value is unknown.
-    """
+    """Parse and validate an address, or raise UsageError; connects to nothing, and opens no folder."""
     protocol, _, rest = name.partition(":")
     if not kind.schemes:
         folder, _, query = rest.partition("?")

@@ -6,11 +6,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.clients.remote import Address
+from vlafuzz.clients.wire import bad_action
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.harness import check_chunks
@@ -33,17 +35,13 @@ class Session(Protocol):
 
 
 class Sessions(ABC):
-    """A policy with one session per live rollout. A rollout cannot continue after its session broke.
+    """A policy with one session per live rollout. A rollout cannot continue after its session broke."""
 
-    ``timeout`` is for one reply, in seconds.
-    """
-
-    def __init__(self, name: str, timeout: float) -> None:
-        self._name, self._timeout = name, timeout
+    def __init__(self, address: Address[Any]) -> None:
+        self._name, self._url, self._timeout = address.name, address.url, address.options.timeout
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Open a session for each rollout."""
         names = [start.episode for start in episodes]
         self._drop(names)
         try:
@@ -58,7 +56,8 @@ class Sessions(ABC):
         try:
             sessions = [self._ask(seen) for seen in observations]
             until = time.monotonic() + self._timeout * len(sessions)
-            chunks = [self._answer(session, until) for session in sessions]
+            with bad_action(self._name):
+                chunks = [ActionChunk(session.answer(until - time.monotonic())) for session in sessions]
             check_chunks(chunks, len(sessions), self._name)
         except BaseException:  # the other sessions may hold replies that nobody will read
             self._drop([seen.episode for seen in observations])
@@ -75,12 +74,10 @@ class Sessions(ABC):
                 self._drop([start.episode])
 
     def close(self) -> None:
-        """Finish all rollouts."""
         self.finish([start for start, _ in self._live.values()])
 
     @abstractmethod
-    def _begin(self, start: EpisodeStart) -> Session:
-        """Open a session on a new connection."""
+    def _begin(self, start: EpisodeStart) -> Session: ...
 
     def _ask(self, seen: Observation) -> Session:
         if seen.episode not in self._live:
@@ -88,12 +85,6 @@ class Sessions(ABC):
         _, session = self._live[seen.episode]
         session.ask(seen)
         return session
-
-    def _answer(self, session: Session, until: float) -> ActionChunk:
-        try:
-            return ActionChunk(session.answer(until - time.monotonic()))
-        except ValueError as error:
-            raise PolicyError(f"{self._name}: {error}", cause="bad_action") from None
 
     def _drop(self, episodes: Sequence[str]) -> None:
         for episode in episodes:

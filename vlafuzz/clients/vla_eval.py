@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from vlafuzz import __version__
 from vlafuzz.clients.conventions import LAYOUTS, Layout
 from vlafuzz.clients.remote import Address, CommonOptions, VlaEvalOptions, needed
 from vlafuzz.clients.sessions import Sessions
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
-from vlafuzz.clients.wire import actions_of, required
+from vlafuzz.clients.wire import (
+    actions_of,
+    closed_on_error,
+    failure,
+    required,
+    short,
+    validated,
+    with_retries,
+)
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation
-
-if TYPE_CHECKING:
-    from vlafuzz.clients.vla_eval_wire import Connection
 
 PROTOCOL_VERSION = 1
 GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PROTOCOL_VERSION}
@@ -39,70 +43,78 @@ class VlaEval(Sessions):
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
 
     def __init__(self, address: Address[VlaEvalOptions]) -> None:
-        super().__init__(address.name, address.options.timeout)
+        super().__init__(address)
         with needed(address.name):
-            from vlafuzz.clients import vla_eval_wire
-        self._address, self._wire = address, vla_eval_wire
+            from vlafuzz.clients import msgpack_wire, websocket_connection
+        self._wire, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
+        self._options = address.options
         with required("vla-eval", "start it first: vla-eval serve --config …"):
-            connection, hello = self._open()
-        connection.close()
-        self._layout = LAYOUTS.get(layout_of(address.name, hello, address.options) or "")
-        self.spec = spec_of(address.name, hello, address.options)
+            session, hello = with_retries(self._open)
+        session.close()
+        self._layout = LAYOUTS.get(layout_of(self._name, hello, self._options) or "")
+        self.spec = spec_of(self._name, hello, self._options)
 
     def _begin(self, start: EpisodeStart) -> VlaEvalSession:
-        connection, hello = self._open()
-        try:
-            if spec_of(self._address.name, hello, self._address.options) != self.spec:
-                message = f"{self._address.name}: another server answers than at the beginning of the run"
+        session, hello = with_retries(self._open)
+        with closed_on_error(session):
+            if spec_of(self._name, hello, self._options) != self.spec:
+                message = f"{self._name}: another server answers than at the beginning of the run"
                 raise PolicyError(message, cause="protocol")
-            connection.send("episode_start", {"task": _task(start)})
-        except BaseException:
-            connection.close()
-            raise
-        return VlaEvalSession(connection, self.spec.cameras, self._layout)
+            session.send("episode_start", {"task": _task(start)})
+        return session
 
-    def _open(self) -> tuple[Connection, Hello]:
-        url, timeout = self._address.url, self._address.options.timeout
-        connection, payload = self._wire.open_session(url, timeout, GREETING)
-        try:
-            hello = Hello.model_validate(payload)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(str(step) for step in first["loc"])
-            connection.close()
-            raise PolicyError(f"{url}: its hello: {where}: {first['msg']}", cause="protocol") from None
-        if hello.protocol_version != PROTOCOL_VERSION:
-            connection.close()
-            raise PolicyError(
-                f"{url}: it speaks version {hello.protocol_version} of the protocol, not {PROTOCOL_VERSION}",
-                hint="install a vla-eval there that speaks it, such as 0.8.0",
-                cause="protocol",
-            )
-        return connection, hello
+    def _open(self) -> tuple[VlaEvalSession, Hello]:
+        session = VlaEvalSession(self._connect(self._url, self._timeout), self._wire, self._message)
+        with closed_on_error(session):
+            greeting = session.receive("hello", session.send("hello", GREETING))
+            hello = validated(Hello, self._url, "hello", greeting)
+            if hello.protocol_version != PROTOCOL_VERSION:
+                version = f"version {hello.protocol_version} of the protocol, not {PROTOCOL_VERSION}"
+                hint = "install a vla-eval there that speaks it, such as 0.8.0"
+                raise failure(self._url, f"it speaks {version}", "protocol", hint)
+        return session, hello
+
+    def _message(self, seen: Observation) -> dict[str, Any]:
+        return message_of(seen, self.spec.cameras, self._layout)
 
 
 class VlaEvalSession:
-    """One rollout at such a server."""
+    """A ``Session`` at such a server, with numbered messages."""
 
-    def __init__(
-        self, connection: Connection, cameras: Sequence[CameraRequest], layout: Layout | None
-    ) -> None:
-        self._connection, self._cameras, self._layout = connection, cameras, layout
-        self._pending: deque[int] = deque()
-        self.close = connection.close
+    def __init__(self, socket: Any, wire: Any, message: Callable[[Observation], dict[str, Any]]) -> None:
+        self._socket, self._wire, self._message = socket, wire, message
+        self._number, self._pending = 0, deque[int]()
+        self.close = socket.close
 
     def ask(self, seen: Observation) -> None:
-        """Send it."""
-        message = message_of(seen, self._cameras, self._layout)
-        self._pending.append(self._connection.send("observation", message))
+        self._pending.append(self.send("observation", self._message(seen)))
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        """The actions."""
-        return actions_of(self._connection.receive("action", self._pending.popleft(), wait))
+        return actions_of(self.receive("action", self._pending.popleft(), wait))
 
     def end(self) -> None:
         """Send no metrics, since we judge the rollout ourselves."""
-        self._connection.send("episode_end", {"metrics": {}})
+        self.send("episode_end", {"metrics": {}})
+
+    def send(self, kind: str, payload: Mapping[str, Any]) -> int:
+        """Send a message; returns its number, which the reply must repeat."""
+        self._number += 1
+        self._socket.send(self._wire.pack_vla_eval(kind, payload, self._number))
+        return self._number
+
+    def receive(self, kind: str, number: int, wait: float | None = None) -> Mapping[str, Any]:
+        """The reply to message ``number``; PolicyError when it is late, an error, or another message."""
+        url, frame = self._socket.url, self._socket.receive(wait)
+        try:
+            received, payload, echoed = self._wire.unpack_vla_eval(frame)
+        except ValueError as error:
+            raise failure(url, f"not a vla-eval message: {error}", "protocol") from None
+        if received == "error":
+            raise failure(url, short(payload.get("error")), "remote")
+        if (received, echoed) != (kind, number):
+            problem = f"expected the message {kind!r} with number {number}, got {received!r} with {echoed!r}"
+            raise failure(url, problem, "protocol")
+        return payload  # type: ignore[no-any-return]
 
 
 def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layout | None) -> dict[str, Any]:
@@ -118,10 +130,5 @@ def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layo
 
 
 def _task(start: EpisodeStart) -> Mapping[str, Any]:
-    return {
-        "name": start.instruction,
-        "suite": "vlafuzz",
-        "task": start.task,
-        "episode": start.episode,
-        "seed": start.seed,
-    }
+    task = {"name": start.instruction, "suite": "vlafuzz", "task": start.task}
+    return task | {"episode": start.episode, "seed": start.seed}

@@ -103,11 +103,7 @@ def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) 
 
 
 def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
-    """The layout in which proprioception is sent; None when it is not sent.
-
-    Raises:
-        UsageError: the server declares an unsupported layout.
-    """
+    """The layout in which proprioception is sent, None if it is not; UsageError for an unsupported one."""
     if options.state == "0":
         return None
     if options.state not in (None, "1"):

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 
-from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short, too_large
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, blamed, failure, late, short, too_large
 from vlafuzz.errors import PolicyError
 
 CLOSING = 2.0  # seconds
@@ -43,7 +43,6 @@ class WebSocketConnection:
         self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
     def send(self, frame: bytes) -> None:
-        """Send a message."""
         with self._blamed(self._timeout):
             self._socket.send(frame)
 
@@ -61,13 +60,12 @@ class WebSocketConnection:
     @contextmanager
     def _blamed(self, wait: float) -> Iterator[None]:
         try:
-            yield
-        except TimeoutError:
-            raise late(self.url, wait) from None
+            with blamed(self.url, wait):
+                yield
         except ConnectionClosed as error:
             raise self._broken(error, wait) from None
-        except (OSError, WebSocketException, ImportError) as error:  # ImportError: of a SOCKS proxy's package
-            raise failure(self.url, short(getattr(error, "strerror", None) or error), "connect") from None
+        except (WebSocketException, ImportError) as error:  # ImportError: of a SOCKS proxy's package
+            raise failure(self.url, short(error), "connect") from None
 
     def _broken(self, error: ConnectionClosed, wait: float) -> PolicyError:
         if isinstance(error.__cause__, BlockingIOError):  # SO_SNDTIMEO

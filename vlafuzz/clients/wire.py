@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError
 from vlafuzz.policies.base import EpisodeStart
@@ -28,6 +29,7 @@ KINDS = "biuf"  # of arrays: boolean, integers, floating point
 ROLLOUT = "Vlafuzz-Rollout"
 LOG = logging.getLogger(__name__)  # one line per retry
 T = TypeVar("T")
+Declared = TypeVar("Declared", bound=BaseModel)
 
 
 def failure(url: str, message: str, cause: Cause, hint: str | None = None) -> PolicyError:
@@ -45,14 +47,32 @@ def too_large(url: str) -> PolicyError:
     return failure(url, f"a reply of more than {MAX_BYTES >> 20} MiB", "protocol")
 
 
+@contextmanager
+def blamed(url: str, wait: float) -> Iterator[None]:
+    """Convert the errors of a socket in the block to PolicyErrors; it waits for ``wait`` seconds."""
+    try:
+        yield
+    except TimeoutError:
+        raise late(url, wait) from None
+    except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
+        raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
+
+
+def validated(kind: type[Declared], url: str, what: str, declared: object) -> Declared:
+    """What a server declares about itself; PolicyError when it is malformed, with the place."""
+    try:
+        return kind.model_validate(declared)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(step) for step in first["loc"]) or "all of it"
+        raise failure(url, f"its {what}: {where}: {first['msg']}", "protocol") from None
+
+
 def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTION) -> T:
     """The result of ``attempt``, which is repeated up to twice when it fails by one of the causes.
 
     The server must not keep state between attempts: retry the opening of a connection, a request to a
     stateless server, or a whole rollout.
-
-    Raises:
-        PolicyError: of the last attempt, or the first with another cause.
     """
     for pause in PAUSES:
         try:
@@ -67,45 +87,47 @@ def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTIO
 
 @contextmanager
 def required(protocol: str, start: str) -> Iterator[None]:
-    """Open the first connection in the block: without a server, nothing can be tested.
-
-    ``start``: a hint on how to start a server.
-
-    Raises:
-        PrerequisiteError: no server answers.
-    """
+    """Open the first connection in the block; PrerequisiteError, with ``start`` as hint, without a server."""
     try:
         yield
     except PolicyError as error:
         raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
 
 
-def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
-    """What our own server must know to answer exactly as the policy does in process.
+@contextmanager
+def bad_action(name: str) -> Iterator[None]:
+    """Convert a ValueError in the block, which reads a model's actions, to a PolicyError."""
+    try:
+        yield
+    except ValueError as error:
+        raise PolicyError(f"{name}: {error}", cause="bad_action") from None
 
-    ``sent``: how many of the rollout's observations were sent before.
-    """
+
+@contextmanager
+def closed_on_error(connection: Any) -> Iterator[None]:
+    """Close the connection when the block raises, which prepares it."""
+    try:
+        yield
+    except BaseException:
+        connection.close()
+        raise
+
+
+def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
+    """What our own server must know to answer exactly as in process. ``sent``: observations sent before."""
     rollout = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": sent}
     return {ROLLOUT: json.dumps(rollout)}
 
 
 def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
-    """The ``actions`` of a reply as ``(steps, n)``; a single action ``(n,)`` becomes one step.
-
-    Raises:
-        ValueError: there are none, or they are not numbers.
-    """
+    """The ``actions`` of a reply, see ``numbers``; ValueError when there are none."""
     if "actions" not in reply:
         raise ValueError(f"a reply without actions, but {short(sorted(map(str, reply)))}")
     return numbers(reply["actions"])
 
 
 def numbers(value: object) -> NDArray[np.float64]:
-    """Actions as ``(steps, n)``; a single action ``(n,)`` becomes one step.
-
-    Raises:
-        ValueError: they are not numbers.
-    """
+    """Actions as ``(steps, n)``, a single action ``(n,)`` as one step; ValueError when not of numbers."""
     actions = np.asarray(value)  # a ragged list raises ValueError
     if actions.dtype.kind not in "iuf":
         raise ValueError(f"actions that are no numbers: {short(value)}")
@@ -113,12 +135,7 @@ def numbers(value: object) -> NDArray[np.float64]:
 
 
 def array_of(data: bytes, dtype: object, shape: Any) -> NDArray[Any]:
-    """An array from its bytes.
-
-    Raises:
-        ValueError: it is not an array of numbers, or the size does not match.
-        TypeError: there is no such dtype.
-    """
+    """An array of numbers from its bytes; ValueError or TypeError when they are not one."""
     kind = np.dtype(dtype)  # type: ignore[call-overload]  # anything may have been sent: TypeError
     if kind.kind not in KINDS:
         raise ValueError(f"an array of {kind}")

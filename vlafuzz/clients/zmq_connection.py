@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import zmq
 
-from vlafuzz.clients.wire import MAX_BYTES, OPENING, failure, late, short
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, blamed, failure, late, short
 
 
 class ZmqConnection:
@@ -19,12 +19,8 @@ class ZmqConnection:
     def __init__(self, url: str, timeout: float) -> None:
         self.url, self._timeout = url, timeout
         parts = urlsplit(url)
-        try:
+        with blamed(url, min(timeout, OPENING)):
             socket.create_connection((parts.hostname, parts.port), min(timeout, OPENING)).close()
-        except TimeoutError:
-            raise late(url, min(timeout, OPENING)) from None
-        except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
-            raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.REQ)
         self._socket.setsockopt(zmq.LINGER, 0)
@@ -34,11 +30,7 @@ class ZmqConnection:
         self._socket.connect(url)
 
     def ask(self, frame: bytes) -> bytes:
-        """The reply to a request.
-
-        Raises:
-            PolicyError: none in time, or the connection broke.
-        """
+        """The reply to a request; PolicyError when it does not come in time, or the connection broke."""
         try:
             self._socket.send(frame)
             return self._reply()
@@ -60,6 +52,5 @@ class ZmqConnection:
         raise late(self.url, self._timeout)
 
     def close(self) -> None:
-        """Close the connection."""
         self._socket.disable_monitor()
         self._context.destroy(linger=0)

@@ -19,12 +19,7 @@ UNCHECKED = "unchecked"
 
 
 def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
-    """All checks of a policy, up to the first that is refused.
-
-    Args:
-        run: the conditions; it names the policy.
-        n: nominal rollouts.
-    """
+    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts."""
     assert run.policy
     policy = _make(run.policy)
     if isinstance(policy, Check):
@@ -82,11 +77,7 @@ def _label(plan: Plan, watch: Watch) -> str:
 
 
 def _make(name: str) -> Policy | Check:
-    """The policy, or a refused check that says why it cannot be made.
-
-    Raises:
-        UsageError: no such policy.
-    """
+    """The policy, or a refused check that says why it cannot be made; UsageError for an unknown one."""
     try:
         return make_policy(name)
     except UsageError:

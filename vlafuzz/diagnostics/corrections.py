@@ -40,7 +40,6 @@ class Corrected(Lent):
     correction: Correction | None = None
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        """See ``Policy``."""
         correction = self.correction
         if correction is None:
             return super().act(observations)
@@ -79,7 +78,6 @@ def _axes(fault: str, moves: Matrix = _SAME, turns: Matrix = _SAME) -> Correctio
 
 
 def _scaled(factor: float) -> Correction:
-    """Translations of another length."""
 
     def actions(chunk: Array, _: PolicySpec) -> Array:
         chunk[:, :3] *= factor
@@ -91,7 +89,6 @@ def _scaled(factor: float) -> Correction:
 
 
 def _late(number: int) -> Correction:
-    """Drops the first actions of each chunk."""
     steps = f"{number} step{'s' * (number > 1)}"
     return Correction(
         fault=f"its chunks begin {steps} too early",

@@ -34,11 +34,7 @@ BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 
 
 class Exam:
-    """One policy in one task. It loads the simulator, which takes seconds; the policy stays open.
-
-    Args:
-        manifest: of the planned run.
-    """
+    """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open."""
 
     def __init__(self, manifest: Manifest, policy: Policy) -> None:
         self._policy, self._spec = policy, policy.spec
@@ -52,7 +48,6 @@ class Exam:
         self._rewordings: dict[str, str] = {}  # instructions that name another object on the table
 
     def close(self) -> None:
-        """Close the simulator."""
         self._evaluator.close()
 
     def quick(self) -> Iterator[Check]:

@@ -93,7 +93,6 @@ def check_renderer(probed: renderer.Renderer) -> Check:
 
 
 def check_cache(folder: Path) -> Check:
-    """The folder of built objects."""
     built = sum(not path.name.startswith(".") for path in folder.glob("objects/*"))
     contents = f"{folder}, {built} objects built"
     if os.access(_existing(folder), os.W_OK | os.X_OK):

@@ -71,7 +71,6 @@ def _spread(moments: Sequence[Moment], number: int) -> list[Moment]:
 
 
 def same(moment: Moment, _: Moment) -> Moment:
-    """No change."""
     return moment
 
 
@@ -133,8 +132,7 @@ def sights(spec: PolicySpec) -> Mapping[str, Probe]:
 def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
     """The policy's answers in one call, with a rollout of its own for each moment.
 
-    Raises:
-        PolicyError: the policy breaks; a broken connection is retried first.
+    A broken connection is retried before its PolicyError is raised.
     """
     return with_retries(lambda: _ask(policy, moments))
 

@@ -31,24 +31,19 @@ class Lent:
 
     @property
     def spec(self) -> PolicySpec:
-        """The spec of the policy."""
         return self._policy.spec
 
     def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``."""
         if isinstance(self._policy, Knowing):
             self._policy.know(catalogue)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """See ``Policy``."""
         self._policy.reset(episodes)
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        """See ``Policy``."""
         return self._policy.act(observations)
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """See ``Finishing``."""
         if isinstance(self._policy, Finishing):
             self._policy.finish(episodes)
 
@@ -58,10 +53,7 @@ class Lent:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """An observation of a rollout with the policy's answer.
-
-    ``executed``: the part of the chunk that was executed, ``(steps, 7)`` in the units of the spec.
-    """
+    """An observation of a rollout, and the executed part of its answer: ``(steps, 7)``, units as in the spec."""
 
     start: EpisodeStart
     seen: Observation
@@ -79,7 +71,6 @@ class Break:
 
     @staticmethod
     def of(error: PolicyError, where: str) -> Break:
-        """The break for an error."""
         return Break(where=where, cause=error.cause, message=error.message, hint=error.hint)
 
 
@@ -106,7 +97,6 @@ class Recorder(Lent):
         self._answers = 0
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """See ``Policy``."""
         (self._start,), self._answers, self.broken = episodes, 0, None
         try:
             with blamed_on(self.spec.name):
@@ -116,7 +106,6 @@ class Recorder(Lent):
             raise
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        """See ``Policy``."""
         assert self._start is not None
         if self._answers == self.most:
             raise PolicyError("enough was seen of this rollout")  # makes the evaluator end it

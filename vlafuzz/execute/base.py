@@ -33,12 +33,10 @@ class LocalExecutor:
         self._evaluator = evaluator
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``."""
         for tag, scenes in batches:
             yield tag, evaluate_safely(self._evaluator, scenes)
 
     def close(self) -> None:
-        """See ``Executor``."""
         self._evaluator.close()
 
 
@@ -53,10 +51,9 @@ def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outco
     if len(outcomes) != len(scenes):
         message = f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes"
         return [Outcome.error(message)] * len(scenes)
-    return [_checked(outcome) for outcome in outcomes]
-
-
-def _checked(outcome: Outcome) -> Outcome:
-    if math.isfinite(outcome.progress):
-        return outcome
-    return Outcome.error(f"the evaluator reported a progress of {outcome.progress}")
+    return [
+        outcome
+        if math.isfinite(outcome.progress)
+        else Outcome.error(f"the evaluator reported a progress of {outcome.progress}")
+        for outcome in outcomes
+    ]

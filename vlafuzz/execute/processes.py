@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import connection, get_context
 from pathlib import Path
@@ -21,7 +21,7 @@ from vlafuzz.sim.base import Evaluator
 _SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 
 
-class ProcessExecutor:
+class ProcessExecutor(WorkerPool):
     """Workers that are spawned once, with one thread each, and replaced when they die.
 
     When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that,
@@ -29,11 +29,10 @@ class ProcessExecutor:
 
     Args:
         make: creates a worker's evaluator, in the worker; picklable.
-        workers: number of processes.
         timeout: seconds per scene before its worker is killed; a worker's first scene includes the start of
             the simulator.
         memory: bytes that a worker may use; None for an equal share.
-        after: called at the end, when the workers are gone.
+        after: see ``WorkerPool``.
     """
 
     def __init__(
@@ -46,17 +45,7 @@ class ProcessExecutor:
         after: Callable[[], None] = lambda: None,
     ) -> None:
         limit = memory or share(workers)
-        self._pool = WorkerPool(lambda: _Process(make, timeout, limit), _wait, workers)
-        self._after = after
-
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``."""
-        return self._pool.run(batches)
-
-    def close(self) -> None:
-        """End all workers."""
-        self._pool.kill()
-        self._after()
+        super().__init__(lambda: _Process(make, timeout, limit), _wait, workers, after)
 
 
 def share(workers: int) -> int:
@@ -83,7 +72,7 @@ def single_threaded() -> Iterator[None]:
 
 
 class _Process:
-    """A worker in a process, with the pipe to it."""
+    """A ``Worker`` in a process, with the pipe to it."""
 
     def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
         context = get_context("spawn")
@@ -96,17 +85,14 @@ class _Process:
         self._up, self._began, self._scenes = False, 0.0, 0
 
     def ready(self) -> bool:
-        """See ``Worker``."""
         return True
 
     def begin(self, scenes: Sequence[Scene]) -> None:
-        """See ``Worker``. When the process is gone, ``answer`` reports it."""
         self._began, self._scenes = time.monotonic(), len(scenes)
-        with suppress(OSError):
+        with suppress(OSError):  # when the process is gone, ``answer`` reports it
             self.pipe.send(list(scenes))
 
     def answer(self) -> list[Outcome] | None:
-        """See ``Worker``."""
         try:
             if not self.pipe.poll():
                 self._check()
@@ -121,7 +107,6 @@ class _Process:
         return message  # type: ignore[no-any-return]
 
     def kill(self) -> None:
-        """See ``Worker``."""
         self._process.kill()
         self._process.join()
         self.pipe.close()

@@ -6,7 +6,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,7 +26,7 @@ REPLY = 5.0  # seconds for a cluster to accept a connection; ray itself tries fo
 STORE = 100 * 2**20  # bytes of shared memory for our own ray instance: scenes and outcomes are small
 
 
-class RayExecutor:
+class RayExecutor(WorkerPool):
     """Actors that are started once and replaced when they die, each with one worker process.
 
     The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed
@@ -56,8 +56,7 @@ class RayExecutor:
         after: Callable[[], None] = lambda: None,
     ) -> None:
         self._ours = _connect(address, workers)
-        start = partial(_Actor, make, timeout, memory, workers)
-        self._pool, self._after = WorkerPool(start, _wait, workers), after
+        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, after)
         room = int(ray.cluster_resources().get("CPU", 0))
         if room < workers:
             self.close()
@@ -66,13 +65,9 @@ class RayExecutor:
                 hint=f"give --workers {room} or fewer, or add machines with `ray start`",
             )
 
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``."""
-        return self._pool.run(batches)
-
     def close(self) -> None:
         """End all actors, and the connection if this object opened it."""
-        self._pool.kill()
+        self._kill()
         if self._ours:
             self._ours = False
             ray.shutdown()
@@ -80,7 +75,7 @@ class RayExecutor:
 
 
 class _Actor:
-    """A worker as the driver sees it: an actor and its pending call."""
+    """A ``Worker`` as the driver sees it: an actor and its pending call."""
 
     def __init__(
         self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int
@@ -91,17 +86,14 @@ class _Actor:
         self.pending: Any = self._actor.greet.remote()
 
     def ready(self) -> bool:
-        """See ``Worker``."""
         return bool(ray.wait([self.pending], timeout=0)[0])
 
     def begin(self, scenes: Sequence[Scene]) -> None:
-        """See ``Worker``."""
         self.pending = self._actor.evaluate.remote(list(scenes))
         self._allowed = TRIES * (TIMEOUT + self._timeout * max(len(scenes), 1))  # more than its process has
         self._began = time.monotonic()
 
     def answer(self) -> list[Outcome] | None:
-        """See ``Worker``."""
         if not self.ready():
             if time.monotonic() - self._began > self._allowed:
                 raise Lost(f"no answer of its actor within {self._allowed:.0f} s")
@@ -117,7 +109,6 @@ class _Actor:
         return result  # type: ignore[no-any-return]
 
     def kill(self) -> None:
-        """See ``Worker``."""
         ray.kill(self._actor)
 
 

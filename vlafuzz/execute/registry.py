@@ -37,16 +37,10 @@ class Place:
 
     @property
     def kind(self) -> str:
-        """The name of the executor."""
         return self.executor or ("local" if self.workers == 1 else "processes")
 
     def check(self) -> None:
-        """Fail early when there can be no such executor.
-
-        Raises:
-            UsageError: a flag is wrong.
-            PrerequisiteError: ray is not installed.
-        """
+        """Raise UsageError for a wrong flag, PrerequisiteError when ray is not installed."""
         check_number("--workers", self.workers, 1)
         if self.kind not in EXECUTORS:
             raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))

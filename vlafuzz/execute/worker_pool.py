@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Outcome
@@ -59,23 +59,27 @@ class _Slot:
 
 
 class WorkerPool:
-    """The part that all executors with workers share.
+    """An ``Executor`` with workers, which start with the first batch.
 
     The batch of a lost worker is tried once more by another one; after that, its scenes are ERROR.
 
     Args:
-        start: starts a worker.
         wait: blocks for a short time, or until one of the given workers may have an answer.
-        count: number of workers; they start with the first batch.
+        after: called at the end, when the workers are gone.
     """
 
-    def __init__(self, start: Callable[[], Worker], wait: Callable[[Sequence[Worker]], None], count: int):
-        self._start, self._wait, self._count = start, wait, count
+    def __init__(
+        self,
+        start: Callable[[], Worker],
+        wait: Callable[[Sequence[Any]], None],
+        workers: int,
+        after: Callable[[], None],
+    ) -> None:
+        self._start, self._wait, self._count, self._after = start, wait, workers, after
         self._slots: list[_Slot] = []
         self._retries: deque[_Batch] = deque()
 
     def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``."""
         todo, last_busy = iter(batches), time.monotonic()
         self._retries.clear()
         try:
@@ -94,11 +98,14 @@ class WorkerPool:
                 for slot in busy:
                     yield from self._collect(slot)
         except BaseException:
-            self.kill()  # nobody will collect the batches that are still in progress
+            self._kill()  # nobody will collect the batches that are still in progress
             raise
 
-    def kill(self) -> None:
-        """End all workers; the next run starts new ones."""
+    def close(self) -> None:
+        self._kill()
+        self._after()
+
+    def _kill(self) -> None:
         for slot in self._slots:
             slot.worker.kill()
         self._slots = []
@@ -107,9 +114,11 @@ class WorkerPool:
         """Give batches to idle workers that are ready; whether the batches are exhausted."""
         for slot in self._slots:
             if slot.batch is None and slot.worker.ready():
-                slot.batch = self._retries.popleft() if self._retries else _next(todo)
-                if slot.batch is None:
+                if not self._retries and (tagged := next(todo, None)):
+                    self._retries.append(_Batch(*tagged))
+                if not self._retries:
                     return True
+                slot.batch = self._retries.popleft()
                 slot.batch.tries += 1
                 slot.worker.begin(slot.batch.scenes)
         return False
@@ -135,7 +144,3 @@ class WorkerPool:
         slot.batch = None
         self._retries.append(batch)
         return None
-
-
-def _next(todo: Iterator[tuple[int, Sequence[Scene]]]) -> _Batch | None:
-    return next((_Batch(tag, scenes) for tag, scenes in todo), None)

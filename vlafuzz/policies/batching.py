@@ -13,10 +13,7 @@ from vlafuzz.policies.harness import blamed_on, check_chunks
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A caller's request: rollouts to begin, observations to act on, and rollouts that are over.
-
-    A caller never uses the name of an episode twice.
-    """
+    """A caller's request, which never uses the name of an episode twice. ``over``: rollouts to end."""
 
     begin: Sequence[EpisodeStart] = ()
     act: Sequence[Observation] = ()
@@ -84,7 +81,6 @@ class BatchingPolicy:
 
 
 def _own(caller: int, episode: str) -> str:
-    """The name of a caller's episode that is unique among all callers."""
     return f"{caller}/{episode}"
 
 

@@ -20,7 +20,6 @@ class Frozen:
         """Nothing to prepare."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Stay, gripper open."""
         return [ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]])) for _ in observations]
 
     def close(self) -> None:
@@ -35,16 +34,13 @@ class Random:
         self._rngs: dict[str, np.random.Generator] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Seed each rollout."""
         for episode in episodes:
             self._rngs[episode.episode] = np.random.default_rng(episode.seed)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One random action per observation."""
         return [ActionChunk(self._draw(self._rngs[observation.episode])) for observation in observations]
 
     def close(self) -> None:
-        """Forget all rollouts."""
         self._rngs.clear()
 
     def _draw(self, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -34,17 +34,14 @@ class Expert:
         self._tasks: dict[str, str] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Begin these rollouts."""
         for episode in episodes:
             self._controller[episode.episode] = None
             self._tasks[episode.episode] = episode.task
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One action per observation."""
         return [self._act(observation) for observation in observations]
 
     def close(self) -> None:
-        """Forget all rollouts."""
         self._controller.clear()
 
     def _act(self, observation: Observation) -> ActionChunk:

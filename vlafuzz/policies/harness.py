@@ -35,8 +35,6 @@ class Harness:
     def action(self, observe: Callable[[], Observation]) -> Array:
         """The next action: ``(7,)`` metres, radians, and -1 or 1 for the gripper.
 
-        ``observe`` is called only when a new chunk is needed.
-
         Raises:
             PolicyError: the policy raised, or its answer is not a chunk of finite actions.
         """
@@ -81,7 +79,6 @@ class Gripper:
         self._now, self._kept = 1.0, 0
 
     def command(self, value: float) -> float:
-        """The command in this control step."""
         threshold = 0.5 if self._convention.endswith("01") else 0.0
         wanted = 1.0 if (value > threshold) == self._convention.startswith("open") else -1.0
         if self._kept > 0:
@@ -92,11 +89,7 @@ class Gripper:
 
 
 def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> list[Array]:
-    """The actions of each chunk, ``(steps, 7)``.
-
-    Raises:
-        PolicyError: wrong number of chunks, wrong shape, or values that are not finite.
-    """
+    """The actions of each chunk, ``(steps, 7)``; PolicyError for a wrong number, shape or value."""
     if len(chunks) != expected:
         raise PolicyError(
             f"{name}: {expected} observations, {len(chunks)} chunks of actions",

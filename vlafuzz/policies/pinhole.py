@@ -53,21 +53,18 @@ class Pinhole:
         self._models = tuple(catalogue[name] for name in names)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Begin these rollouts."""
         if self._models is None:
             self.know(load_catalogue())
         for start in episodes:
             self._episodes[start.episode] = _Episode(start.task, self._models or (), rig(start.robot))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """One action per observation."""
         return [
             ActionChunk(self._episodes[observation.episode].act(observation)[None])
             for observation in observations
         ]
 
     def close(self) -> None:
-        """Forget all rollouts."""
         self._episodes.clear()
 
 

@@ -66,11 +66,7 @@ def known_policies() -> dict[str, str]:
 
 
 def check_policy_name(name: str) -> None:
-    """Fail early for a name that ``make_policy`` does not know. Connects to no server.
-
-    Raises:
-        UsageError: no such policy.
-    """
+    """Raise UsageError for a name that ``make_policy`` does not know. Connects to no server."""
     if is_reference(name):
         load_factory(name)
     elif name.startswith(OBJECT):
@@ -87,11 +83,7 @@ def check_policy_name(name: str) -> None:
 
 
 def is_shared(name: str) -> bool:
-    """Whether all workers share one policy of that name (see ``Policy``); does not create it.
-
-    Raises:
-        UsageError: no such policy.
-    """
+    """Whether all workers share one policy of that name (see ``Policy``), which is not created."""
     check_policy_name(name)
     factory = load_factory(name) if is_reference(name) else _server(name) or POLICIES[name]
     return bool(getattr(factory, "shared", False))

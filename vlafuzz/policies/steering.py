@@ -16,11 +16,7 @@ TILT = 0.1  # radians: the largest tilt error of a hand that counts as upright
 
 
 class Steering:
-    """Keeps the hand pointing down, as far as the arm allows.
-
-    Args:
-        lean: of the hand, radians off the vertical: positive towards the robot, negative away from it.
-    """
+    """Keeps the hand pointing down, ``lean`` radians off the vertical; positive leans towards the robot."""
 
     def __init__(self, rig: Rig, lean: float) -> None:
         self._rig, self._lean = rig, lean

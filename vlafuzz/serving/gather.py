@@ -37,11 +37,7 @@ class RequestGatherer:
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
 
     def ask(self, caller: int, request: Request) -> Sequence[ActionChunk]:
-        """One chunk per observation; blocks until they are there.
-
-        Raises:
-            PolicyError: whatever the policy raised.
-        """
+        """One chunk per observation; blocks until they are there, and raises what the policy raised."""
         mine = _Pending(caller, request)
         with self._changed:
             self._pending.append(mine)

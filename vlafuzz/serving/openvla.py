@@ -8,8 +8,7 @@ from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from vlafuzz.clients.openvla import ActOptions
-from vlafuzz.clients.openvla_wire import decode, encode
+from vlafuzz.clients.openvla import ActOptions, decode, encode
 from vlafuzz.clients.wire import ROLLOUT, short
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.serving.sessions import ClientSession, ServedPolicy, read_header
@@ -80,7 +79,6 @@ class _Handler(BaseHTTPRequestHandler):
         return self.rfile.read(length)
 
     def _answer(self) -> tuple[int, object]:
-        """Status and value of the reply."""
         try:
             message = decode(self._body())
             if isinstance(message, dict) and "encoded" in message:

@@ -19,10 +19,7 @@ from vlafuzz.serving.gather import RequestGatherer
 
 
 class RolloutHeader(BaseModel):
-    """What our own clients say about a rollout; others send no such header.
-
-    ``observations_sent``: on earlier connections.
-    """
+    """What our own clients say about a rollout. ``observations_sent``: on earlier connections."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -32,20 +29,12 @@ class RolloutHeader(BaseModel):
 
 
 def read_header(header: str | None) -> RolloutHeader:
-    """The header of a connection; the defaults when there is none.
-
-    Raises:
-        ValueError: it is malformed.
-    """
+    """The header of a connection, the defaults when there is none; ValueError when it is malformed."""
     return RolloutHeader.model_validate(json.loads(header)) if header else RolloutHeader()
 
 
 class ServedPolicy:
-    """A policy that serves many connections, and answers simultaneous requests in one call.
-
-    Raises:
-        UsageError: the policy needs observations that no client can send.
-    """
+    """A policy that serves many connections; UsageError when it needs what no client can send."""
 
     def __init__(self, policy: Policy) -> None:
         if policy.spec.privileged or policy.spec.silhouettes:
@@ -58,11 +47,7 @@ class ServedPolicy:
         self._numbers = itertools.count()
 
     def session(self, header: RolloutHeader) -> ClientSession:
-        """The session of a new connection.
-
-        Raises:
-            ValueError: the rollout began on another connection.
-        """
+        """The session of a new connection; ValueError when its rollout began on another one."""
         if sent := header.observations_sent:
             raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")
         return ClientSession(self.spec, self.policy, header, next(self._numbers))
@@ -82,11 +67,7 @@ class ClientSession:
         self._header = header
 
     def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
-        """The actions ``(steps, 7)`` to execute before the next observation.
-
-        Raises:
-            ValueError: the observation is not what the policy's spec asks for.
-        """
+        """The actions ``(steps, 7)`` to execute; ValueError when the spec asks for another observation."""
         spec = self._spec
         if not isinstance(instruction, str):
             raise ValueError(f"an instruction that is no text: {type(instruction).__name__}")

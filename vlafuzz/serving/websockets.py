@@ -16,8 +16,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
-from vlafuzz.clients import openpi_wire, vla_eval_wire
 from vlafuzz.clients.conventions import OWN
+from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
 from vlafuzz.clients.openpi import OpenPiOptions
 from vlafuzz.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.clients.vla_eval_spec import declared_actions, declared_observations
@@ -76,7 +76,7 @@ def _health(connection: ServerConnection, request: Any) -> Any:
 
 def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
     """Greet the client, then answer every observation. An error is sent as text and ends the connection."""
-    connection.send(openpi_wire.pack({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
+    connection.send(pack_openpi({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
     session: ClientSession | None = None
     try:
         header = connection.request.headers.get(ROLLOUT) if connection.request else None
@@ -84,8 +84,8 @@ def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
         for frame in connection:
             if isinstance(frame, str):
                 raise ValueError("text, expected a message in msgpack")
-            actions = _act(served.spec, session, openpi_wire.unpack(frame))
-            connection.send(openpi_wire.pack({"actions": actions}))
+            actions = _act(served.spec, session, unpack_openpi(frame))
+            connection.send(pack_openpi({"actions": actions}))
     except ConnectionClosed:
         raise
     except Exception as error:  # the client gets the policy's error, and the server keeps running
@@ -111,13 +111,13 @@ def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
     session = served.session(RolloutHeader())
     try:
         for frame in connection:
-            kind, payload, number = vla_eval_wire.unpack(frame)
+            kind, payload, number = unpack_vla_eval(frame)
             try:
                 reply = _reply(served.spec, session, kind, payload)
             except Exception as error:  # the client gets the policy's error, and the session goes on
                 reply = "error", {"error": f"{kind}_failed: {type(error).__name__}: {short(error)}"}
             if reply:
-                connection.send(vla_eval_wire.pack(*reply, number))
+                connection.send(pack_vla_eval(*reply, number))
     except ValueError as error:  # the frame is no message
         connection.close(INTERNAL_ERROR, short(error)[:100])
     finally:

@@ -44,11 +44,7 @@ def known_profiles() -> Mapping[str, Profile]:
 
 
 def load_profile(path: Path) -> Profile:
-    """Read a profile from a file.
-
-    Raises:
-        UsageError: the file cannot be read, is not YAML, or is not a profile.
-    """
+    """Read a profile from a file; UsageError when this fails."""
     try:
         return Profile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -64,11 +60,7 @@ def load_profile(path: Path) -> Profile:
 
 
 def options_of(name: str, protocol: str) -> Mapping[str, Any]:
-    """The options of a profile for a protocol. ``name``: of a built-in profile, or a ``.yaml`` file.
-
-    Raises:
-        UsageError: there is no such profile, or it does not cover the protocol.
-    """
+    """The options for a protocol in a profile, a built-in one or a ``.yaml`` file; UsageError when none."""
     known = known_profiles()
     if name.endswith((".yaml", ".yml")):
         profile = load_profile(Path(name))

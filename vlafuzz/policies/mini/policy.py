@@ -67,7 +67,6 @@ class Mini:
         self._memory: dict[str, Memory] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Begin these rollouts."""
         for episode in episodes:
             self._memory.pop(episode.episode, None)
 
@@ -76,7 +75,6 @@ class Mini:
         return [self._act(observation) for observation in observations]
 
     def close(self) -> None:
-        """Forget all rollouts."""
         self._memory.clear()
 
     @torch.inference_mode()
@@ -104,11 +102,7 @@ class Mini:
 
 
 def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
-    """The model card beside the weights.
-
-    Raises:
-        PrerequisiteError: the card or the weights are missing.
-    """
+    """The model card beside the weights; PrerequisiteError when either of them is missing."""
     for name in (CARD, WEIGHTS):
         if not (folder / name).is_file():
             raise PrerequisiteError(

@@ -16,11 +16,7 @@ _WORD = re.compile(r"[a-z0-9]+")
 
 
 def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
-    """All words of these texts, in alphabetical order.
-
-    Raises:
-        ValueError: there are more than ``KNOWN`` words.
-    """
+    """All words of these texts, in alphabetical order; ValueError when there are more than ``KNOWN``."""
     words = sorted({word for text in texts for word in _WORD.findall(text.lower())})
     if len(words) > KNOWN:
         raise ValueError(f"{len(words)} words, at most {KNOWN}")
