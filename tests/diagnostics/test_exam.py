@@ -8,7 +8,7 @@ import pytest
 
 from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.diagnostics.check import Check
+from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.exam import Exam
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy

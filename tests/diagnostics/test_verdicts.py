@@ -7,7 +7,7 @@ import pytest
 
 from tests.doubles import failed, passed
 from vlafuzz.diagnostics import verdicts
-from vlafuzz.diagnostics.answers import Answers, Change
+from vlafuzz.diagnostics.probes import Answers, Change
 from vlafuzz.diagnostics.recorder import Break
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec

@@ -10,7 +10,7 @@ import typer
 from vlafuzz.cli.flags import OperatorsFlag
 from vlafuzz.cli.output import Bar, print_rows
 from vlafuzz.cli.packs import PackFlag, opened
-from vlafuzz.diagnostics.check import Check
+from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.machine import machine
 from vlafuzz.errors import UsageError, check_number
 

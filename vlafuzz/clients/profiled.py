@@ -12,7 +12,6 @@ from pydantic import AfterValidator, Field
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, SCALED, Convention
 from vlafuzz.clients.remote import SIDE, CommonOptions, Size, State, divisor
-from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 
 
@@ -69,17 +68,7 @@ class ProfiledOptions(CommonOptions):
         layout = OWN if self.state == "1" else self.state
         return layout if layout in LAYOUTS else None
 
-    def check(self, name: str) -> None:
-        """Refuse options that cannot be executed.
-
-        Raises:
-            UsageError: for the first of the refusals.
-        """
-        for problem, hint in self.refusals():
-            raise UsageError(f"{name!r}: {problem}", hint=hint)
-
     def refusals(self) -> list[tuple[str, str]]:
-        """Options that cannot be executed or sent, each as a message and a hint."""
         problems = []
         if self.action.startswith("joint"):
             kind = self.action.replace("_", " ")

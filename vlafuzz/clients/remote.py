@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from vlafuzz.clients.profiles import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.policies.base import Policy
+from vlafuzz.policies.registry import Client
 
 INSTALL = "pip install 'vlafuzz[remote]'"
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
@@ -81,15 +81,9 @@ class CommonOptions(BaseModel):
     batch: int = Field(default=16, ge=1)
     timeout: float = Field(default=60.0, gt=0, le=86400)
 
-    @classmethod
-    def completed(cls, options: Mapping[str, str]) -> Mapping[str, object]:
-        """The user's options, with those of the profile as defaults."""
-        if "profile" not in options:
-            return options
-        return {**options_of(options["profile"], cls.protocol), **options}
-
-    def check(self, name: str) -> None:
-        """Refuse options that cannot be executed."""
+    def refusals(self) -> list[tuple[str, str]]:
+        """Options that cannot be executed or sent, each as a message and a hint."""
+        return []
 
 
 class VlaEvalOptions(CommonOptions):
@@ -123,39 +117,23 @@ class Address(Generic[Options]):
     options: Options
 
 
-class Remote(Policy, Protocol):
-    """A policy behind a model server. ``form`` shows how users name it; creating the policy connects to it.
-
-    An empty ``schemes`` means that the policy is in a folder instead of at an address.
-
-    Raises:
-        PrerequisiteError: no server answers, or a package must be installed.
-        UsageError: the server declares something that is not supported.
-    """
-
-    form: ClassVar[str]
-    schemes: ClassVar[Sequence[str]]
-    options: ClassVar[type[CommonOptions]]
-
-    def __init__(self, address: Address[Any]) -> None: ...
-
-
 @contextmanager
 def needed(name: str, install: str = INSTALL) -> Iterator[None]:
-    """Import optional packages in this block; PrerequisiteError, with ``install`` as hint, for missing ones."""
+    """Import optional packages in this block; PrerequisiteError with the hint ``install`` otherwise."""
     try:
         yield
     except ModuleNotFoundError as error:
         raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=install) from None
 
 
-def parse(name: str, kind: type[Remote]) -> Address[Any]:
+def parse(name: str, kind: Client) -> Address[Any]:
     """Parse and validate an address, or raise UsageError; connects to nothing, and opens no folder."""
     protocol, _, rest = name.partition(":")
+    form = f"expected {kind.form}?option=value&…"
     if not kind.schemes:
         folder, _, query = rest.partition("?")
         if not folder:
-            raise UsageError(f"{name!r} names no folder", hint=f"expected {kind.form}?option=value&…")
+            raise UsageError(f"{name!r} names no folder", hint=form)
         return Address(f"{protocol}:{folder}", folder, _options(name, kind, query))
     prefix = "" if rest.startswith("//") else f"{protocol}:"  # else the address is the name
     rest = name.removeprefix(prefix)
@@ -163,9 +141,9 @@ def parse(name: str, kind: type[Remote]) -> Address[Any]:
         parts = urlsplit(rest)
         complete = parts.scheme in kind.schemes and parts.hostname and parts.port
     except ValueError as error:
-        raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
+        raise UsageError(f"{name!r}: {error}", hint=form) from None
     if not complete or parts.fragment:
-        raise UsageError(f"{name!r} is no address of a server", hint=f"expected {kind.form}?option=value&…")
+        raise UsageError(f"{name!r} is no address of a server", hint=form)
     if parts.username is not None or parts.password is not None:
         raise UsageError(
             f"the address of {parts.hostname!r} has a password", hint="leave it out: stores keep names"
@@ -174,7 +152,7 @@ def parse(name: str, kind: type[Remote]) -> Address[Any]:
     return Address(f"{prefix}{url}", url, _options(name, kind, parts.query))
 
 
-def _options(name: str, kind: type[Remote], query: str) -> CommonOptions:
+def _options(name: str, kind: Client, query: str) -> CommonOptions:
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
     except ValueError as error:
@@ -182,11 +160,15 @@ def _options(name: str, kind: type[Remote], query: str) -> CommonOptions:
     keys = [key for key, _ in pairs]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
         raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
+    given: dict[str, Any] = dict(pairs)
+    if "profile" in given:
+        given = {**options_of(given["profile"], kind.options.protocol), **given}
     try:
-        options = kind.options.model_validate(kind.options.completed(dict(pairs)))
+        options: CommonOptions = kind.options.model_validate(given)
     except ValidationError as error:
         raise _explain(name, kind.options, error) from None
-    options.check(name)
+    for problem, hint in options.refusals():
+        raise UsageError(f"{name!r}: {problem}", hint=hint)
     return options
 
 

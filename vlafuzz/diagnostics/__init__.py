@@ -1,1 +1,31 @@
 """Checks of a policy before its failures are believed, and of this machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Literal, NamedTuple
+
+Rating = Literal["ok", "warn", "refuse"]
+
+
+class Check(NamedTuple):
+    """The result of one check, a row of the doctor's report; ``refuse``: nothing is run before a correction.
+
+    Attributes:
+        check: name of what was checked.
+        found: the observation, with figures.
+        follows: the consequence, and what to do; empty when all is well.
+    """
+
+    check: str
+    found: str
+    verdict: Rating
+    follows: str = ""
+
+
+def until_refused(checks: Iterable[Check]) -> Iterator[Check]:
+    """The checks up to the first refusal: later ones would only show the same fault again."""
+    for check in checks:
+        yield check
+        if check.verdict == "refuse":
+            return

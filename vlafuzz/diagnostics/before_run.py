@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.diagnostics.check import Check
+from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import POLICIES, make_policy

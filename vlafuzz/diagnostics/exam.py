@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
-from vlafuzz.diagnostics import verdicts
-from vlafuzz.diagnostics.check import Check, until_refused
+from vlafuzz.diagnostics import Check, until_refused, verdicts
 from vlafuzz.diagnostics.corrections import Corrected, Correction, corrections
 from vlafuzz.diagnostics.probes import Interview, moved, reworded, sights
 from vlafuzz.diagnostics.recorder import Break, Recorder

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vlafuzz import __version__, assets, renderer
-from vlafuzz.diagnostics.check import Check, Rating
+from vlafuzz.diagnostics import Check, Rating
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
 PACKAGES = {

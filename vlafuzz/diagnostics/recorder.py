@@ -53,7 +53,7 @@ class Lent:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """An observation of a rollout, and the executed part of its answer: ``(steps, 7)``, units as in the spec."""
+    """An observation of a rollout, and the executed part of its answer: ``(steps, 7)``, units of the spec."""
 
     start: EpisodeStart
     seen: Observation

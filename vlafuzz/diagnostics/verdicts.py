@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.remote import divisor
-from vlafuzz.diagnostics.answers import Answers, Change
-from vlafuzz.diagnostics.check import Check, Rating
+from vlafuzz.diagnostics import Check, Rating
+from vlafuzz.diagnostics.probes import Answers, Change
 from vlafuzz.diagnostics.recorder import Break
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle
 
-from vlafuzz.diagnostics.check import Check
+from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.corrections import Correction
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression.e_process import wealth

@@ -30,34 +30,26 @@ class Expert:
     def __init__(self, *, fluent: bool = False) -> None:
         self._fluent, self.attempt = fluent, 0
         self.spec = PolicySpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
-        self._controller: dict[str, PickPlaceController | None] = {}
-        self._tasks: dict[str, str] = {}
+        self._controllers: dict[str, PickPlaceController] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        for episode in episodes:
-            self._controller[episode.episode] = None
-            self._tasks[episode.episode] = episode.task
+        for start in episodes:
+            attempt, lean = self.attempt % GRASPS, LEANS[self.attempt // GRASPS]
+            self._controllers[start.episode] = PickPlaceController(
+                start.task, rig(start.robot), fluent=self._fluent, attempt=attempt, lean=lean
+            )
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [self._act(observation) for observation in observations]
 
     def close(self) -> None:
-        self._controller.clear()
+        self._controllers.clear()
 
     def _act(self, observation: Observation) -> ActionChunk:
         known = observation.privileged
         if known is None:
             raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
-        controller = self._controller.get(observation.episode)
-        if controller is None:
-            controller = self._controller[observation.episode] = PickPlaceController(
-                self._tasks[observation.episode],
-                rig(known.scene.robot),
-                fluent=self._fluent,
-                attempt=self.attempt % GRASPS,
-                lean=LEANS[self.attempt // GRASPS],
-            )
-        return ActionChunk(controller.act(_belief(known))[None])
+        return ActionChunk(self._controllers[observation.episode].act(_belief(known))[None])
 
 
 def _belief(known: Privileged) -> Belief:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from collections.abc import Callable
-from typing import Protocol, cast
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, cast
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import OBJECT, is_reference, load_factory, make_of
@@ -41,12 +41,18 @@ SERVERS = {
 
 
 class Client(Protocol):
-    """The class of a policy behind a model server; ``form`` shows how users name it."""
+    """The class of a policy behind a model server.
+
+    ``form`` shows how users name it. ``options``: a class of ``clients.remote.CommonOptions``. Without
+    ``schemes``, the policy is in a folder instead of at an address.
+    """
 
     form: str
+    schemes: Sequence[str]
+    options: Any
 
-    def __call__(self, address: object) -> Policy:
-        """Connect to the server at this address."""
+    def __call__(self, address: Any) -> Policy:
+        """Connect to a server; PrerequisiteError when none answers, UsageError when it is not supported."""
 
 
 def client(protocol: str) -> Client:
