@@ -15,8 +15,8 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.batching import Request
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.serving.gather import RequestGatherer
 from vlafuzz.serving.serve import PROTOCOLS, serving
+from vlafuzz.serving.sessions import RequestGatherer
 
 CLIENTS, STEPS = 8, 4
 LONG = 60.0  # seconds: whoever waits that long is stuck

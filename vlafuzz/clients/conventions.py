@@ -30,11 +30,6 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / lengths)
 
 
-def _interleaved(numbers: Array) -> Rotation:
-    """The same two columns in row-major order, as in vla-eval's ``rot6d_interleaved``."""
-    return _two_columns(numbers[:, [0, 2, 4, 1, 3, 5]])
-
-
 # Representations of rotations: how many numbers, and how to read them.
 ROTATIONS: dict[str, tuple[int, Callable[[Array], Rotation]]] = {
     "axis_angle": (3, Rotation.from_rotvec),
@@ -43,7 +38,10 @@ ROTATIONS: dict[str, tuple[int, Callable[[Array], Rotation]]] = {
     "quaternion_xyzw": (4, Rotation.from_quat),
     "quaternion_wxyz": (4, lambda numbers: Rotation.from_quat(np.roll(numbers, -1, axis=1))),
     "rot6d": (6, _two_columns),
-    "rot6d_interleaved": (6, _interleaved),
+    "rot6d_interleaved": (
+        6,
+        lambda numbers: _two_columns(numbers[:, [0, 2, 4, 1, 3, 5]]),
+    ),  # in row-major order
 }
 SCALED = tuple(name for name, (width, _) in ROTATIONS.items() if width == 3)
 
@@ -85,9 +83,8 @@ class Convention:
         """
         width, read = ROTATIONS[self.rotation]
         if actions.ndim != 2 or actions.shape[1] != 4 + width:
-            raise ValueError(
-                f"actions of shape {actions.shape}, expected (steps, {4 + width}) with {self.rotation}"
-            )
+            expected = f"expected (steps, {4 + width}) with {self.rotation}"
+            raise ValueError(f"actions of shape {actions.shape}, {expected}")
         if not np.isfinite(actions).all():
             raise ValueError(f"an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}")
         shifts = actions[:, :3] * self.position_scale

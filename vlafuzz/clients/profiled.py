@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, SCALED, Convention
-from vlafuzz.clients.remote import SIDE, CommonOptions, Size, State, divisor
-from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
+from vlafuzz.clients.remote import SIDE, CommonOptions, Size, State, cameras_of, divisor
+from vlafuzz.policies.base import ActionSpec, Observation, PolicySpec
 
 
 def _scale(number: float) -> float:
@@ -71,9 +70,8 @@ class ProfiledOptions(CommonOptions):
     def refusals(self) -> list[tuple[str, str]]:
         problems = []
         if self.action.startswith("joint"):
-            kind = self.action.replace("_", " ")
-            problems.append((f"its actions are of joints ({kind}), which cannot be executed",
-                             "supported: action=eef_delta and action=eef_pose"))  # fmt: skip
+            message = f"its actions are of joints ({self.action.replace('_', ' ')}), which cannot be executed"
+            problems.append((message, "supported: action=eef_delta and action=eef_pose"))
         if self.state == "joint_positions":
             message = "joint positions cannot be sent as proprioception"
             problems.append((message, f"supported: {', '.join(LAYOUTS)}, 0"))
@@ -97,28 +95,26 @@ class Model:
     def __init__(self, name: str, options: ProfiledOptions) -> None:
         self._name, self._options, self._convention = name, options, options.convention
         self._layout = LAYOUTS.get(options.layout or "")
+        state = options.layout or "none"
         self.spec = PolicySpec(
             name,
             action=_action(options),
-            cameras=_cameras(options),
+            cameras=cameras_of(
+                options.camera or (SIDE, SIDE), options.wrist_camera, wrist=bool(options.wrist)
+            ),
             state=self._layout is not None or self._convention.measured,
             execute=options.execute,
             deterministic=options.deterministic,
             max_batch=options.batch,
-            provenance={
-                "server": options.protocol,
-                "profile": options.profile or "none",
-                "state": options.layout or "none",
-            },
+            provenance={"server": options.protocol, "profile": options.profile or "none", "state": state},
         )
 
     def message(self, seen: Observation) -> dict[str, Any]:
         """An observation under the model's own keys, third-person picture first."""
         options = self._options
         keys = {"front": options.image_key, "wrist": options.wrist_key}
-        message: dict[str, Any] = {
-            keys[camera.name]: seen.images[camera.name] for camera in self.spec.cameras
-        }
+        names = [camera.name for camera in self.spec.cameras]
+        message: dict[str, Any] = {keys[name]: seen.images[name] for name in names}
         if self._layout is not None and seen.state is not None:
             message[options.state_key] = self._layout(seen.state)
         return message | {options.instruction_key: seen.instruction}
@@ -135,25 +131,13 @@ class Model:
 
 
 def _action(options: ProfiledOptions) -> ActionSpec:
-    plain, measured = options.convention.plain, options.convention.measured
-    units: Mapping[str, Any] = {
-        "rotation": options.rotation,
-        "position_scale": options.position_scale,
-        "rotation_scale": options.rotation_scale,
-    }
+    units: dict[str, Any] = {}
+    if options.convention.plain:  # else ``Model.actions`` makes them metric
+        units = options.model_dump(include={"rotation", "position_scale", "rotation_scale"})
     return ActionSpec(
-        **units if plain else {},  # else ``Model.actions`` makes them metric
-        relative_to="current" if measured else options.relative_to,
+        **units,
+        relative_to="current" if options.convention.measured else options.relative_to,
         gripper=options.gripper or "open_positive",
         sticky=options.sticky,
         hz=options.hz,
     )
-
-
-def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
-    size = options.camera or (SIDE, SIDE)
-    cameras = [CameraRequest("front", *size)] if size != (0, 0) else []
-    if options.wrist:
-        small = options.wrist_camera or (size if cameras else (SIDE, SIDE))
-        cameras.append(CameraRequest("wrist", *small, role="wrist"))
-    return tuple(cameras)

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from vlafuzz.clients.profiles import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
+from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.registry import Client
 
 INSTALL = "pip install 'vlafuzz[remote]'"
@@ -117,6 +118,18 @@ class Address(Generic[Options]):
     options: Options
 
 
+def cameras_of(
+    size: tuple[int, int], wrist_size: tuple[int, int] | None = None, *, wrist: bool
+) -> tuple[CameraRequest, ...]:
+    """The cameras: third-person, unless ``size`` is (0, 0), then wrist, by default of the same size."""
+    cameras = [CameraRequest("front", *size)] if size != (0, 0) else []
+    if wrist:
+        cameras.append(
+            CameraRequest("wrist", *(wrist_size or (size if cameras else (SIDE, SIDE))), role="wrist")
+        )
+    return tuple(cameras)
+
+
 @contextmanager
 def needed(name: str, install: str = INSTALL) -> Iterator[None]:
     """Import optional packages in this block; PrerequisiteError with the hint ``install`` otherwise."""
@@ -145,9 +158,8 @@ def parse(name: str, kind: Client) -> Address[Any]:
     if not complete or parts.fragment:
         raise UsageError(f"{name!r} is no address of a server", hint=form)
     if parts.username is not None or parts.password is not None:
-        raise UsageError(
-            f"the address of {parts.hostname!r} has a password", hint="leave it out: stores keep names"
-        )
+        message = f"the address of {parts.hostname!r} has a password"
+        raise UsageError(message, hint="leave it out: stores keep names")
     url = rest.partition("?")[0]
     return Address(f"{prefix}{url}", url, _options(name, kind, parts.query))
 

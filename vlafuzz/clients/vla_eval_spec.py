@@ -8,12 +8,12 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, layout_width
-from vlafuzz.clients.remote import SIDE, VlaEvalOptions
+from vlafuzz.clients.remote import SIDE, VlaEvalOptions, cameras_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 
 UNDECLARED = "raw"  # vla-eval's word for "no convention declared"
-POSITIONS = {"delta_xyz": "delta_xyz"}
+POSITION = "delta_xyz"
 # vla-eval's euler_xyz is extrinsic, according to its rotation module; ours of that name is intrinsic.
 ROTATIONS = {"axis_angle": "axis_angle", "euler_xyz": "rpy"}
 GRIPPERS = {
@@ -56,6 +56,8 @@ def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
     gripper, gripper_from = _convention(name, hello, "gripper", GRIPPERS, options.gripper)
     state = layout_of(name, hello, options)
     conventions: dict[str, Any] = {"rotation": rotation, "gripper": gripper}
+    provenance = {"server": hello.model_server, "rotation": rotation_from, "gripper": gripper_from}
+    provenance |= {"state": state or "none"} | ({"profile": options.profile} if options.profile else {})
     return PolicySpec(
         name,
         version=hello.harness_version,
@@ -72,13 +74,7 @@ def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
         execute=options.execute,
         deterministic=options.deterministic,
         max_batch=options.batch,
-        provenance={
-            "server": hello.model_server,
-            "rotation": rotation_from,
-            "gripper": gripper_from,
-            "state": state or "none",
-        }
-        | ({"profile": options.profile} if options.profile else {}),
+        provenance=provenance,
     )
 
 
@@ -87,7 +83,7 @@ def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
     rotations = {name: declared for declared, name in ROTATIONS.items()}
     grippers = {name: declared for declared, name in GRIPPERS.items()}
     return {
-        "position": {"name": "position", "dims": 3, "format": "delta_xyz"},
+        "position": {"name": "position", "dims": 3, "format": POSITION},
         "rotation": {"name": "rotation", "dims": 3, "format": rotations.get(spec.rotation, UNDECLARED)},
         "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.gripper]},
     }
@@ -114,7 +110,7 @@ def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
     if declared is None or declared.format == UNDECLARED:
         return OWN
     if declared.format not in LAYOUTS:
-        raise _unsupported(name, "state", declared.format, LAYOUTS, "state")
+        raise _unsupported(name, "state", declared.format, LAYOUTS)
     return declared.format
 
 
@@ -122,13 +118,10 @@ def _check_components(name: str, hello: Hello) -> None:
     for component, declared in hello.action_spec.items():
         if component in ("rotation", "gripper"):
             continue  # an option may override it
-        if declared.format == UNDECLARED and component in ("actions", "position"):
-            continue
-        if component != "position" or declared.format not in POSITIONS:
-            raise UsageError(
-                f"{name}: the server's actions have {component} {declared.format!r}",
-                hint="supported: position (delta_xyz), rotation and gripper",
-            )
+        known = {"position": (UNDECLARED, POSITION), "actions": (UNDECLARED,)}
+        if declared.format not in known.get(component, ()):
+            message = f"{name}: the server's actions have {component} {declared.format!r}"
+            raise UsageError(message, hint="supported: position (delta_xyz), rotation and gripper")
 
 
 def _convention(
@@ -141,34 +134,25 @@ def _convention(
     if declared == UNDECLARED:
         return None, "default"
     if declared not in known:
-        raise _unsupported(name, component, declared, known, component)
+        raise _unsupported(name, component, declared, known)
     return known[declared], "server"
 
 
-def _unsupported(
-    name: str, component: str, declared: str, known: Mapping[str, Any], option: str
-) -> UsageError:
-    return UsageError(
-        f"{name}: the server declares {component} {declared!r}",
-        hint=f"supported: {', '.join(known)}; if it declares wrongly, the option {option}=… wins",
-    )
+def _unsupported(name: str, component: str, declared: str, known: Mapping[str, Any]) -> UsageError:
+    hint = f"supported: {', '.join(known)}; if it declares wrongly, the option {component}=… wins"
+    return UsageError(f"{name}: the server declares {component} {declared!r}", hint)
 
 
 def _cameras(name: str, hello: Hello, options: VlaEvalOptions) -> tuple[CameraRequest, ...]:
     """The third-person camera first, since servers identify pictures by their order."""
     pictures = [part for part in hello.observation_spec.values() if part.format == "rgb_hwc_uint8"]
     if len(pictures) > 2 and options.wrist is None:
-        raise UsageError(
-            f"{name}: the server wants {len(pictures)} pictures",
-            hint="supported: one, and with wrist=1 a second one from the wrist",
-        )
+        message = f"{name}: the server wants {len(pictures)} pictures"
+        raise UsageError(message, hint="supported: one, and with wrist=1 a second one from the wrist")
     wrist = options.wrist
     if wrist is None:
         wrist = len(pictures) > 1 or bool(hello.observation_params.get("send_wrist_image"))
     size = options.camera
     if size is None:
         size = (SIDE, SIDE) if pictures or wrist or not hello.observation_spec else (0, 0)
-    cameras = [CameraRequest("front", *size)] if size != (0, 0) else []
-    if wrist:
-        cameras.append(CameraRequest("wrist", *(size if cameras else (SIDE, SIDE)), role="wrist"))
-    return tuple(cameras)
+    return cameras_of(size, wrist=wrist)

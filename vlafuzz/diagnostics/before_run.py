@@ -67,10 +67,8 @@ def _label(plan: Plan, watch: Watch) -> str:
     doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
     for check in checks:
         if check.verdict == "refuse":
-            raise PrerequisiteError(
-                f"{name} is not run: {check.found}",
-                hint=f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same",
-            )
+            hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
+            raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
         if check.verdict == "warn":
             watch.note(f"note: {name}: {check.found}: {check.follows}")
     return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok"

@@ -112,9 +112,8 @@ class Exam:
                 break
         recorder.most = None
         if not recorder.moments:
-            raise SimulatorError(
-                f"no fair scene: {outcome.detail}", hint="ranges that leave room: --operators"
-            )
+            hint = "ranges that leave room: --operators"
+            raise SimulatorError(f"no fair scene: {outcome.detail}", hint)
         return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
 
     def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:

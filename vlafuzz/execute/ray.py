@@ -60,10 +60,8 @@ class RayExecutor(WorkerPool):
         room = int(ray.cluster_resources().get("CPU", 0))
         if room < workers:
             self.close()
-            raise UsageError(
-                f"--workers {workers}: the ray cluster has {room} CPUs, and every worker takes one",
-                hint=f"give --workers {room} or fewer, or add machines with `ray start`",
-            )
+            message = f"--workers {workers}: the ray cluster has {room} CPUs, and every worker takes one"
+            raise UsageError(message, f"give --workers {room} or fewer, or add machines with `ray start`")
 
     def close(self) -> None:
         """End all actors, and the connection if this object opened it."""
@@ -165,8 +163,6 @@ def _connect(address: str | None, workers: int) -> bool:
         why = (str(error) or type(error).__name__).splitlines()[0].partition(". ")[0]
         if address is None:
             raise PrerequisiteError(f"ray does not start here: {why}", hint="--executor processes") from None
-        raise PrerequisiteError(
-            f"--address {address}: no ray cluster answers: {why}",
-            hint="`ray start --head` starts one; where it has a token, set RAY_AUTH_MODE=token here",
-        ) from None
+        hint = "`ray start --head` starts one; where it has a token, set RAY_AUTH_MODE=token here"
+        raise PrerequisiteError(f"--address {address}: no ray cluster answers: {why}", hint) from None
     return True

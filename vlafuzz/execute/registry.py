@@ -26,7 +26,6 @@ class Place:
     """Where scenes are evaluated.
 
     Attributes:
-        workers: number of processes or ray actors.
         executor: one of ``EXECUTORS``; None for local with one worker, else processes.
         address: of a ray cluster; None to start one here.
     """
@@ -45,22 +44,16 @@ class Place:
         if self.kind not in EXECUTORS:
             raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))
         if self.kind == "local" and self.workers > 1:
-            raise UsageError(
-                f"--executor local: it has one worker, not {self.workers}", hint="--executor processes"
-            )
+            message = f"--executor local: it has one worker, not {self.workers}"
+            raise UsageError(message, hint="--executor processes")
         if self.address is not None and self.kind != "ray":
-            raise UsageError(
-                f"--address {self.address}: the executor {self.kind} has no address",
-                hint="add --executor ray",
-            )
+            message = f"--address {self.address}: the executor {self.kind} has no address"
+            raise UsageError(message, hint="add --executor ray")
         if self.address not in (None, "auto") and not re.fullmatch(r"[^/:]+:\d{1,5}", self.address or ""):
-            raise UsageError(
-                f"--address {self.address}: no address of a ray cluster", hint="expected auto or host:port"
-            )
+            message = f"--address {self.address}: no address of a ray cluster"
+            raise UsageError(message, hint="expected auto or host:port")
         if self.kind == "ray" and importlib.util.find_spec("ray") is None:
-            raise PrerequisiteError(
-                "--executor ray needs the package 'ray'", hint="pip install 'vlafuzz[ray]'"
-            )
+            raise PrerequisiteError("--executor ray needs the package 'ray'", "pip install 'vlafuzz[ray]'")
 
 
 def policy_at(place: Place, name: str) -> Policy:
@@ -71,14 +64,11 @@ def policy_at(place: Place, name: str) -> Policy:
 
 
 def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) -> Executor:
-    """The executor at that place.
+    """The executor at that place; PrerequisiteError when no ray cluster answers.
 
     Args:
         make: creates an evaluator from a policy, or without one from a policy of its own; picklable.
         policy: from ``policy_at``; closed with the executor at the latest.
-
-    Raises:
-        PrerequisiteError: no ray cluster answers.
     """
     if place.kind == "local":
         return LocalExecutor(make(policy))

@@ -19,12 +19,9 @@ ATTEMPTS = GRASPS * len(LEANS)
 class Expert:
     """A scripted controller that reads the simulator's state: it plans grasps, avoids obstacles and retries.
 
-    Args:
-        fluent: see ``PickPlaceController``; for demonstrations.
-
-    Attributes:
-        attempt: index of the first grasp of a rollout: the ``GRASPS`` best grasps from straight above, then
-            the same grasps with the hand leaning one way, then the other way.
+    ``attempt``: index of the first grasp of a rollout: the ``GRASPS`` best grasps from straight above, then
+    the same grasps with the hand leaning one way, then the other way. ``fluent``: see
+    ``PickPlaceController``; for demonstrations.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:
@@ -54,10 +51,7 @@ class Expert:
 
 def _belief(known: Privileged) -> Belief:
     state = known.state
-    things = [
-        Thing(model, state.positions[index], state.rotations[index])
-        for index, model in enumerate(known.models)
-    ]
+    things = list(map(Thing, known.models, state.positions, state.rotations))
     targets = task(known.scene.task).targets
     return Belief(
         a=things[0],

@@ -50,9 +50,8 @@ class Harness:
         rotation = action[3:6] * spec.rotation_scale
         if spec.rotation in AXES:
             rotation = Rotation.from_euler(AXES[spec.rotation], rotation).as_rotvec()
-        return np.concatenate(
-            [action[:3] * spec.position_scale, rotation, [self._gripper.command(float(action[6]))]]
-        )
+        gripper = self._gripper.command(float(action[6]))
+        return np.array([*(action[:3] * spec.position_scale), *rotation, gripper])
 
 
 def _finish(policy: Policy, start: EpisodeStart) -> None:
@@ -91,25 +90,17 @@ class Gripper:
 def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> list[Array]:
     """The actions of each chunk, ``(steps, 7)``; PolicyError for a wrong number, shape or value."""
     if len(chunks) != expected:
-        raise PolicyError(
-            f"{name}: {expected} observations, {len(chunks)} chunks of actions",
-            hint="answer every observation with one chunk",
-            cause="bad_action",
-        )
+        message = f"{name}: {expected} observations, {len(chunks)} chunks of actions"
+        raise PolicyError(message, "answer every observation with one chunk", "bad_action")
     return [_check(chunk, name) for chunk in chunks]
 
 
 def _check(chunk: ActionChunk, name: str) -> Array:
     actions = np.asarray(getattr(chunk, "actions", chunk), dtype=np.float64)
     if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
-        raise PolicyError(
-            f"{name}: actions of shape {actions.shape}",
-            hint="expected (steps, 7), at least one step",
-            cause="bad_action",
-        )
+        message = f"{name}: actions of shape {actions.shape}"
+        raise PolicyError(message, "expected (steps, 7), at least one step", "bad_action")
     if not np.all(np.isfinite(actions)):
-        raise PolicyError(
-            f"{name}: an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}",
-            cause="bad_action",
-        )
+        bad = actions[~np.isfinite(actions).all(axis=1)][0]
+        raise PolicyError(f"{name}: an action is not finite: {bad}", cause="bad_action")
     return actions

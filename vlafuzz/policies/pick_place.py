@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +29,7 @@ class Belief:
     """Where things are, as far as the policy knows.
 
     Attributes:
-        a: the object to take.
-        b: its destination; None for pick-up.
-        others: obstacles.
+        a: the object to take; ``b``: its destination, None for pick-up; ``others``: obstacles.
         tcp: ``(3,)`` metres; ``tcp_rotation``: ``(3, 3)``.
         held: something is between the fingers.
         done: the task looks solved, so that no retry is needed.
@@ -44,6 +42,11 @@ class Belief:
     tcp_rotation: Array
     held: bool
     done: bool = False
+
+    @property
+    def around(self) -> tuple[Thing, ...]:
+        """The obstacles and the destination."""
+        return (*self.others, *((self.b,) if self.b else ()))
 
 
 class PickPlaceController:
@@ -192,16 +195,13 @@ class PickPlaceController:
         return self._toward(belief, up, self._hand_yaw(belief), OPEN)
 
     def _choose(self, belief: Belief) -> Reach:
-        moved = math.dist(belief.a.position, self._planned_for) > 0.004
-        if self._plan is None or moved:
-            around = belief.others + ((belief.b,) if belief.b else ())
-            grasps = planning.reaches(belief.a, around, self._hand_yaw(belief), self._rig)
+        if self._plan is None or math.dist(belief.a.position, self._planned_for) > 0.004:
+            grasps = planning.reaches(belief.a, belief.around, self._hand_yaw(belief), self._rig)
             if self._plan is not None and grasps:  # it moved a little: keep to the same kind of grasp
-                yaw = self._plan.yaw
-                grasps.sort(
-                    key=lambda reach: abs(planning.nearest_yaw(reach.yaw, yaw) - yaw) + 0.2 * reach.cost
+                yaw, nearest = self._plan.yaw, planning.nearest_yaw
+                self._plan = min(
+                    grasps, key=lambda grasp: abs(nearest(grasp.yaw, yaw) - yaw) + 0.2 * grasp.cost
                 )
-                self._plan = grasps[0]
             else:
                 self._plan = grasps[self.attempt % len(grasps)] if grasps else self._blind(belief)
             self._planned_for = belief.a.position.copy()
@@ -240,8 +240,7 @@ class PickPlaceController:
         """While ``over`` is far, raise it above the obstacles on the path."""
         if _level(over, belief.tcp) < 0.02:
             return
-        around = (*belief.others, *((belief.b,) if belief.b else ()))
-        needed = planning.travel_height(belief.tcp[:2], over[:2], around, 0.07) + FINGERTIP
+        needed = planning.travel_height(belief.tcp[:2], over[:2], belief.around, 0.07) + FINGERTIP
         if needed > over[2]:
             over[2] = needed
         if belief.tcp[2] < over[2] - 0.03:
@@ -262,9 +261,8 @@ class PickPlaceController:
         self._b_was = belief.b.position[:2].copy() if belief.b else np.zeros(2)
         self._goal_yaw = self._yaw
         if self._goal is not None:
-            self._goal_yaw = planning.nearest_yaw(
-                self._yaw + self._goal.turn, self._rig.neutral_yaw(*self._goal.place)
-            )
+            neutral = self._rig.neutral_yaw(*self._goal.place)
+            self._goal_yaw = planning.nearest_yaw(self._yaw + self._goal.turn, neutral)
 
     def _find_goal(self, belief: Belief) -> Goal | None:
         if self._task == "pick-up" or belief.b is None:
@@ -284,8 +282,8 @@ class PickPlaceController:
 
     def _carry_height(self, belief: Belief) -> float:
         assert self._goal is not None
-        passed: Sequence[Thing] = (*belief.others, *((belief.b,) if belief.b else ()))
-        clear = planning.travel_height(self._taken_at[:2], self._goal.place, passed, self._radius + 0.02)
+        start, end, radius = self._taken_at[:2], self._goal.place, self._radius + 0.02
+        clear = planning.travel_height(start, end, belief.around, radius)
         return max(clear, self._goal.floor + 0.04) + self._hang
 
     def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:

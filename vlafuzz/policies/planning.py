@@ -124,12 +124,10 @@ def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: flo
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where to put a down.
+    """Where to put a down, metres and radians.
 
-    Attributes:
-        place: ``(2,)`` position of its origin, metres.
-        turn: rotation on the way there, radians, up to half a turn.
-        floor: height of the surface below, metres.
+    ``place``: ``(2,)`` position of its origin. ``turn``: on the way there, up to half a turn. ``floor``:
+    height of the surface below.
     """
 
     place: Array
@@ -147,26 +145,18 @@ def goal_in(a: Thing, b: Thing) -> Goal:
     container = b.model.container
     if container is None:  # a policy that takes the wrong object for b still needs a goal
         return goal_on(a, b)
-    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + (
-        0.0 if container.width >= container.depth else np.pi / 2
-    )
-    turn = nearest_yaw(long_side, _long_axis(a)) - _long_axis(a) if _elongation(a) > 1.15 else 0.0
+    along_y = 0.0 if container.width >= container.depth else np.pi / 2
+    long_side = np.arctan2(b.rotation[1, 0], b.rotation[0, 0]) + along_y
+    axis, elongation = _long_axis(a)
+    turn = nearest_yaw(long_side, axis) - axis if elongation > 1.15 else 0.0
     return Goal(b.position[:2].copy(), float(turn), float(b.position[2] + container.floor))
 
 
-def _outline(thing: Thing) -> Array:
+def _long_axis(thing: Thing) -> tuple[float, float]:
+    """Direction of the longest axis seen from above, radians, and its length relative to the other one."""
     points = thing.corners[:, :2]
-    return np.asarray(points - (points.max(axis=0) + points.min(axis=0)) / 2)
-
-
-def _long_axis(thing: Thing) -> float:
-    _, vectors = np.linalg.eigh(np.cov(_outline(thing).T))
-    return float(np.arctan2(vectors[1, -1], vectors[0, -1]))
-
-
-def _elongation(thing: Thing) -> float:
-    values = np.linalg.eigvalsh(np.cov(_outline(thing).T))
-    return float(np.sqrt(values[-1] / max(values[0], 1e-9)))
+    values, vectors = np.linalg.eigh(np.cov((points - (points.max(axis=0) + points.min(axis=0)) / 2).T))
+    return float(np.arctan2(vectors[1, -1], vectors[0, -1])), np.sqrt(values[-1] / max(values[0], 1e-9))
 
 
 def goal_near(

@@ -109,10 +109,8 @@ def make_policy(name: str) -> Policy:
         return POLICIES[name]()
     policy = make_of(name)
     if not isinstance(getattr(policy, "spec", None), PolicySpec):
-        raise UsageError(
-            f"{name!r} made a {type(policy).__name__}, which has no spec",
-            hint="see vlafuzz.policies.base.Policy",
-        )
+        message = f"{name!r} made a {type(policy).__name__}, which has no spec"
+        raise UsageError(message, hint="see vlafuzz.policies.base.Policy")
     return cast(Policy, policy)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from vlafuzz.clients.openvla import ActOptions, decode, encode
 from vlafuzz.clients.wire import ROLLOUT, short
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.serving.sessions import ClientSession, ServedPolicy, read_header
+from vlafuzz.serving.sessions import ClientSession, ServedPolicy
 
 MAX_BYTES = 64 << 20  # of an observation
 SILENCE = 600.0  # seconds after which a silent client is disconnected
@@ -84,7 +84,7 @@ class _Handler(BaseHTTPRequestHandler):
             if isinstance(message, dict) and "encoded" in message:
                 message = decode(message["encoded"])
             if self._session is None:
-                self._session = self.served.session(read_header(self.headers.get(ROLLOUT)))
+                self._session = self.served.session(self.headers.get(ROLLOUT))
             actions = _act(self.served.spec, self._session, message)
         except (ValueError, TypeError) as error:
             return 400, {"error": short(error)}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
+from threading import Condition
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field
 
-from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
-from vlafuzz.policies.batching import Request
-from vlafuzz.serving.gather import RequestGatherer
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
+from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
+
+# Seconds that a request waits for others: less than a simulator needs for a step and an image, and only
+# while there are rollouts without a pending request.
+WAIT = 0.005
 
 
 class RolloutHeader(BaseModel):
@@ -28,9 +33,62 @@ class RolloutHeader(BaseModel):
     observations_sent: int = Field(default=0, alias="asked")
 
 
-def read_header(header: str | None) -> RolloutHeader:
-    """The header of a connection, the defaults when there is none; ValueError when it is malformed."""
-    return RolloutHeader.model_validate(json.loads(header)) if header else RolloutHeader()
+@dataclass(eq=False)
+class _Pending:
+    caller: int
+    request: Request
+    answer: Answer | None = None
+
+
+class RequestGatherer:
+    """One policy for many threads; it has no thread of its own.
+
+    The first caller, while nobody else is being served, gathers the requests of the others for at most
+    ``wait`` seconds, has all of them answered, and distributes the answers. Requests that arrive meanwhile
+    are gathered by the next caller.
+    """
+
+    def __init__(self, policy: Policy, wait: float = WAIT) -> None:
+        self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
+        self._changed, self._busy = Condition(), False
+        self._pending: list[_Pending] = []
+        self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
+
+    def ask(self, caller: int, request: Request) -> Sequence[ActionChunk]:
+        """One chunk per observation; blocks until they are there, and raises what the policy raised."""
+        mine = _Pending(caller, request)
+        with self._changed:
+            self._pending.append(mine)
+            (self._live.discard if request.over else self._live.add)(caller)
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: mine.answer is not None or not self._busy)
+            if mine.answer is None:
+                self._busy = True
+                self._changed.wait_for(self._complete, self._wait)
+        if mine.answer is None:
+            self._answer_all()
+        assert mine.answer is not None
+        if isinstance(mine.answer, PolicyError):
+            raise mine.answer
+        return mine.answer
+
+    def _complete(self) -> bool:
+        """Whether there is no reason to wait for further requests."""
+        acting = sum(bool(pending.request.act) for pending in self._pending)
+        return not acting or acting >= min(self._most, len(self._live))
+
+    def _answer_all(self) -> None:
+        with self._changed:
+            batch, self._pending = self._pending, []
+        answers: Sequence[Answer] = [PolicyError("the policy gave no answer")] * len(batch)
+        try:
+            answers = self._batching.answer([(pending.caller, pending.request) for pending in batch])
+        finally:  # whatever the policy raises, no caller may wait forever
+            with self._changed:
+                for pending, answer in zip(batch, answers, strict=True):
+                    pending.answer = answer
+                self._busy = False
+                self._changed.notify_all()
 
 
 class ServedPolicy:
@@ -39,18 +97,17 @@ class ServedPolicy:
     def __init__(self, policy: Policy) -> None:
         if policy.spec.privileged or policy.spec.silhouettes:
             what = "the simulator's state" if policy.spec.privileged else "outlines"
-            raise UsageError(
-                f"{policy.spec.name} cannot be served: it wants {what}",
-                hint="serve one that takes pictures, proprioception and words, such as mini",
-            )
+            hint = "serve one that takes pictures, proprioception and words, such as mini"
+            raise UsageError(f"{policy.spec.name} cannot be served: it wants {what}", hint)
         self.spec, self.policy = policy.spec, RequestGatherer(policy)
         self._numbers = itertools.count()
 
-    def session(self, header: RolloutHeader) -> ClientSession:
-        """The session of a new connection; ValueError when its rollout began on another one."""
-        if sent := header.observations_sent:
+    def session(self, header: str | None = None) -> ClientSession:
+        """The session of a new connection; ValueError when the header is malformed, or continues a rollout."""
+        rollout = RolloutHeader.model_validate(json.loads(header or "{}"))
+        if sent := rollout.observations_sent:
             raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")
-        return ClientSession(self.spec, self.policy, header, next(self._numbers))
+        return ClientSession(self.spec, self.policy, rollout, next(self._numbers))
 
 
 class ClientSession:
@@ -74,10 +131,8 @@ class ClientSession:
         if len(pictures) < len(spec.cameras):
             wanted = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in spec.cameras)
             raise ValueError(f"{len(pictures)} pictures, expected {wanted}")
-        images = {
-            camera.name: _fitting(picture, camera)
-            for camera, picture in zip(spec.cameras, pictures, strict=False)
-        }
+        pairs = zip(spec.cameras, pictures, strict=False)
+        images = {camera.name: _fitting(picture, camera) for camera, picture in pairs}
         proprioception = _proprioception(state) if spec.state else None
         start = self._start or self._begin(instruction)
         seen = Observation(start.episode, self._step, instruction, images=images, state=proprioception)
@@ -114,7 +169,6 @@ def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
 def _proprioception(numbers: object) -> NDArray[np.float32]:
     state = np.asarray([] if numbers is None else numbers)
     if state.shape != (7,) or state.dtype.kind not in "iuf":
-        raise ValueError(
-            f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"
-        )
+        expected = "expected 7 numbers: position, rotation vector, opening"
+        raise ValueError(f"proprioception of shape {state.shape}, {expected}")
     return state.astype(np.float32)

@@ -23,7 +23,7 @@ from vlafuzz.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.clients.vla_eval_spec import declared_actions, declared_observations
 from vlafuzz.clients.wire import ROLLOUT, array_of, short
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.serving.sessions import ClientSession, RolloutHeader, ServedPolicy, read_header
+from vlafuzz.serving.sessions import ClientSession, RolloutHeader, ServedPolicy
 
 MAX_BYTES = 64 << 20  # of an observation
 INTERNAL_ERROR = 1011  # close code of WebSockets
@@ -79,8 +79,7 @@ def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
     connection.send(pack_openpi({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
     session: ClientSession | None = None
     try:
-        header = connection.request.headers.get(ROLLOUT) if connection.request else None
-        session = served.session(read_header(header))
+        session = served.session(connection.request.headers.get(ROLLOUT) if connection.request else None)
         for frame in connection:
             if isinstance(frame, str):
                 raise ValueError("text, expected a message in msgpack")
@@ -108,7 +107,7 @@ def _act(spec: PolicySpec, session: ClientSession, message: Mapping[Any, Any]) -
 
 def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
     """Reply to every greeting and observation. An error is sent as a message, and the session goes on."""
-    session = served.session(RolloutHeader())
+    session = served.session()
     try:
         for frame in connection:
             kind, payload, number = unpack_vla_eval(frame)

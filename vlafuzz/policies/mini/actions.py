@@ -19,29 +19,17 @@ LONG = 10  # steps since the last change of the gripper's command are clipped he
 def proprioception(
     state: NDArray[np.float32], before: NDArray[np.float32], since: NDArray[np.int64]
 ) -> NDArray[np.float32]:
-    """TCP, closing axis as cosine and sine of twice its angle, tilt, opening, its change, and time.
+    """``(n, STATE)``: TCP, closing axis as cosine and sine of twice its angle, tilt, opening, change, time.
 
-    Args:
-        state: ``(n, 7)``, see ``PolicySpec.state``.
-        before: ``(n,)`` the opening at the previous observation.
-        since: ``(n,)`` steps since the gripper's command last changed.
-
-    Returns:
-        ``(n, STATE)``.
+    ``state``: ``(n, 7)``, see ``PolicySpec.state``. ``before``: ``(n,)`` the opening at the previous
+    observation. ``since``: ``(n,)`` steps since the gripper's command last changed.
     """
     matrix = Rotation.from_rotvec(state[:, 3:6].astype(np.float64)).as_matrix()
     yaw = np.arctan2(matrix[:, 1, 1], matrix[:, 0, 1])[:, None]
     opening, change = state[:, 6:], state[:, 6:] - before[:, None]
     waited = np.minimum(since, LONG)[:, None] / LONG
-    known = [
-        state[:, :3] * 4,
-        np.cos(2 * yaw),
-        np.sin(2 * yaw),
-        matrix[:, :2, 2] * 4,
-        opening,
-        change,
-        waited,
-    ]
+    axis = np.cos(2 * yaw), np.sin(2 * yaw)
+    known = [state[:, :3] * 4, *axis, matrix[:, :2, 2] * 4, opening, change, waited]
     return np.concatenate(known, axis=1).astype(np.float32)
 
 

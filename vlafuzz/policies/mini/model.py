@@ -162,9 +162,7 @@ class Network(nn.Module):
         queries = self.queries(text).unflatten(1, (POINTS, FEATURES))
         heat = (queries @ fused.flatten(2) / 8.0).float().softmax(-1)
         cells = torch.arange(32, device=fused.device).float().add(0.5) / 32
-        across, down = (
-            heat.unflatten(-1, (32, 32)).sum(-2) @ cells,
-            heat.unflatten(-1, (32, 32)).sum(-1) @ cells,
-        )
+        square = heat.unflatten(-1, (32, 32))
+        across, down = square.sum(-2) @ cells, square.sum(-1) @ cells
         features = heat[:, :DESCRIBED].to(fused.dtype) @ fused.flatten(2).transpose(1, 2)
         return torch.stack([across, down], -1), heat.amax(-1), features.flatten(1)

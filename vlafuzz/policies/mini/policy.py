@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -59,9 +59,8 @@ class Mini:
             provenance={"weights": self._card["weights"]},
         )
         self._network = Network().eval()
-        self._network.load_state_dict(
-            {name: value.float() for name, value in load_file(folder / WEIGHTS).items()}
-        )
+        weights = load_file(folder / WEIGHTS)
+        self._network.load_state_dict({name: value.float() for name, value in weights.items()})
         torch.set_num_threads(1)  # more would change the last bits, and there are many workers
         self._tokens: dict[str, torch.Tensor] = {}
         self._memory: dict[str, Memory] = {}
@@ -105,8 +104,6 @@ def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
     """The model card beside the weights; PrerequisiteError when either of them is missing."""
     for name in (CARD, WEIGHTS):
         if not (folder / name).is_file():
-            raise PrerequisiteError(
-                f"{folder / name}: not there", hint="scripts/train_mini.py makes it; a complete wheel has it"
-            )
-    card: dict[str, Any] = json.loads((folder / CARD).read_text(encoding="utf-8"))
-    return card
+            hint = "scripts/train_mini.py makes it; a complete wheel has it"
+            raise PrerequisiteError(f"{folder / name}: not there", hint)
+    return cast(dict[str, Any], json.loads((folder / CARD).read_text(encoding="utf-8")))
