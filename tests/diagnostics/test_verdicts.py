@@ -9,13 +9,14 @@ from tests.doubles import failed, passed
 from vlafuzz.diagnostics import verdicts
 from vlafuzz.diagnostics.probes import Answers, Change
 from vlafuzz.diagnostics.recorder import Break
+from vlafuzz.errors import PolicyError
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 
 CAMERA = CameraRequest("front", 128, 128)
 SEEING = PolicySpec("seeing", cameras=(CAMERA,), state=True)
 RNG = np.random.default_rng(0)
-GONE = Break(where="after 5 answers", cause="connect", message="gone", hint=None)
+GONE = Break("after 5 answers", PolicyError("gone", cause="connect"))
 WALK = np.hstack([RNG.normal(0, 0.02, (20, 6)), np.ones((20, 1))])
 
 

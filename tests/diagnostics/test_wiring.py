@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, passed, scene
-from vlafuzz.diagnostics.corrections import Corrected, Correction, corrections
-from vlafuzz.diagnostics.wiring import check_wiring
+from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.scene import Scene

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel
 
 from vlafuzz.clients.conventions import layout_width
 from vlafuzz.clients.profiled import Model, ProfiledOptions
@@ -37,12 +37,7 @@ def parts_of(text: str) -> dict[str, int]:
     return parts
 
 
-def _checked(text: str) -> str:
-    parts_of(text)
-    return text
-
-
-Parts = Annotated[str, AfterValidator(_checked)]
+Parts = Annotated[str, AfterValidator(lambda text: parts_of(text) and text)]
 
 
 class GrootOptions(ProfiledOptions):
@@ -70,10 +65,8 @@ class GrootOptions(ProfiledOptions):
         return problems
 
 
-class Modality(BaseModel):
+class Modality(BaseModel, frozen=True):
     """One kind of input or output of a model. ``delta_indices``: its time steps, 0 for the current one."""
-
-    model_config = ConfigDict(frozen=True)
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -82,10 +75,8 @@ class Modality(BaseModel):
 NONE = Modality(delta_indices=(0,), modality_keys=())
 
 
-class Modalities(BaseModel):
+class Modalities(BaseModel, frozen=True):
     """A model's inputs and outputs, as its server declares them."""
-
-    model_config = ConfigDict(frozen=True)
 
     video: Modality = NONE
     state: Modality = NONE

@@ -37,10 +37,6 @@ def divisor(hz: int) -> int:
     return hz
 
 
-def _all(text: object) -> object:
-    return None if text == "all" else text
-
-
 # Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
 State = Literal[
     "0",
@@ -77,7 +73,9 @@ class CommonOptions(BaseModel):
     position_scale: Scale = 1.0
     relative_to: Literal["target", "current"] = "target"
     sticky: int = Field(default=0, ge=0)
-    execute: Annotated[Annotated[int, Field(ge=1)] | None, BeforeValidator(_all)] = None
+    execute: Annotated[
+        Annotated[int, Field(ge=1)] | None, BeforeValidator(lambda text: None if text == "all" else text)
+    ] = None
     deterministic: bool = False
     batch: int = Field(default=16, ge=1)
     timeout: float = Field(default=60.0, gt=0, le=86400)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, layout_width
 from vlafuzz.clients.remote import SIDE, VlaEvalOptions, cameras_of
@@ -24,18 +24,14 @@ GRIPPERS = {
 }
 
 
-class Component(BaseModel):
+class Component(BaseModel, frozen=True):
     """A part of an action or observation."""
-
-    model_config = ConfigDict(frozen=True)
 
     format: str = UNDECLARED
 
 
-class Hello(BaseModel):
+class Hello(BaseModel, frozen=True, protected_namespaces=()):
     """The fields of a server's greeting that are used here."""
-
-    model_config = ConfigDict(frozen=True, protected_namespaces=())
 
     protocol_version: int
     harness_version: str = "unknown"

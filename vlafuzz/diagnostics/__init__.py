@@ -11,10 +11,7 @@ Rating = Literal["ok", "warn", "refuse"]
 class Check(NamedTuple):
     """The result of one check, a row of the doctor's report; ``refuse``: nothing is run before a correction.
 
-    Attributes:
-        check: name of what was checked.
-        found: the observation, with figures.
-        follows: the consequence, and what to do; empty when all is well.
+    ``found``: the observation, with figures. ``follows``: the consequence, and what to do, if any.
     """
 
     check: str

@@ -11,10 +11,9 @@ import numpy as np
 
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.diagnostics import Check, until_refused, verdicts
-from vlafuzz.diagnostics.corrections import Corrected, Correction, corrections
 from vlafuzz.diagnostics.probes import Interview, moved, reworded, sights
 from vlafuzz.diagnostics.recorder import Break, Recorder
-from vlafuzz.diagnostics.wiring import check_wiring
+from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
@@ -93,7 +92,7 @@ class Exam:
         try:
             yield from checks
         except PolicyError as error:
-            yield verdicts.on_break(Break.of(error, "when it was asked again about moments"), first=False)
+            yield verdicts.on_break(Break("when it was asked again about moments", error), first=False)
 
     def _observe(self) -> Check:
         """Record the beginnings of some rollouts in cluttered scenes."""

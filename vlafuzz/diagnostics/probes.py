@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.wire import with_retries
 from vlafuzz.diagnostics.recorder import Moment
-from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
+from vlafuzz.policies.base import Finishing, Outlines, Policy, PolicySpec
 from vlafuzz.policies.harness import blamed_on, check_chunks
 
 Array = NDArray[np.float64]
@@ -25,13 +26,11 @@ Probe = Callable[[Moment, Moment], Moment]
 _numbers = itertools.count()
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """The effect of a probe on the answers.
 
-    Attributes:
-        size: relative to the mean distance between the answers to different moments.
-        clear: it is large enough, and statistically significant.
+    ``size``: relative to the mean distance between the answers to different moments. ``clear``: it is large
+    enough, and statistically significant.
     """
 
     size: float
@@ -91,11 +90,7 @@ def _greater(differences: Array) -> bool:
 class Interview:
     """Asks a policy again about moments of several scenes, each as a rollout of its own.
 
-    Raises:
-        PolicyError: the policy breaks; the methods raise it, too.
-
-    Attributes:
-        answers: to the unchanged moments.
+    ``answers``: to the unchanged moments. All methods raise PolicyError when the policy breaks.
     """
 
     def __init__(self, policy: Policy, recorded: Sequence[Moment]) -> None:
@@ -142,25 +137,21 @@ def black(moment: Moment, _: Moment) -> Moment:
     """No light: black pictures, no outlines."""
     images = {name: np.zeros_like(picture) for name, picture in moment.seen.images.items()}
     outlines = moment.seen.outlines and Outlines((), None, moment.seen.outlines.table)
-    return _shown(moment, replace(moment.seen, images=images, outlines=outlines))
+    return _shown(moment, images=images, outlines=outlines)
 
 
 def noise(moment: Moment, _: Moment) -> Moment:
     """Pictures of noise, reproducible for the moment."""
     rng = np.random.default_rng([moment.start.seed, moment.seen.step])
-    images = {
-        name: rng.integers(0, 256, picture.shape, np.uint8) for name, picture in moment.seen.images.items()
-    }
-    return _shown(moment, replace(moment.seen, images=images))
+    shapes = {name: picture.shape for name, picture in moment.seen.images.items()}
+    images = {name: rng.integers(0, 256, shape, np.uint8) for name, shape in shapes.items()}
+    return _shown(moment, images=images)
 
 
 def elsewhere(moment: Moment, other: Moment) -> Moment:
     """The view of another scene."""
     seen = other.seen
-    return _shown(
-        moment,
-        replace(moment.seen, images=seen.images, outlines=seen.outlines, privileged=seen.privileged),
-    )
+    return _shown(moment, images=seen.images, outlines=seen.outlines, privileged=seen.privileged)
 
 
 def reworded(rewordings: Mapping[str, str]) -> Probe:
@@ -181,7 +172,7 @@ def moved(moment: Moment, _: Moment) -> Moment:
     state = moment.seen.state.copy()
     state[:3] += MOVED
     state[6] = 1 - state[6]
-    return _shown(moment, replace(moment.seen, state=state))
+    return _shown(moment, state=state)
 
 
 def sights(spec: PolicySpec) -> Mapping[str, Probe]:
@@ -214,5 +205,5 @@ def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
             policy.finish(begun)
 
 
-def _shown(moment: Moment, seen: Observation) -> Moment:
-    return replace(moment, seen=seen)
+def _shown(moment: Moment, **changes: Any) -> Moment:
+    return replace(moment, seen=replace(moment.seen, **changes))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.errors import Cause, PolicyError
+from vlafuzz.errors import PolicyError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.policies.base import (
     ActionChunk,
@@ -60,18 +62,11 @@ class Moment:
     executed: NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Break:
+class Break(NamedTuple):
     """An error of the policy. ``where``: when it happened, as an adverbial for messages."""
 
     where: str
-    cause: Cause
-    message: str
-    hint: str | None
-
-    @staticmethod
-    def of(error: PolicyError, where: str) -> Break:
-        return Break(where=where, cause=error.cause, message=error.message, hint=error.hint)
+    error: PolicyError
 
 
 class Recorder(Lent):
@@ -98,25 +93,17 @@ class Recorder(Lent):
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         (self._start,), self._answers, self.broken = episodes, 0, None
-        try:
-            with blamed_on(self.spec.name):
-                super().reset(episodes)
-        except PolicyError as error:
-            self._note(error)
-            raise
+        with self._noted():
+            super().reset(episodes)
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
         assert self._start is not None
         if self._answers == self.most:
             raise PolicyError("enough was seen of this rollout")  # makes the evaluator end it
         began = time.perf_counter()
-        try:
-            with blamed_on(self.spec.name):
-                chunks = super().act(observations)
-                (answer,) = check_chunks(chunks, 1, self.spec.name)
-        except PolicyError as error:
-            self._note(error)
-            raise
+        with self._noted():
+            chunks = super().act(observations)
+            (answer,) = check_chunks(chunks, 1, self.spec.name)
         self.seconds.append(time.perf_counter() - began)
         self._answers += 1
         self.longest = max(self.longest, len(answer))
@@ -124,6 +111,12 @@ class Recorder(Lent):
             self.moments.append(Moment(self._start, observations[0], answer[: self.spec.execute]))
         return chunks
 
-    def _note(self, error: PolicyError) -> None:
-        self.broken = Break.of(error, f"after {self._answers} answers of a rollout")
-        self.breaks.append(self.broken)
+    @contextmanager
+    def _noted(self) -> Iterator[None]:
+        try:
+            with blamed_on(self.spec.name):
+                yield
+        except PolicyError as error:
+            self.broken = Break(f"after {self._answers} answers of a rollout", error)
+            self.breaks.append(self.broken)
+            raise

@@ -66,8 +66,8 @@ def _errors(spec: PolicySpec) -> list[str]:
 
 def on_break(broken: Break, *, first: bool) -> Check:
     """A break of the policy: in an answer, before the first one (``first``), or later."""
-    message, hint = " ".join(broken.message.split()), broken.hint
-    if broken.cause == "bad_action":
+    message, hint = " ".join(broken.error.message.split()), broken.error.hint
+    if broken.error.cause == "bad_action":
         return Check("actions", message, "refuse", hint or "answer with finite numbers, (steps, 7)")
     if first:
         return Check("connects", message, "refuse", hint or "it refused: its own log says why")
@@ -101,10 +101,8 @@ def _on_range(spec: PolicySpec, executed: Array) -> Check:
     shifts = np.linalg.norm(executed[:, :3], axis=1) * abs(action.position_scale)
     turns = np.linalg.norm(executed[:, 3:6], axis=1) * abs(action.rotation_scale)
     detail = f"{len(executed)} of them, at most {shifts.max():.2g} m and {turns.max():.2g} rad a step"
-    for sizes, fastest, scale in (
-        (shifts, FASTEST[0], "position_scale"),
-        (turns, FASTEST[1], "rotation_scale"),
-    ):
+    scales = (shifts, FASTEST[0], "position_scale"), (turns, FASTEST[1], "rotation_scale")
+    for sizes, fastest, scale in scales:
         if np.mean(sizes * action.hz > fastest) > OFTEN:
             advice = f"out of range: no arm is as fast at {action.hz} Hz; {scale}=… says what their unit is"
             return Check("actions", detail, "warn", advice)
@@ -199,7 +197,7 @@ def on_rollouts(outcomes: Sequence[Outcome], breaks: Sequence[Break]) -> Check:
         detail = f"{len(outcomes)} rollouts completed"
         if not breaks:
             return Check("rollouts", detail, "ok")
-        advice = f"it breaks off at times, the first time {breaks[0].where}: {breaks[0].message}"
+        advice = f"it breaks off at times, the first time {breaks[0].where}: {breaks[0].error.message}"
         return Check("rollouts", f"{detail}, {len(breaks)} restarted", "warn", advice)
     detail = f"{len(errors)} of {len(outcomes)} rollouts broke"
     verdict: Rating = "refuse" if len(errors) > 1 or len(outcomes) == 1 else "warn"

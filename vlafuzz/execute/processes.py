@@ -29,8 +29,7 @@ class ProcessExecutor(WorkerPool):
 
     Args:
         make: creates a worker's evaluator, in the worker; picklable.
-        timeout: seconds per scene before its worker is killed; a worker's first scene includes the start of
-            the simulator.
+        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
         memory: bytes that a worker may use; None for an equal share.
         after: see ``WorkerPool``.
     """

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
@@ -23,10 +23,8 @@ from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
 WAIT = 0.005
 
 
-class RolloutHeader(BaseModel):
+class RolloutHeader(BaseModel, frozen=True):
     """What our own clients say about a rollout. ``observations_sent``: on earlier connections."""
-
-    model_config = ConfigDict(frozen=True)
 
     task: str = ""
     seed: int = 0
@@ -103,7 +101,7 @@ class ServedPolicy:
         self._numbers = itertools.count()
 
     def session(self, header: str | None = None) -> ClientSession:
-        """The session of a new connection; ValueError when the header is malformed, or continues a rollout."""
+        """The session of a new connection; ValueError when its header is malformed or continues a rollout."""
         rollout = RolloutHeader.model_validate(json.loads(header or "{}"))
         if sent := rollout.observations_sent:
             raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")

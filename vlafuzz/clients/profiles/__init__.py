@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from pydantic import BaseModel, ValidationError, field_validator
 
 from vlafuzz.errors import UsageError, suggestion
 
 FOLDER = Path(__file__).parent
 
 
-class Profile(BaseModel):
+class Profile(BaseModel, extra="forbid", frozen=True):
     """A kind of model. ``protocols``: overriding and additional options by protocol."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     about: str
     source: str
