@@ -9,18 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel
 
+from vlafuzz.clients import wire
 from vlafuzz.clients.conventions import layout_width
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions, needed
-from vlafuzz.clients.wire import (
-    bad_action,
-    closed_on_error,
-    failure,
-    required,
-    short,
-    validated,
-    with_retries,
-)
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.harness import check_chunks
@@ -99,13 +91,13 @@ class Groot:
         with needed(address.name):
             from vlafuzz.clients import msgpack_wire, zmq_connection
         self._address, self._options = address, address.options
-        self._wire, self._connect = msgpack_wire, zmq_connection.ZmqConnection
+        self._msgpack, self._connect = msgpack_wire, zmq_connection.ZmqConnection
         self._connection: zmq_connection.ZmqConnection | None = None
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
-        with required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
+        with wire.required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
             self._modalities = self._get_modalities()
-        with closed_on_error(self):
+        with wire.closed_on_error(self):
             _check_modalities(address.name, self._modalities, self._keys())
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -120,8 +112,8 @@ class Groot:
             return []
         reply = self._ask("get_action", {"observation": self._message(observations), "options": None})
         if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
-            raise failure(self._address.url, f"no actions, but {short(reply)}", "protocol")
-        with bad_action(self._address.name):
+            raise wire.failure(self._address.url, f"no actions, but {wire.short(reply)}", "protocol")
+        with wire.bad_action(self._address.name):
             joined = self._joined(reply[0], len(observations))
             pairs = zip(joined, observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
@@ -135,8 +127,8 @@ class Groot:
 
     def _get_modalities(self) -> Modalities:
         declared = self._ask("get_modality_config")
-        with closed_on_error(self):
-            return validated(Modalities, self._address.url, "modality config", declared)
+        with wire.closed_on_error(self):
+            return wire.validated(Modalities, self._address.url, "modality config", declared)
 
     def _keys(self) -> dict[str, tuple[str, ...]]:
         options = self._options
@@ -172,7 +164,8 @@ class Groot:
         for key, width in parts_of(self._options.action_key).items():
             part = reply.get(key, reply.get(f"action.{key}"))
             if not isinstance(part, np.ndarray) or part.dtype.kind not in "iuf":
-                raise ValueError(f"a reply without the action {key!r}, but {short(sorted(map(str, reply)))}")
+                keys = wire.short(sorted(map(str, reply)))
+                raise ValueError(f"a reply without the action {key!r}, but {keys}")
             if part.ndim != 3 or (len(part), part.shape[2]) != (count, width):
                 problem = f"the action {key!r} has shape {part.shape}"
                 raise ValueError(f"{problem}, expected ({count}, steps, {width})")
@@ -181,21 +174,21 @@ class Groot:
 
     def _ask(self, endpoint: str, data: Mapping[str, Any] | None = None) -> Any:
         message = {"endpoint": endpoint} | ({} if data is None else {"data": data})
-        reply = with_retries(lambda: self._attempt(message))
+        reply = wire.with_retries(lambda: self._attempt(message))
         if isinstance(reply, dict) and "error" in reply:
-            raise failure(self._address.url, short(reply["error"]), "remote")
+            raise wire.failure(self._address.url, wire.short(reply["error"]), "remote")
         return reply
 
     def _attempt(self, message: object) -> Any:
         """One request; the connection is opened when there is none, and closed when it breaks."""
-        with closed_on_error(self):
+        with wire.closed_on_error(self):
             if self._connection is None:
                 self._connection = self._connect(self._address.url, self._options.timeout)
-            frame = self._connection.ask(self._wire.pack_groot(message))
+            frame = self._connection.ask(self._msgpack.pack_groot(message))
             try:
-                return self._wire.unpack_groot(frame)
+                return self._msgpack.unpack_groot(frame)
             except ValueError as error:
-                raise failure(self._address.url, f"not a GR00T message: {error}", "protocol") from None
+                raise wire.failure(self._address.url, f"not a GR00T message: {error}", "protocol") from None
 
 
 def _check_modalities(name: str, declared: Modalities, named: Mapping[str, tuple[str, ...]]) -> None:

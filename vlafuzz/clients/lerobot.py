@@ -43,14 +43,10 @@ class LeRobotOptions(ProfiledOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a policy declares about itself.
+    """What a policy declares about itself; on a CPU it is deterministic.
 
-    Attributes:
-        pictures: width and height in pixels by key.
-        state: dimensions of the proprioception, 0 for none; ``actions``: dimensions of an action.
-        execute: actions of a chunk to execute.
-        stepwise: it must see every step, since it keeps a history.
-        device: on which it runs; on a CPU it is deterministic.
+    ``pictures``: width and height in pixels by key. ``state``, ``actions``: dimensions. ``execute``: actions
+    of a chunk to execute. ``stepwise``: it must see every step, since it keeps a history.
     """
 
     kind: str

@@ -9,18 +9,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.clients import wire
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions, needed
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.wire import (
-    actions_of,
-    closed_on_error,
-    failure,
-    required,
-    rollout_header,
-    short,
-    with_retries,
-)
 from vlafuzz.policies.base import EpisodeStart, Observation
 
 
@@ -49,18 +41,18 @@ class OpenPi(Sessions):
         super().__init__(address)
         with needed(address.name):
             from vlafuzz.clients import msgpack_wire, websocket_connection
-        self._wire, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
+        self._msgpack, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
-        with required("openpi", "start it first: uv run scripts/serve_policy.py …"):
+        with wire.required("openpi", "start it first: uv run scripts/serve_policy.py …"):
             self._begin(None).close()
 
     def _begin(self, start: EpisodeStart | None) -> OpenPiSession:
-        return with_retries(lambda: self._open(rollout_header(start) if start else {}))
+        return wire.with_retries(lambda: self._open(wire.rollout_header(start) if start else {}))
 
     def _open(self, headers: dict[str, str]) -> OpenPiSession:
-        session = OpenPiSession(self._connect(self._url, self._timeout, headers), self._wire, self._model)
-        with closed_on_error(session):
+        session = OpenPiSession(self._connect(self._url, self._timeout, headers), self._msgpack, self._model)
+        with wire.closed_on_error(session):
             session.receive()  # the server's metadata, which is arbitrary
         return session
 
@@ -68,17 +60,17 @@ class OpenPi(Sessions):
 class OpenPiSession:
     """A ``Session`` at such a server."""
 
-    def __init__(self, socket: Any, wire: Any, model: Model) -> None:
-        self._socket, self._wire, self._model = socket, wire, model
+    def __init__(self, socket: Any, msgpack: Any, model: Model) -> None:
+        self._socket, self._msgpack, self._model = socket, msgpack, model
         self._pending: deque[Observation] = deque()
         self.close = socket.close
 
     def ask(self, seen: Observation) -> None:
-        self._socket.send(self._wire.pack_openpi(self._model.message(seen)))
+        self._socket.send(self._msgpack.pack_openpi(self._model.message(seen)))
         self._pending.append(seen)
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        actions = actions_of(self.receive(wait))
+        actions = wire.actions_of(self.receive(wait))
         return self._model.actions(actions, self._pending.popleft())
 
     def end(self) -> None:
@@ -88,9 +80,10 @@ class OpenPiSession:
         """The next message; PolicyError when it is late, malformed, or the text of an error."""
         frame = self._socket.receive(wait)
         if isinstance(frame, str):  # a traceback, whose last line is the error
-            raise failure(self._socket.url, short(frame.strip().rpartition("\n")[2] or frame), "remote")
+            last = frame.strip().rpartition("\n")[2]
+            raise wire.failure(self._socket.url, wire.short(last or frame), "remote")
         try:
-            message: dict[object, object] = self._wire.unpack_openpi(frame)
+            message: dict[object, object] = self._msgpack.unpack_openpi(frame)
         except ValueError as error:
-            raise failure(self._socket.url, f"not an openpi message: {error}", "protocol") from None
+            raise wire.failure(self._socket.url, f"not an openpi message: {error}", "protocol") from None
         return message

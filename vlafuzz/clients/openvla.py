@@ -14,21 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.clients import wire
 from vlafuzz.clients.http_connection import HttpConnection
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.wire import (
-    KINDS,
-    actions_of,
-    array_of,
-    failure,
-    numbers,
-    required,
-    rollout_header,
-    short,
-    with_retries,
-)
 from vlafuzz.policies.base import EpisodeStart, Observation
 
 
@@ -61,14 +51,14 @@ class OpenVla(Sessions):
         self._options = address.options
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
-        with required("/act", "start it first: python vla-scripts/deploy.py …"):
+        with wire.required("/act", "start it first: python vla-scripts/deploy.py …"):
             self._open().close()
 
     def _begin(self, start: EpisodeStart) -> ActSession:
         return ActSession(self._open(), self._model, self._options, start)
 
     def _open(self) -> HttpConnection:
-        return with_retries(lambda: HttpConnection(self._url, self._timeout))
+        return wire.with_retries(lambda: HttpConnection(self._url, self._timeout))
 
 
 class ActSession:
@@ -84,7 +74,7 @@ class ActSession:
     def ask(self, seen: Observation) -> None:
         key = self._options.unnorm_key
         message = self._model.message(seen) | ({"unnorm_key": key} if key else {})
-        headers = rollout_header(self._start, self._sent)
+        headers = wire.rollout_header(self._start, self._sent)
         self._connection.post(request(message, twice=self._options.encoded), headers)
         self._sent += 1
         self._pending = seen  # one at a time: HTTP answers in order
@@ -98,18 +88,18 @@ class ActSession:
     def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
         url, text = self._connection.url, body.decode("utf-8", "replace")
         if status != 200:
-            raise failure(url, f"HTTP {status}: {short(text)}", "remote")
+            raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
         if text.strip().strip('"') == "error":  # both servers send this with status 200
-            raise failure(url, 'it answers "error"', "remote", "the server's log says why")
+            raise wire.failure(url, 'it answers "error"', "remote", "the server's log says why")
         try:
             reply: Any = decode(body)
         except ValueError as error:
-            raise failure(url, f"not a reply of /act: {error}", "protocol") from None
+            raise wire.failure(url, f"not a reply of /act: {error}", "protocol") from None
         if not isinstance(reply, dict):
-            return numbers(reply)
+            return wire.numbers(reply)
         if "error" in reply:
-            raise failure(url, short(reply["error"]), "remote")
-        return actions_of({"actions": reply["action"]} if "action" in reply else reply)
+            raise wire.failure(url, wire.short(reply["error"]), "remote")
+        return wire.actions_of({"actions": reply["action"]} if "action" in reply else reply)
 
 
 def encode(value: object) -> bytes:
@@ -129,11 +119,11 @@ def decode(body: bytes | str) -> Any:
         return json.loads(value, object_hook=_decode) if isinstance(value, str) else value
     except Exception as error:  # NumPy raises many types on malformed data
         text = body if isinstance(body, str) else body.decode("utf-8", "replace")
-        raise ValueError(f"{short(text)}: {type(error).__name__}: {short(error)}") from None
+        raise ValueError(f"{wire.short(text)}: {type(error).__name__}: {wire.short(error)}") from None
 
 
 def _encode(value: Any) -> Any:
-    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in wire.KINDS:
         raise TypeError(f"{type(value).__name__} cannot be sent")
     data = base64.b64encode(value.tobytes()).decode()
     return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
@@ -142,5 +132,5 @@ def _encode(value: Any) -> Any:
 def _decode(value: dict[str, Any]) -> Any:
     if "__numpy__" not in value:
         return value
-    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
+    array = wire.array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
     return array if array.shape else array[()]

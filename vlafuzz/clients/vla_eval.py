@@ -10,19 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz import __version__
+from vlafuzz.clients import wire
 from vlafuzz.clients.conventions import LAYOUTS, Layout
 from vlafuzz.clients.remote import Address, CommonOptions, VlaEvalOptions, needed
 from vlafuzz.clients.sessions import Sessions
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
-from vlafuzz.clients.wire import (
-    actions_of,
-    closed_on_error,
-    failure,
-    required,
-    short,
-    validated,
-    with_retries,
-)
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation
 
@@ -46,17 +38,17 @@ class VlaEval(Sessions):
         super().__init__(address)
         with needed(address.name):
             from vlafuzz.clients import msgpack_wire, websocket_connection
-        self._wire, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
+        self._msgpack, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
         self._options = address.options
-        with required("vla-eval", "start it first: vla-eval serve --config …"):
-            session, hello = with_retries(self._open)
+        with wire.required("vla-eval", "start it first: vla-eval serve --config …"):
+            session, hello = wire.with_retries(self._open)
         session.close()
         self._layout = LAYOUTS.get(layout_of(self._name, hello, self._options) or "")
         self.spec = spec_of(self._name, hello, self._options)
 
     def _begin(self, start: EpisodeStart) -> VlaEvalSession:
-        session, hello = with_retries(self._open)
-        with closed_on_error(session):
+        session, hello = wire.with_retries(self._open)
+        with wire.closed_on_error(session):
             if spec_of(self._name, hello, self._options) != self.spec:
                 message = f"{self._name}: another server answers than at the beginning of the run"
                 raise PolicyError(message, cause="protocol")
@@ -64,14 +56,14 @@ class VlaEval(Sessions):
         return session
 
     def _open(self) -> tuple[VlaEvalSession, Hello]:
-        session = VlaEvalSession(self._connect(self._url, self._timeout), self._wire, self._message)
-        with closed_on_error(session):
+        session = VlaEvalSession(self._connect(self._url, self._timeout), self._msgpack, self._message)
+        with wire.closed_on_error(session):
             greeting = session.receive("hello", session.send("hello", GREETING))
-            hello = validated(Hello, self._url, "hello", greeting)
+            hello = wire.validated(Hello, self._url, "hello", greeting)
             if hello.protocol_version != PROTOCOL_VERSION:
                 version = f"version {hello.protocol_version} of the protocol, not {PROTOCOL_VERSION}"
                 hint = "install a vla-eval there that speaks it, such as 0.8.0"
-                raise failure(self._url, f"it speaks {version}", "protocol", hint)
+                raise wire.failure(self._url, f"it speaks {version}", "protocol", hint)
         return session, hello
 
     def _message(self, seen: Observation) -> dict[str, Any]:
@@ -81,8 +73,8 @@ class VlaEval(Sessions):
 class VlaEvalSession:
     """A ``Session`` at such a server, with numbered messages."""
 
-    def __init__(self, socket: Any, wire: Any, message: Callable[[Observation], dict[str, Any]]) -> None:
-        self._socket, self._wire, self._message = socket, wire, message
+    def __init__(self, socket: Any, msgpack: Any, message: Callable[[Observation], dict[str, Any]]) -> None:
+        self._socket, self._msgpack, self._message = socket, msgpack, message
         self._number, self._pending = 0, deque[int]()
         self.close = socket.close
 
@@ -90,7 +82,7 @@ class VlaEvalSession:
         self._pending.append(self.send("observation", self._message(seen)))
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        return actions_of(self.receive("action", self._pending.popleft(), wait))
+        return wire.actions_of(self.receive("action", self._pending.popleft(), wait))
 
     def end(self) -> None:
         """Send no metrics, since we judge the rollout ourselves."""
@@ -99,21 +91,21 @@ class VlaEvalSession:
     def send(self, kind: str, payload: Mapping[str, Any]) -> int:
         """Send a message; returns its number, which the reply must repeat."""
         self._number += 1
-        self._socket.send(self._wire.pack_vla_eval(kind, payload, self._number))
+        self._socket.send(self._msgpack.pack_vla_eval(kind, payload, self._number))
         return self._number
 
     def receive(self, kind: str, number: int, wait: float | None = None) -> Mapping[str, Any]:
         """The reply to message ``number``; PolicyError when it is late, an error, or another message."""
         url, frame = self._socket.url, self._socket.receive(wait)
         try:
-            received, payload, echoed = self._wire.unpack_vla_eval(frame)
+            received, payload, echoed = self._msgpack.unpack_vla_eval(frame)
         except ValueError as error:
-            raise failure(url, f"not a vla-eval message: {error}", "protocol") from None
+            raise wire.failure(url, f"not a vla-eval message: {error}", "protocol") from None
         if received == "error":
-            raise failure(url, short(payload.get("error")), "remote")
+            raise wire.failure(url, wire.short(payload.get("error")), "remote")
         if (received, echoed) != (kind, number):
             problem = f"expected the message {kind!r} with number {number}, got {received!r} with {echoed!r}"
-            raise failure(url, problem, "protocol")
+            raise wire.failure(url, problem, "protocol")
         return payload  # type: ignore[no-any-return]
 
 

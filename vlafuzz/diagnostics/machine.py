@@ -57,10 +57,10 @@ def check_vlafuzz() -> Check:
     top = Path(assets.__file__).resolve().parent.parent
     commit = _git(top, "rev-parse", "--short", "HEAD") if (top / ".git").exists() else None
     if commit is None:
-        return Check("vlafuzz", __version__, "ok", "")
+        return Check("vlafuzz", __version__, "ok")
     version = f"{__version__}, commit {commit}"
     if _git(top, "status", "--porcelain") == "":
-        return Check("vlafuzz", version, "ok", "")
+        return Check("vlafuzz", version, "ok")
     return Check("vlafuzz", f"{version}, changed", "warn", "results cannot be traced to this commit alone")
 
 
@@ -73,7 +73,7 @@ def check_packages() -> Iterator[Check]:
             version = "not installed"
         problem = problems[name]
         if problem is None:
-            yield Check(name, version, "ok", "")
+            yield Check(name, version, "ok")
         else:
             yield Check(name, f"{version}: {problem}", "refuse", f"{follows}; hint: run scripts/setup")
 

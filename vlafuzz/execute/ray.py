@@ -31,7 +31,8 @@ class RayExecutor(WorkerPool):
 
     The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed
     at once, on whichever machine, and the scene is tried once more. When an actor is lost, for instance with
-    its machine, its batch is tried once more by another one.
+    its machine, its batch is tried once more by another one. UsageError when the cluster is too small,
+    PrerequisiteError when none answers.
 
     Args:
         make: creates an evaluator, in the process; picklable, with its modules on every machine.
@@ -39,10 +40,6 @@ class RayExecutor(WorkerPool):
         address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection
             that this process already has is used and left open.
         timeout, memory, after: see ``ProcessExecutor``.
-
-    Raises:
-        UsageError: the cluster is too small.
-        PrerequisiteError: no cluster answers.
     """
 
     def __init__(

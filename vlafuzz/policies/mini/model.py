@@ -104,15 +104,9 @@ class Network(nn.Module):
         self.queries = nn.Linear(TEXT, POINTS * FEATURES)
         self.summary = nn.Conv2d(128, 16, 1)
         seen = 3 * POINTS + DESCRIBED * FEATURES + 16 * 64 + TEXT + STATE
-        self.trunk = nn.Sequential(
-            nn.Linear(seen, HIDDEN),
-            nn.LayerNorm(HIDDEN),
-            nn.ReLU(),
-            nn.Dropout(DROPPED),
-            nn.Linear(HIDDEN, HIDDEN),
-            nn.ReLU(),
-            nn.Dropout(DROPPED),
-        )
+        trunk = [nn.Linear(seen, HIDDEN), nn.LayerNorm(HIDDEN), nn.ReLU(), nn.Dropout(DROPPED)]
+        trunk += [nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Dropout(DROPPED)]
+        self.trunk = nn.Sequential(*trunk)
         self.moves = nn.Linear(HIDDEN, HORIZON * 6 * BINS)
         self.gripper = nn.Linear(HIDDEN, HORIZON)
         self.places = nn.Linear(HIDDEN, 6)
