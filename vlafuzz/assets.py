@@ -38,10 +38,7 @@ def find(path: str) -> Path | None:
 
 
 def need(path: str, what: str) -> Path:
-    """As ``find``.
-
-    Args:
-        what: what needs the file, for the message.
+    """As ``find``; ``what`` needs the file, for the message.
 
     Raises:
         PrerequisiteError: the file is in none of the folders.

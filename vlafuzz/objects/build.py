@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.grasps import find_grasps
 from vlafuzz.objects.hulls import Array, outline, triangles
 from vlafuzz.objects.model import Container, Grasp, ObjectModel, StablePose
-from vlafuzz.objects.schema import Basket, ObjectSpec, StablePoseSpec
+from vlafuzz.objects.schema import Basket, ObjectSpec
 from vlafuzz.objects.shapes import convex_parts
 from vlafuzz.objects.stable_poses import Solid, quaternion, settled, solid
 from vlafuzz.objects.surfaces import write_visual
@@ -47,24 +47,18 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
     )
 
 
-def _stable_poses(name: str, spec: ObjectSpec, body: Solid) -> list[StablePose]:
-    poses = []
-    for key, pose in spec.rests.items():
+def _stable_poses(name: str, spec: ObjectSpec, body: Solid) -> Iterator[StablePose]:
+    graspable = spec.role == "graspable"
+    for key, chosen in spec.rests.items():
+        where = f"objects.{name}.rests.{key}"
         try:
-            poses.append(_stable_pose(key, pose, body, spec.role))
+            pose = stable_pose(key, settled(body, chosen.up), body, rolls=chosen.rolls, graspable=graspable)
         except CatalogueError as error:
-            raise CatalogueError(f"objects.{name}.rests.{key}: {error}", error.hint) from None
-    return poses
-
-
-def _stable_pose(name: str, spec: StablePoseSpec, body: Solid, role: str) -> StablePose:
-    graspable = role == "graspable"
-    pose = stable_pose(name, settled(body, spec.up), body, rolls=spec.rolls, graspable=graspable)
-    if graspable and not pose.grasps:
-        raise CatalogueError(
-            "nothing that the gripper could grasp", "it opens 0.08 m: make the object thinner"
-        )
-    return pose
+            raise CatalogueError(f"{where}: {error}", error.hint) from None
+        if graspable and not pose.grasps:
+            hint = "it opens 0.08 m: make the object thinner"
+            raise CatalogueError(f"{where}: nothing that the gripper could grasp", hint)
+        yield pose
 
 
 def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: bool) -> StablePose:

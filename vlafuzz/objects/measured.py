@@ -180,18 +180,13 @@ def _kind(up: float) -> str:
 
 def _colour(spec: PackObject) -> Array:
     """The mean colour of the textures, else the colour in the name, else a hue derived from the name."""
-    pictures = [
-        file
-        for file in sorted(spec.collision.parent.iterdir())
-        if file.suffix.lower() in (".png", ".jpg", ".jpeg")
-    ]
+    files = sorted(spec.collision.parent.iterdir())
+    pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
     shown = _embedded(spec.visual) if spec.visual and not pictures else [_mean(file) for file in pictures]
     if shown:
         return np.asarray(np.round(np.mean(shown, axis=0), 4), dtype=np.float64)
-    hue = next(
-        (COLOURS[word] for word in spec.spoken.split() if word in COLOURS),
-        zlib.crc32(spec.spoken.encode()) % 360 / 360,
-    )
+    hues = [COLOURS[word] for word in spec.spoken.split() if word in COLOURS]
+    hue = hues[0] if hues else zlib.crc32(spec.spoken.encode()) % 360 / 360
     return np.round(colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
 
 
@@ -199,9 +194,8 @@ def _embedded(visual: Path) -> list[Array]:
     """The mean colours of the textures in a GLB."""
     if visual.suffix != ".glb":
         return []
-    materials = [
-        getattr(mesh.visual, "material", None) for mesh in trimesh.load_scene(visual).geometry.values()
-    ]
+    meshes = trimesh.load_scene(visual).geometry.values()
+    materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
     textures = [getattr(material, "baseColorTexture", None) for material in materials]
     return [_mean_of(texture) for texture in textures if texture is not None]
 

@@ -83,9 +83,7 @@ class Container:
 class Fit:
     """The transform from a pack's mesh into the object's frame: scale, then rotate, then translate.
 
-    Attributes:
-        quaternion: ``(4,)`` w, x, y, z.
-        position: ``(3,)`` metres.
+    ``quaternion``: ``(4,)`` w, x, y, z; ``position``: ``(3,)`` metres.
     """
 
     scale: float

@@ -151,10 +151,8 @@ def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
     known = {pack.name: pack for pack in known_packs()} if named else {}
     for name in named:
         if name not in known:
-            raise UsageError(
-                f"there are objects of the pack {name!r}, which is not here",
-                hint=f"{FOLDERS}=FOLDER {_SAYS}",
-            )
+            missing = f"there are objects of the pack {name!r}, which is not here"
+            raise UsageError(missing, hint=f"{FOLDERS}=FOLDER {_SAYS}")
     return tuple(known[name] for name in named)
 
 
@@ -210,9 +208,8 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
             raise CatalogueError(f"{path}: {where + ': ' if where else ''}{first['msg'].lower()}") from None
         for name, info in read.items():
             if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
-                raise CatalogueError(
-                    f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"
-                )
+                wrong = f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"
+                raise CatalogueError(wrong)
             if name not in entries or info.scales[0] > entries[name].scales[0]:
                 entries[name] = info
     return sorted(entries.items())

@@ -235,10 +235,9 @@ def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
         case "extra_forbidden":
             return CatalogueError(f"{where}: unknown key", suggestion(keys[-1], _known_keys(first["loc"])))
         case "literal_error" | "union_tag_invalid":
-            known = re.findall(
-                r"'([^']+)'", str(first["ctx"].get("expected") or first["ctx"]["expected_tags"])
-            )
-            value = first["ctx"].get("tag", first["input"])
+            context = first["ctx"]
+            known = re.findall(r"'([^']+)'", str(context.get("expected") or context["expected_tags"]))
+            value = context.get("tag", first["input"])
             return CatalogueError(f"{where}: unknown value {value!r}", suggestion(str(value), known))
     if first["type"] == "value_error":
         return CatalogueError(f"{where}: {first['ctx']['error']}")

@@ -69,21 +69,14 @@ def box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Arr
 
 
 def can_profile(can: Can) -> list[tuple[float, float]]:
-    return [
-        (can.neck, 0.0),
-        (can.radius, can.shoulder),
-        (can.radius, can.height - can.shoulder),
-        (can.neck, can.height),
-    ]
+    low, high = can.shoulder, can.height - can.shoulder
+    return [(can.neck, 0.0), (can.radius, low), (can.radius, high), (can.neck, can.height)]
 
 
 def bottle(shape: Bottle) -> list[Array]:
     waist = shape.height - shape.neck_height
     body = [(shape.radius, 0.0), (shape.radius, waist - shape.shoulder), (shape.neck, waist)]
-    return [
-        revolve(body, SIDES),
-        revolve([(shape.neck, waist), (shape.neck, shape.height)], SLIM),
-    ]
+    return [revolve(body, SIDES), revolve([(shape.neck, waist), (shape.neck, shape.height)], SLIM)]
 
 
 def ball(shape: Ball) -> Array:

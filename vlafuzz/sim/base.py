@@ -23,13 +23,7 @@ FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A recorded rollout.
-
-    Attributes:
-        video: MP4.
-        still: JPEG of the scene before anything moves.
-        failed: whether the rollout failed.
-    """
+    """A recorded rollout: an MP4, and a JPEG of the scene before anything moves."""
 
     video: bytes
     still: bytes
@@ -56,11 +50,8 @@ def make_evaluator(
 ) -> ManiSkillEvaluator:
     """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
 
-    Args:
-        policy: by default the one that the conditions name, made anew.
-        catalogue: by default the built-in one with the packs of the conditions.
-        checked: whether validity is checked before a rollout.
-        recording: keeps frames and observations.
+    By default the policy is the one that the conditions name, made anew, and the catalogue the built-in one
+    with their packs. ``checked``: whether validity is checked before a rollout.
     """
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 

@@ -107,11 +107,9 @@ def _outline(
 
 @dataclass(frozen=True)
 class Crowding:
-    """The crowding of a scene with at least two objects.
+    """The crowding of a scene with at least two objects. ``nearest``: between two centres, metres.
 
-    Attributes:
-        nearest: distance between the closest two centres, metres.
-        overlap: whether any two footprints overlap; None if an object is not in the catalogue.
+    ``overlap``: of any two footprints; None if an object is not in the catalogue.
     """
 
     nearest: float

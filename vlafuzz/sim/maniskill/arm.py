@@ -42,11 +42,9 @@ def _damped(jacobian: Array, twist: Array) -> Array:
 
 @dataclass(frozen=True)
 class Gripper:
-    """Two fingers, the robot's last two joints.
+    """Two fingers, the robot's last two joints. ``width``: between them in metres, given all joint positions.
 
-    Attributes:
-        closed, open: joint positions for commands of -1 and +1, radians or metres.
-        width: distance between the fingers in metres, given all joint positions.
+    ``closed``, ``open``: joint positions for commands of -1 and +1, radians or metres.
     """
 
     closed: float

@@ -38,7 +38,10 @@ class Cameras:
 
     def __init__(self, rig: Rig, requests: Sequence[CameraRequest], task: str) -> None:
         self._rig, self._requests = rig, {request.name: request for request in requests}
-        self._photo = _photo(rig, task) if requests else None
+        self._photo: Picture | None = None
+        if requests and task in rig.photos:
+            path = assets.need(f"overlays/{rig.photos[task]}", f"robot {rig.robot}")
+            self._photo = np.asarray(imageio.imread(path), dtype=np.uint8)[..., :3]
 
     @property
     def third_person(self) -> list[str]:
@@ -98,13 +101,6 @@ def _wrist_config(request: CameraRequest, agent: Any) -> CameraConfig:
     return CameraConfig(
         request.name, pose, *size, np.pi / 2, mount=wrist_of(agent), shader_config=use_shaders()
     )
-
-
-def _photo(rig: Rig, task: str) -> Picture | None:
-    if task not in rig.photos:
-        return None
-    path = assets.need(f"overlays/{rig.photos[task]}", f"robot {rig.robot}")
-    return np.asarray(imageio.imread(path), dtype=np.uint8)[..., :3]
 
 
 def _before(photo: Picture, image: Picture, foreground: NDArray[np.bool_]) -> Picture:

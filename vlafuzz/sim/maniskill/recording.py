@@ -25,11 +25,9 @@ _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to bla
 
 
 class Recording:
-    """Collects frames and observations of one rollout.
+    """Collects frames and observations of one rollout. ``size``: height of a frame in pixels; 0 for none.
 
-    Args:
-        size: height of a frame in pixels; 0 for no frames, which needs no renderer.
-        captions: whether frames show the instruction and the progress.
+    No frames need no renderer. Captions show the instruction and the progress.
     """
 
     def __init__(self, size: int = 480, *, captions: bool = True) -> None:
@@ -46,14 +44,13 @@ class Recording:
         if self.camera is None:
             return
         frame = env.picture(self.camera.name)
-        if not self._captions:
-            self.frames.append(frame.copy())
-            return
-        monitor = env.monitor
-        stages = " > ".join(monitor.reached) or "-"
-        seconds = len(monitor.trace) / env.control_hz
-        status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
-        self.frames.append(_captioned(frame, instruction, status))
+        if self._captions:
+            monitor = env.monitor
+            stages = " > ".join(monitor.reached) or "-"
+            seconds = len(monitor.trace) / env.control_hz
+            status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
+            frame = _captioned(frame, instruction, status)
+        self.frames.append(frame.copy())
 
     def write_video(self, path: Path, hz: int) -> None:
         """Write an MP4 in real time.

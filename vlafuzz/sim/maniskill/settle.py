@@ -46,9 +46,8 @@ Body: TypeAlias = physx.PhysxRigidDynamicComponent
 class Settled:
     """The state of a scene before the policy acts.
 
-    Attributes:
-        shift: largest horizontal distance of an object from where the scene places it, metres.
-        solved: whether the task is solved already; ``published``: by the published criteria.
+    ``shift``: largest horizontal distance of an object from where the scene places it, metres; ``solved``:
+    whether the task is solved already; ``published``: by the published criteria.
     """
 
     shift: float
