@@ -1,6 +1,6 @@
 """All errors that vlafuzz raises on purpose: one clear sentence with the value, and a hint.
 
-The result of a scene is an outcome, never an exception: errors of policy and simulator become ERROR.
+The result of a scene is an outcome, never an exception: a crash of policy or simulator is the verdict ERROR.
 """
 
 from __future__ import annotations

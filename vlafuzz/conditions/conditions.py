@@ -12,7 +12,7 @@ from typing import Any, Final
 from vlafuzz.errors import UsageError, suggestion
 
 CRITERIA = ("strict", "published")
-PLACEMENTS = ("resting", "published")  # how objects come to where a scene has them; see sim/maniskill/drop.py
+PLACEMENTS = ("resting", "published")  # how objects get to their places: see sim/maniskill/settle.py
 
 
 class Role(Enum):

@@ -27,7 +27,7 @@ _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to bla
 class Recording:
     """Collects frames and observations of one rollout. ``size``: height of a frame in pixels; 0 for none.
 
-    No frames need no renderer. Captions show the instruction and the progress.
+    Without frames no renderer is needed. Captions show the instruction and the progress.
     """
 
     def __init__(self, size: int = 480, *, captions: bool = True) -> None:
