@@ -128,13 +128,9 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     policy = policy or policy_at(place, policy_name)
+    named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget)
     return Plan(
-        manifest=_manifest(
-            replace(config, policy=policy_name, strategy=strategy_name, budget=budget),
-            space,
-            policy,
-            scene_file_json(config.scenes, config.pool, scenes),
-        ),
+        manifest=_manifest(named, space, policy, scene_file_json(config.scenes, config.pool, scenes)),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         embed=space.embed,

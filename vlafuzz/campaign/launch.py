@@ -142,9 +142,7 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
 class _Pace:
     """Reports the progress over several runs and, once, how long all of them will take.
 
-    Args:
-        budgets: rollouts of each run to be done.
-        stored: runs under the same conditions; finished ones tell at once how long a rollout takes.
+    ``budgets`` are the rollouts of each; finished ones in ``stored`` tell how long a rollout takes.
     """
 
     def __init__(self, watch: Watch, budgets: Sequence[int], stored: Sequence[Run]) -> None:
@@ -163,7 +161,6 @@ class _Pace:
         self._report(0)
 
     def __call__(self, tally: Tally) -> None:
-        """One more trial is stored."""
         now, done = time.monotonic(), self._report(tally.rollouts)
         if self._first is None:
             self._first = (now, done)

@@ -129,7 +129,6 @@ class Conditions:
         roles: Collection[Role] = tuple(Role),
         origins: Collection[Origin] = tuple(Origin),
     ) -> tuple[str, ...]:
-        """Names of the fields in which two differ."""
         return tuple(
             declared.name
             for declared in _declared(self)
@@ -145,9 +144,7 @@ class Conditions:
     @classmethod
     def flags(cls) -> tuple[str, ...]:
         """Names of the fields that hold what a flag of the same name gave."""
-        return tuple(
-            declared.name for declared in _declared(cls) if declared.metadata["origin"] is Origin.FLAG
-        )
+        return tuple(row.name for row in _declared(cls) if row.metadata["origin"] is Origin.FLAG)
 
     def _left_out(self, declared: Field[Any]) -> bool:
         return bool(declared.metadata["later"]) and getattr(self, declared.name) == declared.default
@@ -165,7 +162,6 @@ def check_choice(name: str, value: str, known: Collection[str]) -> str:
 
 
 def _declared(conditions: Conditions | type[Conditions]) -> list[Field[Any]]:
-    """The fields that have a role."""
     return [declared for declared in fields(conditions) if "role" in declared.metadata]
 
 

@@ -24,11 +24,7 @@ def operators_json(operators: OperatorSet) -> str:
 
 
 def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
-    """The operators that ``operators_json`` wrote; ``source`` is the store or corpus, for messages.
-
-    Raises:
-        StoreError: they were written by a version with other operators.
-    """
+    """The operators that ``operators_json`` wrote; ``source`` is the store or corpus, for messages."""
     try:
         stored = json.loads(conditions.operators)
         written = {
@@ -53,11 +49,7 @@ def packs_json(packs: Iterable[Pack]) -> str:
 
 
 def stored_packs(*several: Conditions) -> tuple[Pack, ...]:
-    """The packs that ``packs_json`` wrote, each once; robots that lie beside them are found again, too.
-
-    Raises:
-        UsageError: one of them is gone.
-    """
+    """The packs that ``packs_json`` wrote, each once; robots that lie beside them are found again, too."""
     marks = {mark["name"]: mark for conditions in several for mark in json.loads(conditions.packs)}
     packs = tuple(find_pack(**mark) for mark in marks.values())
     folders = dict.fromkeys(folder for pack in packs for folder in (pack.folder, pack.folder.parent))

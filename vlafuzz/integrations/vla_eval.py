@@ -176,7 +176,6 @@ class CorpusBenchmark(StepBenchmark):
             raise
 
     def _evaluator(self, run: Manifest) -> ManiSkillEvaluator:
-        """The evaluator with the conditions of a run."""
         key = run.key(seeded=False)
         if key not in self._evaluators:
             once = replace(run, repeats=1)

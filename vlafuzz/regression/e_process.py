@@ -42,7 +42,7 @@ class SignTest:
 
     Attributes:
         worse: discordant pairs in which only the new policy failed; ``better``: in which only it passed.
-        controls_worse: those of them in controls; ``controls_better`` likewise.
+        controls_worse, controls_better: those of them in controls.
     """
 
     alpha: float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -14,13 +15,8 @@ from vlafuzz.regression.regress import Comparison
 
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, section 2.2
 # JUnit's element for a standing; a scene that passes has none.
-_ELEMENTS = {
-    "worse": "failure",
-    "error": "error",
-    "invalid": "skipped",
-    "fails": "skipped",
-    "not run": "skipped",
-}
+_SKIPPED = dict.fromkeys(("invalid", "fails", "not run"), "skipped")
+_ELEMENTS = {"worse": "failure", "error": "error", **_SKIPPED}
 _COUNTS = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 
 
@@ -29,9 +25,6 @@ def write_junit(comparison: Comparison, path: Path) -> None:
 
     A scene fails if the policy passes less often than the baseline, and is skipped if the baseline fails,
     too. One such scene raises no alarm yet; the overall verdict is a property.
-
-    Raises:
-        UsageError: the file cannot be written.
     """
     try:
         with replacing(path) as unfinished:
@@ -43,20 +36,18 @@ def write_junit(comparison: Comparison, path: Path) -> None:
 
 def _report(comparison: Comparison) -> Xml.Element:
     report = Xml.Element("testsuites", _counts(comparison.compared), name="vlafuzz regress")
-    for group in GROUPS:
-        report.append(_suite(comparison, group))
+    report.extend(_suite(comparison, group) for group in GROUPS)
     Xml.indent(report)
     return report
 
 
 def _suite(comparison: Comparison, group: Group) -> Xml.Element:
     scenes = comparison.of(group)
-    suite = Xml.Element("testsuite", _counts(tuple(scenes)), name=group)
+    suite = Xml.Element("testsuite", _counts(scenes), name=group)
     properties = Xml.SubElement(suite, "properties")
     for name in ("policy", "baseline", "verdict"):
         Xml.SubElement(properties, "property", name=name, value=_clean(getattr(comparison, name)))
-    for scene in scenes:
-        suite.append(_case(scene))
+    suite.extend(map(_case, scenes))
     return suite
 
 
@@ -85,7 +76,7 @@ def _message(scene: Compared) -> str:
     return messages.get(scene.standing, scene.standing) + detail
 
 
-def _counts(scenes: tuple[Compared, ...]) -> dict[str, str]:
+def _counts(scenes: Sequence[Compared]) -> dict[str, str]:
     kinds = Counter(_ELEMENTS.get(scene.standing) for scene in scenes)
     counts = {name: str(kinds[element]) for element, name in _COUNTS.items()}
     return {"tests": str(len(scenes)), **counts, "time": f"{sum(scene.seconds for scene in scenes):.3f}"}

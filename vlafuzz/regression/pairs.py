@@ -86,12 +86,10 @@ class Pair(NamedTuple):
 
     @property
     def judged(self) -> bool:
-        """Whether there is a verdict on both."""
         return self.baseline.judged and self.policy.judged
 
     @property
     def worse(self) -> bool:
-        """Only the policy failed."""
         return self.judged and self.baseline.passed and not self.policy.passed
 
     @property
@@ -114,7 +112,6 @@ class Compared:
 
     @property
     def judged(self) -> tuple[Pair, ...]:
-        """The pairs with a verdict on both policies."""
         return tuple(pair for pair in self.pairs if pair.judged)
 
     @property
@@ -161,7 +158,6 @@ class Tally:
 
     @staticmethod
     def of(compared: Iterable[Compared]) -> Tally:
-        """Count the pairs of some probes."""
         pairs = [pair for probe in compared for pair in probe.judged]
         return Tally(
             Share.of_counts(sum(pair.baseline.passed for pair in pairs), len(pairs)),

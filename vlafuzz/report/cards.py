@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import suppress
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
@@ -38,17 +39,18 @@ class Spaces:
 def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchSpace) -> Card:
     """The card of a finding that was not triaged."""
     scene = finding.scene
+    operators: tuple[str, ...] = ()
+    with suppress(SceneError):  # an imported scene
+        operators = tuple(deviating(space, scene))
     return Card(
         scene=scene,
         findings=(scene.digest,),
         run=run,
         bucket="observed",
         lost_stage=finding.cell.partition("|")[0],
-        signature="",
-        operators=_deviating(space, scene),
+        operators=operators,
         deviations=deviations(space, scene, Causes()),
         causes=Causes(),
-        witness=None,
         detail="failed once; not triaged",
         replay=_replay(store, scene),
     )
@@ -95,13 +97,6 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )
-
-
-def _deviating(space: SearchSpace, scene: Scene) -> tuple[str, ...]:
-    try:
-        return tuple(deviating(space, scene))
-    except SceneError:  # an imported scene
-        return ()
 
 
 def _repeats(failures: int, repeats: int) -> str:

@@ -79,10 +79,8 @@ def funnels(counts: Counts) -> tuple[Chart, ...]:
     """How many rollouts reached each stage: one chart per task and policy."""
     charts = []
     for (name, policy), begun in counts.begun.items():
-        stages = task(name).stage_names
-        measures = [
-            Measure(stage, Share.of_counts(counts.reached[name, policy, stage], begun)) for stage in stages
-        ]
+        reached = {stage: counts.reached[name, policy, stage] for stage in task(name).stage_names}
+        measures = [Measure(stage, Share.of_counts(number, begun)) for stage, number in reached.items()]
         which = f", {name}, {policy}" if len(counts.begun) > 1 else ""
         charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", tuple(measures)))
     return tuple(charts)

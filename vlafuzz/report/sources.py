@@ -76,13 +76,8 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
     facts.insert(1, ("Policy checkup", checkups))
     if summary.triaged:
-        rollouts = (
-            f"{summary.policy_rollouts} rollouts of the policy, {summary.expert_rollouts} of the expert"
-        )
-        facts += [
-            ("Distinct signatures after", str(summary.distinct_signatures)),
-            ("Triage", f"{rollouts}, {duration(summary.seconds)}"),
-        ]
+        spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds)
+        facts += [("Distinct signatures after", str(summary.distinct_signatures)), ("Triage", spent)]
     if any(run.simulator for run in manifests):
         facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
     if summary.deviating_before is not None:
@@ -98,6 +93,10 @@ def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
         ("Strategy", named(run.strategy for run in runs)),
         ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
     ]
+
+
+def _spent(policy: int, expert: int, seconds: float) -> str:
+    return f"{policy} rollouts of the policy, {expert} of the expert, {duration(seconds)}"
 
 
 def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
@@ -179,11 +178,7 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
         ("Name", corpus.name),
         *_of_runs(corpus.runs),
         ("Search", plural(evidence.search_rollouts, "rollout")),
-        (
-            "Triage",
-            f"{evidence.triage_rollouts} rollouts of the policy, {evidence.expert_rollouts} of the expert, "
-            f"{duration(evidence.seconds)}",
-        ),
+        ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
         ("Distinct signatures", str(len({case.signature for case in corpus.cases}))),
         ("Renderer", corpus.renderer or ""),
         ("Made", corpus.created),

@@ -104,11 +104,11 @@ class Card:
     run: Manifest
     bucket: str
     lost_stage: str
-    signature: str
+    signature: str = ""
     operators: tuple[str, ...]
     deviations: tuple[Deviation, ...]
     causes: Causes
-    witness: Actions | None
+    witness: Actions | None = None
     detail: str
     replay: str
     picture: bytes | None = None

@@ -9,6 +9,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from vlafuzz.errors import StoreError
@@ -91,7 +92,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 def is_outdated(connection: sqlite3.Connection) -> bool:
     """Whether an earlier version of vlafuzz wrote the store."""
-    return _pragma(connection, "user_version") < len(MIGRATIONS)
+    return int(_pragma(connection, "user_version")) < len(MIGRATIONS)
 
 
 def _reader(path: Path) -> sqlite3.Connection:
@@ -121,13 +122,9 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
         raise _problem(path, "SQLITE_NOTADB")
     version = _pragma(connection, "user_version")
     if version > len(MIGRATIONS):
-        raise StoreError(
-            f"{path}: its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here",
-            hint="upgrade vlafuzz",
-        )
-    if _lacks_part_of_a_page(path, connection) or (
-        connection.execute("PRAGMA quick_check(1)").fetchone()[0] != "ok"
-    ):
+        problem = f"its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here"
+        raise StoreError(f"{path}: {problem}", hint="upgrade vlafuzz")
+    if _lacks_part_of_a_page(path, connection) or _pragma(connection, "quick_check(1)") != "ok":
         raise _problem(path, "SQLITE_CORRUPT")
 
 
@@ -136,11 +133,11 @@ def _lacks_part_of_a_page(path: Path, connection: sqlite3.Connection) -> bool:
     with suppress(FileNotFoundError):
         if path.with_name(path.name + "-wal").stat().st_size:
             return False  # the rest of the page may be in there
-    return path.stat().st_size % _pragma(connection, "page_size") != 0
+    return path.stat().st_size % int(_pragma(connection, "page_size")) != 0
 
 
-def _pragma(connection: sqlite3.Connection, name: str) -> int:
-    return int(connection.execute(f"PRAGMA {name}").fetchone()[0])
+def _pragma(connection: sqlite3.Connection, name: str) -> Any:
+    return connection.execute(f"PRAGMA {name}").fetchone()[0]
 
 
 class WriterLock:
@@ -156,9 +153,8 @@ class WriterLock:
             if error.errno == errno.ENOSPC:
                 raise _problem(path, "SQLITE_FULL") from None
             reason = (error.strerror or "unknown reason").lower()
-            raise StoreError(
-                f"{path}: cannot be written: {reason}", hint=_EXPLAINED["SQLITE_READONLY"][1]
-            ) from None
+            hint = _EXPLAINED["SQLITE_READONLY"][1]
+            raise StoreError(f"{path}: cannot be written: {reason}", hint) from None
 
     def release(self) -> None:
         # Removed before the lock is released: afterwards it may be another process's file.
@@ -173,10 +169,8 @@ class WriterLock:
             except BlockingIOError:
                 holder = os.read(file, 20).decode() or "another"
                 os.close(file)
-                raise StoreError(
-                    f"{path}: process {holder} is writing to it",
-                    hint="wait until it ends, or give another store",
-                ) from None
+                hint = "wait until it ends, or give another store"
+                raise StoreError(f"{path}: process {holder} is writing to it", hint) from None
             if self._is_current(file):
                 try:
                     os.ftruncate(file, 0)

@@ -48,8 +48,7 @@ class Merged:
 def merge(sources: Sequence[Path], out: Path) -> Merged:
     """Write a new store with everything in the sources. Runs are renumbered in the order of the sources.
 
-    Raises:
-        StoreError: ``out`` exists, or a store cannot be read or written; ``out`` is not created then.
+    After an error, such as a StoreError since ``out`` exists, ``out`` is not created.
     """
     for source in sources:
         Store.open(source).close()  # brings an older one up to date

@@ -200,11 +200,7 @@ class Store:
         return None
 
     def scene(self, prefix: str) -> Scene:
-        """The scene whose digest begins with a prefix.
-
-        Raises:
-            StoreError: no digest begins with it, or several do.
-        """
+        """The scene whose digest begins with a prefix; a StoreError if none does, or several do."""
         prefix = prefix.lower()
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
         matches = self._select(query, prefix, _SHOWN)

@@ -41,11 +41,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 
 def deviating(space: SearchSpace, scene: Scene) -> list[str]:
-    """The groups that are not nominal in a scene.
-
-    Raises:
-        SceneError: the scene has a value that no operator gives.
-    """
+    """The groups that are not nominal in a scene; a SceneError for a value that no operator gives."""
     return [name for name, operators in GROUPS.items() if space.reset(scene, operators) != scene]
 
 

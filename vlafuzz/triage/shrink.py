@@ -152,9 +152,8 @@ class _Shrinker:
         loose = [key for key, still in zip(keys, failing, strict=True) if still]
         if not loose:
             return False
-        if self._fails([without(loose)])[0]:
-            gone = loose
-        else:
+        gone = loose
+        if not self._fails([without(loose)])[0]:
             gone = loose[:1]
             for key in loose[1:]:
                 if self._fails([without([*gone, key])])[0]:

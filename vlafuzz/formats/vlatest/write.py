@@ -58,9 +58,8 @@ def _original(scene: Scene, *, ycb: bool) -> Entry:
         if not placement.object.startswith((CUSTOM, YCB)):
             raise _UnsupportedError(f"VLATest has no {placement.object}")
         if placement.object.startswith(YCB) != (ycb and not is_place(placement.object)):
-            raise _UnsupportedError(
-                "VLATest keeps objects of YCB in files of their own, named ycb_…: see --out"
-            )
+            reason = "VLATest keeps objects of YCB in files of their own, named ycb_…: see --out"
+            raise _UnsupportedError(reason)
         if placement.quaternion is None:
             raise _UnsupportedError(NOT_IN_FORMAT + "rest poses")
         if placement.scale != original_scale(scene.task, placement.object):
