@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from vlafuzz.errors import SceneError
+from vlafuzz.text import shortened
 
 SCHEMA = 1
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -253,6 +254,4 @@ def _canonical(value: Any) -> Any:
 def _first_problem(error: ValidationError) -> str:
     problem = error.errors()[0]
     where = ".".join(str(part) for part in problem["loc"])
-    shown = repr(problem["input"])
-    shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shown}"
+    return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shortened(problem['input'])}"

@@ -18,6 +18,12 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def shortened(value: object) -> str:
+    """What a value looks like, at most 60 characters of it."""
+    shown = repr(value)
+    return shown if len(shown) <= 60 else shown[:57] + "..."
+
+
 def percent(share: float | None) -> str:
     """``58.3%``; whole numbers without a point."""
     return "–" if share is None else f"{100 * share:.1f}".removesuffix(".0") + "%"

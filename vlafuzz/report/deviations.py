@@ -11,7 +11,7 @@ from vlafuzz.evidence import Causes, failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space import SearchSpace
-from vlafuzz.space.base import Extra
+from vlafuzz.space.extras import Extra
 from vlafuzz.space.operators import (
     OPERATORS,
     CameraOrientation,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from vlafuzz.space.generate import SearchSpace
 from vlafuzz.space.operator_set import OperatorSet, load_operators
 from vlafuzz.space.operators import OPERATORS
 from vlafuzz.space.params import Gene, Genome
-from vlafuzz.space.search_space import SearchSpace
 
 __all__ = ["OPERATORS", "Gene", "Genome", "OperatorSet", "SearchSpace", "load_operators"]

@@ -1,18 +1,69 @@
-"""Operator and Extra: what all scene operators have in common."""
+"""Operator, what all scene operators have in common, and its ranges as written in YAML."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from pydantic import model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.scene import EXTRAS, in_words
 from vlafuzz.space.params import Gene, Grid, Kind
-from vlafuzz.space.ranges import Span, Strict
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Step = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]  # values are rounded to nine decimals
+
+
+class Strict(BaseModel):
+    """Data from outside: unknown keys and quoted numbers are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Span(Strict):
+    """The values from ``low`` to ``high``."""
+
+    low: Number
+    high: Number
+    step: Step
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Span:
+        if self.low > self.high:
+            raise ValueError(f"low is above high: {self.low:g} > {self.high:g}")
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}"
+
+    def grid(self, nominal: float) -> Grid:
+        """Its levels, counted from a nominal value."""
+        return Grid(self.low, self.high, self.step, nominal)
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is inside."""
+        return self.low <= value <= self.high
+
+
+class Range(Span):
+    """The values from ``low`` to ``high`` around a nominal one."""
+
+    nominal: Number
+
+    @model_validator(mode="after")
+    def _around(self) -> Range:
+        if not self.holds(self.nominal):
+            raise ValueError(f"nominal {self.nominal:g} is not between {self.low:g} and {self.high:g}")
+        return self
+
+
+class Box(Strict):
+    """A rectangle on the table, metres."""
+
+    x: Span
+    y: Span
 
 
 @dataclass(frozen=True)
@@ -23,8 +74,6 @@ class Layout:
         slots: the allowed object names of each slot, such as ``targets.0``.
         nominal: the index of each slot's nominal name.
         stable_poses: the largest number of stable poses of one object.
-        wordings: the number of wordings of the instruction.
-        rig: the robot at its table.
     """
 
     slots: dict[str, tuple[str, ...]]
@@ -37,76 +86,35 @@ class Layout:
         """The slots of the ``targets`` or the ``confounders``."""
         return [slot for slot in self.slots if slot.startswith(part)]
 
+    def used(self, confounders: int) -> list[str]:
+        """The slots of the targets, then those of so many confounders."""
+        return [*self.of("targets"), *self.of("confounders")[:confounders]]
+
 
 class Operator(Strict):
-    """One way in which a scene can vary. ``name`` is for users to refer to it, ``says`` describes it."""
+    """One way in which a scene can vary.
+
+    ``name`` is for users to refer to it, ``says`` describes it; ``nominal_text`` and ``range_text`` are
+    completed by its fields. ``part`` is the part of the scene that it varies, where several share their code.
+    """
 
     name: ClassVar[str]
     says: ClassVar[str]
+    part: ClassVar[str]
+    nominal_text: ClassVar[str]
+    range_text: ClassVar[str]
 
     @abstractmethod
     def genes(self, layout: Layout) -> Iterator[Gene]:
         """The operator's genes, slot by slot."""
 
-    @abstractmethod
     def ranges(self) -> str:
         """The ranges in words."""
+        return self.range_text.format_map(dict(self))
 
-    @abstractmethod
     def nominally(self) -> str:
         """The nominal value in words."""
+        return self.nominal_text.format_map(dict(self))
 
     def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
         return Gene(self.name, path, kind, grid)
-
-
-Options = Span | tuple[str, ...]
-
-
-class Extra(Operator):
-    """An operator that is off by default. It varies the fields of one ``part`` of the scene.
-
-    Each of its own fields has the name of a field of that part, and is its range or the options to choose
-    from. Nominal is the default of the part's field. While the operator does not vary, digests of operator
-    sets and stored operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
-    """
-
-    part: ClassVar[str]
-
-    def spans(self, rig: Rig) -> Mapping[str, Options]:
-        """The range of each field that this rig has."""
-        return self._spans
-
-    def genes(self, layout: Layout) -> Iterator[Gene]:
-        for field, span in self.spans(layout.rig).items():
-            path, nominal = f"{self.part}.{field}", getattr(EXTRAS[self.part], field)
-            if isinstance(span, Span):
-                yield self._gene(path, "real", span.grid(nominal))
-            else:
-                grid = Grid.choice(len(span), span.index(nominal))
-                yield Gene(self.name, path, "category", grid, options=span)
-
-    def nominally(self) -> str:
-        return ", ".join(in_words(field, getattr(EXTRAS[self.part], field)) for field in self._spans)
-
-    def ranges(self) -> str:
-        return ", ".join(
-            f"{field} {span.low:g} to {in_words(field, span.high).removeprefix(field + ' ')}"
-            if isinstance(span, Span)
-            else f"{field} {' or '.join(span)}"
-            for field, span in self._spans.items()
-        )
-
-    @model_validator(mode="after")
-    def _has_nominal(self) -> Extra:
-        for field, span in self._spans.items():
-            nominal = getattr(EXTRAS[self.part], field)
-            if not (span.holds(nominal) if isinstance(span, Span) else nominal in span):
-                raise ValueError(f"{field} does not include {nominal}, its nominal value")
-            if isinstance(nominal, int) and isinstance(span, Span) and span.step % 1:
-                raise ValueError(f"{field} is a whole number, its step is {span.step:g}")
-        return self
-
-    @property
-    def _spans(self) -> dict[str, Options]:
-        return {field: getattr(self, field) for field in type(self).model_fields}

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import site
-from vlafuzz.space.compose import Composer, Values
-from vlafuzz.space.embedding import SceneEmbedding, Vector
+from vlafuzz.space.compose import Composer, Values, camera
 from vlafuzz.space.operator_set import OperatorSet
-from vlafuzz.space.operators import OPERATORS, TargetType
+from vlafuzz.space.operators import OPERATORS, CameraPosition, TargetType
 from vlafuzz.space.params import Gene, Genome
 from vlafuzz.tasks.tabletop import task as task_named
+
+Vector = NDArray[np.float64]
 
 
 class Codec:
@@ -28,6 +31,7 @@ class Codec:
     Attributes:
         genes: the coordinates of a genome, in order: the genes of the varying operators.
         by_path: every gene by its path, those of other operators included.
+        nominal_values: one per gene of ``by_path``.
     """
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
@@ -36,7 +40,7 @@ class Codec:
         self.composer = Composer(self.operators, catalogue, self.task, robot)
         self.by_path = {gene.path: gene for gene in self.composer.genes}
         self.genes = tuple(gene for gene in self.composer.genes if self.varies(gene))
-        self._nominal: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
+        self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
         self._embedding = SceneEmbedding(self.genes)
 
     @property
@@ -50,7 +54,7 @@ class Codec:
 
     def decode(self, genome: Genome) -> Scene:
         """The scene of a ``(dim,)`` genome in [0, 1]. Never fails; many genomes decode to the same scene."""
-        values = dict(self._nominal)
+        values = dict(self.nominal_values)
         for gene, coordinate in zip(self.genes, genome, strict=True):
             values[gene.path] = gene.grid.value(min(int(coordinate * gene.grid.size), gene.grid.size - 1))
         return self.composer.compose(values)
@@ -67,9 +71,7 @@ class Codec:
             raise SceneError(
                 f"targets: {self.task.name} has {self.task.targets}, the scene {len(scene.targets)}"
             )
-        levels = self._levels(self.values(scene), scene)
-        middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
-        genome = np.array(middles, dtype=np.float64)
+        genome = self._genome(self._levels(self.values(scene), scene))
         again = self.decode(genome)
         if again != scene:
             path, value = _difference(asdict(scene), asdict(again))
@@ -84,18 +86,12 @@ class Codec:
         """
         if (scene.task, len(scene.targets)) != (self.task.name, self.task.targets):
             raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
-        values = self.values(scene)
-        for path, gene in self.by_path.items():
-            if math.isnan(values[path]):
-                raise SceneError(
-                    f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}"
-                )
-        middles = [(gene.grid.snap(values[gene.path]) + 0.5) / gene.grid.size for gene in self.genes]
-        return np.array(middles, dtype=np.float64)
+        values = self._expressible(scene, self.by_path)
+        return self._genome({gene.path: gene.grid.snap(values[gene.path]) for gene in self.genes})
 
     def values(self, scene: Scene) -> Values:
         """One value per gene: nominal for unused slots, NaN for values that no gene can express."""
-        return self._nominal | self.composer.values(scene)
+        return self.nominal_values | self.composer.values(scene)
 
     def embed(self, scene: Scene) -> Vector:
         """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
@@ -104,7 +100,7 @@ class Codec:
     def nominal(self, like: Scene | None = None) -> Scene:
         """The scene with every operator nominal; with ``like``, that scene's target types are kept."""
         if like is None:
-            return self.composer.compose(self._nominal)
+            return self.composer.compose(self.nominal_values)
         return self.reset(like, OPERATORS.keys() - {TargetType.name})
 
     def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
@@ -113,16 +109,10 @@ class Codec:
         Raises:
             SceneError: the scene has a value that no operator gives.
         """
-        values = self.values(scene)
         operators = set(operators)
-        for path, gene in self.by_path.items():
-            if gene.operator in operators:
-                values[path] = gene.grid.nominal
-            elif math.isnan(values[path]):
-                raise SceneError(
-                    f"{path}: {_at(scene, path)!r} is not a value of the operator {gene.operator}"
-                )
-        return self.composer.compose(values)
+        kept = [path for path, gene in self.by_path.items() if gene.operator not in operators]
+        values = self._expressible(scene, kept)
+        return self.composer.compose(self.nominal_values | {path: values[path] for path in kept})
 
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
@@ -149,17 +139,29 @@ class Codec:
         """The part of a failure's cell that is known before a rollout, see ``scoring.site``."""
         return site(scene, severities, self.rig.workspace)
 
+    def _genome(self, levels: Mapping[str, int]) -> Genome:
+        """The genome at the middle of these levels."""
+        middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
+        return np.array(middles, dtype=np.float64)
+
+    def _expressible(self, scene: Scene, paths: Iterable[str]) -> Values:
+        """The values of a scene, after a check that the operators give those at ``paths``."""
+        values = self.values(scene)
+        for path in paths:
+            if math.isnan(values[path]):
+                operator = self.by_path[path].operator
+                raise SceneError(f"{path}: {_at(scene, path)!r} is not a value of the operator {operator}")
+        return values
+
     def _levels(self, values: Values, scene: Scene) -> dict[str, int]:
         levels: dict[str, int] = {}
         for path, gene in self.by_path.items():
             level = gene.grid.level(values[path])
             if level is None:
-                reason = (
-                    f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
-                )
-                known = "is unknown" if gene.kind == "category" else reason
+                grid = f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
                 raise SceneError(
-                    f"{path}: {_at(scene, path)!r} {known}", hint="scenes from elsewhere keep their floats"
+                    f"{path}: {_at(scene, path)!r} {'is unknown' if gene.kind == 'category' else grid}",
+                    hint="scenes from elsewhere keep their floats",
                 )
             if level != gene.grid.nominal_level and not self.varies(gene):
                 raise SceneError(
@@ -188,3 +190,41 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
         return path, expected
     key, a, b = next(pair for pair in pairs if pair[1] != pair[2])
     return _difference(a, b, f"{path}.{key}" if path else key)
+
+
+class SceneEmbedding:
+    """Maps values to vectors of fixed length.
+
+    Two scenes that differ in a single operator are at most 1 apart, whichever operator it is. Numbers are
+    centred, so that zero, which stands for an unused slot, is equally far from both ends of a range. Angles
+    are points on a circle, categories are one-hot, the camera's position is a point in space.
+    """
+
+    def __init__(self, genes: Sequence[Gene]) -> None:
+        self._genes = tuple(gene for gene in genes if gene.operator != CameraPosition.name)
+        moved = [gene for gene in genes if gene.path == "camera.distance"]
+        self._farthest = moved[0].grid.high if moved else 0.0
+        count = Counter(gene.operator for gene in self._genes)
+        self._weights = {name: 1 / math.sqrt(number) for name, number in count.items()}
+
+    def vector(self, values: Mapping[str, float]) -> Vector:
+        """``(length,)`` embedding of the values of a scene; genes without a value give zeros."""
+        numbers: list[float] = []
+        for gene in self._genes:
+            weight = self._weights[gene.operator]
+            numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
+        if self._farthest:
+            numbers += [number / (2 * self._farthest) for number in camera(values).offset]
+        return np.array(numbers)
+
+
+def _numbers(gene: Gene, value: float | None) -> Iterator[float]:
+    """A value as numbers at most 1 away from those of any other value; zeros for no value."""
+    missing = value is None or math.isnan(value)
+    if gene.kind == "category":
+        yield from (math.sqrt(0.5) * (index == value) for index in range(gene.grid.size))
+    elif gene.kind == "angle":
+        yield 0.0 if missing else math.sin(math.radians(value or 0.0)) / 2
+        yield 0.0 if missing else math.cos(math.radians(value or 0.0)) / 2
+    else:
+        yield 0.0 if missing else gene.grid.share(value or 0.0) - 0.5

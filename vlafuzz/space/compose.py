@@ -55,7 +55,7 @@ class Composer:
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         """The scene with these values. A name that is taken is replaced by the next free one."""
-        slots = [*self.layout.of("targets"), *self.layout.of("confounders")[: int(values["confounders"])]]
+        slots = self.layout.used(int(values["confounders"]))
         names: list[str] = []
         for slot in slots:
             names.append(self._free_name(slot, int(values[f"{slot}.object"]), names))

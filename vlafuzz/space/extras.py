@@ -2,14 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.scene import Pattern, TablePaint, WallPaint
-from vlafuzz.space.base import Extra, Options
-from vlafuzz.space.ranges import Span
+from vlafuzz.scene import EXTRAS, Pattern, TablePaint, WallPaint, in_words
+from vlafuzz.space.base import Layout, Operator, Span
+from vlafuzz.space.params import Gene, Grid
+
+Options = Span | tuple[str, ...]
+
+
+class Extra(Operator):
+    """An operator that is off by default. It varies the fields of one ``part`` of the scene.
+
+    Each of its own fields has the name of a field of that part, and is its range or the options to choose
+    from. Nominal is the default of the part's field. While the operator does not vary, digests of operator
+    sets and stored operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
+    """
+
+    def spans(self, rig: Rig) -> Mapping[str, Options]:
+        """The range of each field that this rig has."""
+        return dict(self)
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        for field, span in self.spans(layout.rig).items():
+            path, nominal = f"{self.part}.{field}", self._nominal(field)
+            if isinstance(span, Span):
+                yield self._gene(path, "real", span.grid(nominal))
+            else:
+                grid = Grid.choice(len(span), span.index(nominal))
+                yield Gene(self.name, path, "category", grid, options=span)
+
+    def nominally(self) -> str:
+        return ", ".join(in_words(field, self._nominal(field)) for field, _ in self)
+
+    def ranges(self) -> str:
+        return ", ".join(
+            f"{field} {span.low:g} to {in_words(field, span.high).removeprefix(field + ' ')}"
+            if isinstance(span, Span)
+            else f"{field} {' or '.join(span)}"
+            for field, span in self
+        )
+
+    @model_validator(mode="after")
+    def _has_nominal(self) -> Extra:
+        for field, span in self:
+            nominal = self._nominal(field)
+            if not (span.holds(nominal) if isinstance(span, Span) else nominal in span):
+                raise ValueError(f"{field} does not include {nominal}, its nominal value")
+            if isinstance(nominal, int) and isinstance(span, Span) and span.step % 1:
+                raise ValueError(f"{field} is a whole number, its step is {span.step:g}")
+        return self
+
+    def _nominal(self, field: str) -> Any:
+        return getattr(EXTRAS[self.part], field)
 
 
 class Backdrop(Extra):
@@ -34,7 +83,7 @@ class InitialPose(Extra):
     j7: Span
 
     def spans(self, rig: Rig) -> Mapping[str, Options]:
-        return dict(list(super().spans(rig).items())[: rig.arm_joints])
+        return dict(list(self)[: rig.arm_joints])
 
 
 class SensorNoise(Extra):

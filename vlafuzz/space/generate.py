@@ -1,4 +1,4 @@
-"""Random generation: VLATest's Algorithm 1, with every precondition that the paper states.
+"""SearchSpace: random generation by VLATest's Algorithm 1, with every precondition that the paper states.
 
 Objects are drawn without replacement by their spoken names. Draws that the task does not allow
 (``semantic_valid``) or that have no room (``safe_dist``) are rejected. Rejection is bounded: first a position
@@ -31,35 +31,53 @@ from vlafuzz.validity.footprint import Footprint, footprint
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
+HINT = "widen the positions, or lower min_distance or confounder-count, in your own --operators file"
 
 
-def generate(space: Codec, rng: np.random.Generator) -> Scene:
-    """A random scene that passes the semantic and the geometric checks.
+class SearchSpace(Codec):
+    """Every scene that the operators can make of a task, with random generation and repair."""
 
-    Raises:
-        UsageError: the ranges leave no room for the objects.
-    """
-    count = _draw(
-        space, rng, "confounders"
-    )  # outside the restarts, so that crowded scenes are not rarer than others
-    attempt = Attempt(space, rng)
-    for _ in range(RESTARTS):
-        values = attempt.values(count)
-        if values is not None:
-            return space.composer.compose(values)
-    box = space.operators.get(TargetPosition).ranges()
-    objects = f"{space.task.targets} target(s) and {int(count)} confounder(s)"
-    raise UsageError(
-        f"{space.task.name}: no room for {objects}, {space.operators.min_distance:g} m apart, in {box}; "
-        f"the last of {RESTARTS} attempts: {attempt.reason}",
-        hint="widen the positions, or lower min_distance or confounder-count, in your own --operators file",
-    )
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene that passes the semantic and the geometric checks.
+
+        Raises:
+            UsageError: the ranges leave no room for the objects.
+        """
+        # Drawn outside the restarts, so that crowded scenes are not rarer than others.
+        count = self.draw("confounders", rng)
+        attempt = Attempt(self, rng)
+        for _ in range(RESTARTS):
+            values = attempt.values(count)
+            if values is not None:
+                return self.composer.compose(values)
+        box = self.operators.get(TargetPosition).ranges()
+        objects = f"{self.task.targets} target(s) and {int(count)} confounder(s)"
+        raise UsageError(
+            f"{self.task.name}: no room for {objects}, {self.operators.min_distance:g} m apart, in {box}; "
+            f"the last of {RESTARTS} attempts: {attempt.reason}",
+            hint=HINT,
+        )
+
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """The scene with as little redrawn as it takes to pass these checks; None when there is no room.
+
+        Objects are placed in order, targets first, so that confounders give way to targets.
+        """
+        attempt, values = Attempt(self, rng), self.values(scene)
+        slots = self.composer.layout.used(len(scene.confounders))
+        kept = all(attempt.keep(slot, values) for slot in slots)
+        return self.composer.compose(values) if kept else None
+
+    def draw(self, path: str, rng: np.random.Generator) -> float:
+        """A random value of a gene; nominal if its operator does not vary."""
+        gene = self.by_path[path]
+        return gene.draw(rng) if self.varies(gene) else gene.grid.nominal
 
 
 class Attempt:
     """Repeated attempts at a scene; ``reason`` says why the last one failed."""
 
-    def __init__(self, space: Codec, rng: np.random.Generator) -> None:
+    def __init__(self, space: SearchSpace, rng: np.random.Generator) -> None:
         self._space, self._rng = space, rng
         self._placed: list[tuple[Placement, ObjectModel, Footprint]] = []
         self.reason = ""
@@ -67,13 +85,12 @@ class Attempt:
     def values(self, count: float) -> Values | None:
         """The values of a scene with ``count`` confounders; None if the draws leave no room."""
         space = self._space
-        values = {path: gene.grid.nominal for path, gene in space.by_path.items()} | {"confounders": count}
-        layout = space.composer.layout
+        layout, values = space.composer.layout, space.nominal_values | {"confounders": count}
         for path, gene in space.by_path.items():
             if gene.slot not in layout.slots and path != "confounders":
-                values[path] = _draw(space, self._rng, path)
+                values[path] = space.draw(path, self._rng)
         self._placed = []
-        for slot in [*layout.of("targets"), *layout.of("confounders")[: int(count)]]:
+        for slot in layout.used(int(count)):
             name = self._choose(slot, values)
             if name is None or not self._stand(slot, name, values):
                 return None
@@ -127,11 +144,11 @@ class Attempt:
             for field in ("x", "y"):
                 path = f"{slot}.{field}"
                 if near is None:
-                    values[path] = _draw(self._space, self._rng, path)
+                    values[path] = self._space.draw(path, self._rng)
                 else:
                     values[path] = self._moved(path, near[path], attempt / REDRAWS)
             if near is None:
-                values[f"{slot}.yaw"] = _draw(self._space, self._rng, f"{slot}.yaw")
+                values[f"{slot}.yaw"] = self._space.draw(f"{slot}.yaw", self._rng)
             if self._accepts(slot, name, values):
                 return True
         return False
@@ -179,8 +196,3 @@ class Attempt:
         if watched is None:
             return None
         return out_of_reach(*named, setup) or out_of_view(placement, model, setup, watched)
-
-
-def _draw(space: Codec, rng: np.random.Generator, path: str) -> float:
-    gene = space.by_path[path]
-    return gene.draw(rng) if space.varies(gene) else gene.grid.nominal

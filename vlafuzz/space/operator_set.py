@@ -14,10 +14,10 @@ from pydantic import BaseModel, Field, ValidationError
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
-from vlafuzz.space.base import Extra, Operator
+from vlafuzz.space.base import Operator, Strict
 from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
-from vlafuzz.space.ranges import Strict
 from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.text import shortened
 
 DEFAULT = "tabletop"
 Kind = TypeVar("Kind", bound=Operator)
@@ -30,11 +30,9 @@ class _TaskPart(Strict):
     operators: _Raw = Field(default_factory=dict)
 
 
-class _File(Strict):
+class _File(_TaskPart):
     extends: str | None = None
-    min_distance: _Distance | None = None
     vary: list[str] | None = None
-    operators: _Raw = Field(default_factory=dict)
     tasks: dict[str, _TaskPart] = Field(default_factory=dict)
 
 
@@ -89,7 +87,7 @@ class OperatorSet:
         return {
             name: operator
             for name, operator in self.operators.items()
-            if name in self.varied or not isinstance(operator, Extra)
+            if name in self.varied or name not in EXTRAS
         }
 
     @cached_property
@@ -128,9 +126,8 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise CatalogueError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
-        ) from None
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise CatalogueError(f"{path}: cannot be read: {reason}") from None
     except yaml.YAMLError as error:
         raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
     file = _validated(path, "", _File, raw)
@@ -147,51 +144,43 @@ def _with_extras(file: _File) -> _File:
 
 
 def _merged(base: _File, file: _File) -> _File:
-    tasks = dict(base.tasks)
-    for name, part in file.tasks.items():
-        old = tasks.get(name, _TaskPart())
-        nearest = old.min_distance if part.min_distance is None else part.min_distance
-        tasks[name] = _TaskPart(min_distance=nearest, operators=_overlaid(old.operators, part.operators))
-    return _File(
-        min_distance=base.min_distance if file.min_distance is None else file.min_distance,
-        vary=base.vary if file.vary is None else file.vary,
-        operators=_overlaid(base.operators, file.operators),
-        tasks=tasks,
-    )
+    tasks = {name: _overlaid(base.tasks.get(name, _TaskPart()), part) for name, part in file.tasks.items()}
+    vary = base.vary if file.vary is None else file.vary
+    return _File(**dict(_overlaid(base, file)), vary=vary, tasks=base.tasks | tasks)
 
 
-def _overlaid(base: _Raw, over: _Raw) -> _Raw:
-    return base | {name: base.get(name, {}) | keys for name, keys in over.items()}
+def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
+    nearest = base.min_distance if over.min_distance is None else over.min_distance
+    changed = {name: base.operators.get(name, {}) | keys for name, keys in over.operators.items()}
+    return _TaskPart(min_distance=nearest, operators=base.operators | changed)
 
 
 def _make(path: Path, file: _File) -> OperatorSet:
-    if file.min_distance is None:
-        raise CatalogueError(
-            f"{path}: min_distance: missing", hint="`extends: tabletop` fills in what a file leaves out"
-        )
-    missing = [name for name in OPERATORS if name not in file.operators]
-    if missing:
-        raise CatalogueError(
-            f"{path}: operators.{missing[0]}: missing",
-            hint="`extends: tabletop` fills in what a file leaves out",
-        )
+    missing = [f"operators.{name}" for name in OPERATORS if name not in file.operators]
+    if file.min_distance is None or missing:
+        key = "min_distance" if file.min_distance is None else missing[0]
+        hint = "`extends: tabletop` fills in what a file leaves out"
+        raise CatalogueError(f"{path}: {key}: missing", hint=hint)
     vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
     _known(path, "vary", vary, OPERATORS)
     _known(path, "tasks", file.tasks, TASKS)
-    operators = _operators(path, "operators", file.operators)
-    varied = frozenset(vary)
-    whole = OperatorSet(path, file.min_distance, operators, varied, {})
-    tasks = {}
-    for name, part in file.tasks.items():
-        nearest = file.min_distance if part.min_distance is None else part.min_distance
-        own = _operators(path, f"tasks.{name}.operators", _overlaid(file.operators, part.operators))
-        tasks[name] = OperatorSet(path, nearest, own, varied, {})
+    whole = _ranges(path, "operators", file, frozenset(vary))
+    tasks = {
+        name: _ranges(path, f"tasks.{name}.operators", _overlaid(file, part), whole.varied)
+        for name, part in file.tasks.items()
+    }
     return replace(whole, tasks=tasks)
 
 
-def _operators(path: Path, where: str, raw: _Raw) -> dict[str, Operator]:
-    _known(path, where, raw, OPERATORS)
-    return {name: _validated(path, f"{where}.{name}", kind, raw[name]) for name, kind in OPERATORS.items()}
+def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> OperatorSet:
+    """The set of one task, or of all others."""
+    _known(path, where, part.operators, OPERATORS)
+    operators = {
+        name: _validated(path, f"{where}.{name}", kind, part.operators[name])
+        for name, kind in OPERATORS.items()
+    }
+    assert part.min_distance is not None
+    return OperatorSet(path, part.min_distance, operators, varied, {})
 
 
 def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -> None:
@@ -223,7 +212,7 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
         )
     message = problem["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
     complete = problem["type"] in ("missing", "value_error")  # the message has the value, or there is none
-    got = "" if complete else f", got {_short(problem['input'])}"
+    got = "" if complete else f", got {shortened(problem['input'])}"
     raise CatalogueError(
         f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
         hint="operators/README.md says what each key means; `vlafuzz operators` shows the ranges in use",
@@ -238,8 +227,3 @@ def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
             return list(_TaskPart.model_fields)  # the only model inside a mapping
         kind = inner
     return list(kind.model_fields)
-
-
-def _short(value: object) -> str:
-    shown = repr(value)
-    return shown if len(shown) <= 60 else shown[:57] + "..."

@@ -8,25 +8,20 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from vlafuzz.space import extras
-from vlafuzz.space.base import Layout, Operator
+from vlafuzz.space.base import Box, Layout, Number, Operator, Range, Span, Step
 from vlafuzz.space.params import Gene, Grid
-from vlafuzz.space.ranges import Box, Point, Range, Span, Step
 
 MOST_CONFOUNDERS = 4
 
 
 class _Type(Operator):
+    nominal_text = "the first that the task allows"
     names: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
-    part: ClassVar[str]
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         for slot in layout.of(self.part):
-            yield self._gene(
-                f"{slot}.object", "category", Grid.choice(len(layout.slots[slot]), layout.nominal[slot])
-            )
-
-    def nominally(self) -> str:
-        return "the first that the task allows"
+            grid = Grid.choice(len(layout.slots[slot]), layout.nominal[slot])
+            yield self._gene(f"{slot}.object", "category", grid)
 
     def ranges(self) -> str:
         onto = getattr(self, "onto", None)
@@ -48,11 +43,11 @@ class ConfounderType(_Type):
 
 
 class _Position(Operator):
+    range_text = "x {x} m, y {y} m"
+    spots: ClassVar[int]
     x: Span
     y: Span
-    nominal: tuple[Annotated[Point, Field(strict=False)], ...] = Field(strict=False)
-    part: ClassVar[str]
-    spots: ClassVar[int]
+    nominal: tuple[Annotated[tuple[Number, Number], Field(strict=False)], ...] = Field(strict=False)
 
     @model_validator(mode="after")
     def _has_spots(self) -> _Position:
@@ -76,9 +71,6 @@ class _Position(Operator):
     def nominally(self) -> str:
         return ", ".join(f"({x:g}, {y:g})" for x, y in self.nominal)
 
-    def ranges(self) -> str:
-        return f"x {_span(self.x)} m, y {_span(self.y)} m"
-
 
 class TargetPosition(_Position):
     """Where the targets stand, the second one in the box ``onto`` if given. One nominal place per target."""
@@ -98,9 +90,9 @@ class ConfounderPosition(_Position):
 
 
 class _Orientation(Operator):
+    nominal_text = "first rest pose, {yaw.nominal:g}°"
     yaw: Range
     fixed: tuple[str, ...] = Field(default=(), strict=False)
-    part: ClassVar[str]
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         yaw = self.yaw
@@ -110,12 +102,9 @@ class _Orientation(Operator):
             grid = Grid(yaw.low, yaw.high, yaw.step, yaw.nominal, wraps=whole)
             yield self._gene(f"{slot}.yaw", "angle" if whole else "real", grid)
 
-    def nominally(self) -> str:
-        return f"first rest pose, {self.yaw.nominal:g}°"
-
     def ranges(self) -> str:
         fixed = f", none when {' or '.join(self.fixed)}" if self.fixed else ""
-        return f"any rest pose, yaw {_span(self.yaw)}°{fixed}"
+        return f"any rest pose, yaw {self.yaw}°{fixed}"
 
 
 class TargetOrientation(_Orientation):
@@ -134,6 +123,7 @@ class ConfounderCount(Operator):
     """The number of objects beside the targets."""
 
     name, says = "confounder-count", "how many other objects are there"
+    nominal_text, range_text = "{nominal}", "{low} to {high}"
     low: int = Field(ge=0, le=MOST_CONFOUNDERS)
     high: int = Field(ge=0, le=MOST_CONFOUNDERS)
     nominal: int
@@ -147,17 +137,11 @@ class ConfounderCount(Operator):
     def genes(self, layout: Layout) -> Iterator[Gene]:
         yield self._gene("confounders", "count", Grid(self.low, self.high, 1, self.nominal))
 
-    def nominally(self) -> str:
-        return str(self.nominal)
-
-    def ranges(self) -> str:
-        return f"{self.low} to {self.high}"
-
 
 class Light(Operator):
     """A factor on all lights, stepped in log2 and drawn evenly in it, or by the paper's ``coin``."""
 
-    name, says = "light", "a factor on all lights"
+    name, says, nominal_text = "light", "a factor on all lights", "× {intensity.nominal:g}"
     intensity: Range
     spread: Literal["even", "coin"] = "even"
 
@@ -172,18 +156,16 @@ class Light(Operator):
         grid = Grid(span.low, span.high, span.step, span.nominal, log=True)
         yield Gene(self.name, "light.intensity", "real", grid, spread=self.spread)
 
-    def nominally(self) -> str:
-        return f"× {self.intensity.nominal:g}"
-
     def ranges(self) -> str:
         drawn = "log-uniform" if self.spread == "even" else "fair coin dark or bright, linear"
-        return f"× {_span(self.intensity)}, {drawn}"
+        return f"× {self.intensity}, {drawn}"
 
 
 class CameraPosition(Operator):
     """The camera's distance from its nominal position, in any direction."""
 
     name, says = "camera-position", "where the camera stands"
+    nominal_text, range_text = "0 m", "{distance} m off, in any direction"
     distance: Range
     direction_step: Step
 
@@ -200,49 +182,30 @@ class CameraPosition(Operator):
         elevation = Grid(-90, 90, step, 0)
         yield Gene(self.name, "camera.elevation", "real", elevation, neutral=True, spread="sphere")
 
-    def nominally(self) -> str:
-        return "0 m"
-
-    def ranges(self) -> str:
-        return f"{_span(self.distance)} m off, in any direction"
-
 
 class CameraOrientation(Operator):
     """The camera's rotation about its own axes."""
 
     name, says = "camera-orientation", "how the camera is turned"
+    nominal_text = "{roll.nominal:g}°, {pitch.nominal:g}°, {yaw.nominal:g}°"
+    range_text = "roll {roll}°, pitch {pitch}°, yaw {yaw}°"
     roll: Range
     pitch: Range
     yaw: Range
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
-        for axis, span in (("roll", self.roll), ("pitch", self.pitch), ("yaw", self.yaw)):
+        for axis, span in self:
             yield self._gene(f"camera.{axis}", "real", span.grid(span.nominal))
-
-    def nominally(self) -> str:
-        return f"{self.roll.nominal:g}°, {self.pitch.nominal:g}°, {self.yaw.nominal:g}°"
-
-    def ranges(self) -> str:
-        return f"roll {_span(self.roll)}°, pitch {_span(self.pitch)}°, yaw {_span(self.yaw)}°"
 
 
 class Wording(Operator):
     """The wording of the instruction."""
 
     name, says = "wording", "how the instruction is worded"
+    nominal_text, range_text = "the first", "the wordings of instructions.yaml"
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         yield self._gene("instruction", "category", Grid.choice(layout.wordings))
-
-    def nominally(self) -> str:
-        return "the first"
-
-    def ranges(self) -> str:
-        return "the wordings of instructions.yaml"
-
-
-def _span(span: Span) -> str:
-    return f"{span.low:g} to {span.high:g}"
 
 
 _ALL: tuple[type[Operator], ...] = (

@@ -15,7 +15,7 @@ from vlafuzz.formats.vlatest.original import in_robot_frame, original_scene
 from vlafuzz.formats.vlatest.table import Counterpart, Rectangle, Table, our_box, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.space.ranges import Box
+from vlafuzz.space.base import Box
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
 

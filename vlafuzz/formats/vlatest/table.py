@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
+from vlafuzz.space.base import Box
 from vlafuzz.space.operator_set import load_operators
 from vlafuzz.space.operators import TargetPosition
-from vlafuzz.space.ranges import Box
 
 
 class _Strict(BaseModel):
