@@ -11,7 +11,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 from vlafuzz.store.records import Manifest, Trial
 
 STAGES = ("grasp", "lift", "success")

@@ -19,8 +19,8 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
+from vlafuzz.search.pool import Selection
 from vlafuzz.search.registry import strategy_factory
-from vlafuzz.search.selection import Selection
 from vlafuzz.space import SearchSpace, load_operators
 
 LABELS = "all-correct-task.json"

@@ -26,7 +26,7 @@ from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
 
 SPACE = TinySpace()

@@ -31,7 +31,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
 
 SPACE = TinySpace()

@@ -13,7 +13,7 @@ from vlafuzz.execute.base import Executor, LocalExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.store.store import Store
 

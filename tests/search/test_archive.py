@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sklearn.neighbors import NearestNeighbors
 
-from vlafuzz.search.archive import Archive
+from vlafuzz.search.proposals import Archive
 
 
 def filled(points: np.ndarray, capacity: int = 50) -> Archive:

@@ -14,8 +14,7 @@ from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.search.base import Proposal, about
-from vlafuzz.search.own import Own
-from vlafuzz.search.registry import strategy_factory
+from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.store import Store
 
 

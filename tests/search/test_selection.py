@@ -12,8 +12,8 @@ from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Source, about
+from vlafuzz.search.pool import Selection
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.search.selection import Selection
 
 
 class Wishes:

@@ -8,7 +8,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scoring import Score, site
 from vlafuzz.search.base import Proposal
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)

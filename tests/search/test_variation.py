@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, space
 from vlafuzz.scene import Scene
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.variation import Variation
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static

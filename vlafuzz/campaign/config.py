@@ -26,9 +26,8 @@ from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Strategy
-from vlafuzz.search.pool import InOrder, Pool
+from vlafuzz.search.pool import InOrder, Pool, Selection
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
-from vlafuzz.search.selection import Selection
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.store.records import Manifest

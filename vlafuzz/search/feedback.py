@@ -10,11 +10,10 @@ import numpy as np
 
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import TRIES, OneByOne
 from vlafuzz.search.variation import Variation
 
 MOST_SEEDS = 500  # beyond this, the seed of the place reached most often is dropped
-TRIES = 10  # known children before a random scene is proposed instead
 BLIND = 0.5  # share of random scenes before the first failure: ease may be misleading
 GUIDED = 0.15  # and after it: there may be failures elsewhere
 SPLICED = 0.2  # share of children with confounders from another seed
@@ -43,7 +42,7 @@ class Parentage:
     operators: tuple[str, ...]
 
 
-class Feedback:
+class Feedback(OneByOne):
     """Mutates scenes that reached a new place, those in rarely reached places most: AFL-style.
 
     See Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>. AFL's branches correspond to
@@ -54,16 +53,11 @@ class Feedback:
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        self._seed, self._asked = seed, 0
-        self._proposals, self._variation = ProposalFactory(space), Variation(space.genes)
+        super().__init__(space, seed)
+        self._variation = Variation(space.genes)
         self._seeds: dict[str, Seed] = {}
         self._parents: dict[int, Parentage] = {}
         self._bandits = {failed: Bandit() for failed in (False, True)}
-
-    def ask(self, n: int) -> list[Proposal]:
-        """Random scenes and children of the seeds."""
-        first, self._asked = self._asked, self._asked + n
-        return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Update the seeds, and learn which mutations paid off."""
@@ -88,15 +82,14 @@ class Feedback:
             known.genome, known.score = genome, score
         return known.hits
 
-    def _proposal(self, number: int) -> Proposal:
-        rng = np.random.default_rng([self._seed, number])
+    def _genome(self, number: int, rng: Rng) -> Genome:
         if not self._is_fresh(rng):
             for _ in range(TRIES):
                 genome, parentage = self._child(rng)
                 if self._proposals.new([genome])[0]:
                     self._parents[number] = parentage
-                    return Proposal(number, self._proposals.registered(genome))
-        return Proposal(number, self._proposals.fresh(rng))
+                    return self._proposals.registered(genome)
+        return self._proposals.fresh(rng)
 
     def _is_fresh(self, rng: Rng) -> bool:
         """Whether to draw a random scene: always, while there are fewer than two seeds."""

@@ -18,9 +18,8 @@ from pymoo.core.repair import Repair
 from pymoo.core.termination import NoTermination
 
 from vlafuzz.scoring import Score
-from vlafuzz.search.archive import Archive
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import Archive, ProposalFactory
 from vlafuzz.search.variation import Variation
 
 GENERATIONS, FEWEST = 15, 10  # in a run: at least, and at least with a small budget

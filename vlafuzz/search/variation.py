@@ -42,6 +42,12 @@ class Variation:
         bare = self._number(self._levels(genome)) == 0
         return [name for name in self._units if not (bare and self._is_around(name))]
 
+    def mutate_some(self, genome: Genome, again: float, rng: np.random.Generator) -> Genome:
+        """The genome with one operator changed, and each time with the chance ``again`` one more."""
+        operators = self.operators(genome)
+        count = min(int(rng.geometric(1 - again)), len(operators))
+        return self.mutate(genome, rng.choice(operators, count, replace=False).tolist(), rng)
+
     def mutate(self, genome: Genome, operators: Collection[str], rng: np.random.Generator) -> Genome:
         """The genome with some genes of one unit of each of these operators changed."""
         levels = self._levels(genome)

@@ -6,7 +6,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome
 from vlafuzz.search.baselines.art_rf import ArtRf
-from vlafuzz.search.random import Random
+from vlafuzz.search.proposals import Random
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 

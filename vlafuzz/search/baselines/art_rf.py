@@ -6,13 +6,11 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.ensemble import RandomForestClassifier
 
 from vlafuzz.scoring import Score
-from vlafuzz.search.archive import Archive
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import Archive, OneByOne, Points, Rng
 
 CANDIDATES = 10  # per proposal, the usual number for FSCS
 FARTHEST = 5  # candidates, by distance, among which the forest chooses
@@ -20,10 +18,8 @@ TREES = 50
 REMEMBERED = 800  # scenes in the training set
 SOONEST, GROWTH = 16, 0.15  # new scenes before a refit: at least so many, and this share of all scenes
 
-Points = NDArray[np.float64]  # (n, k)
 
-
-class ArtRf:
+class ArtRf(OneByOne):
     """After FATE-VLA's description of its hybrid (Kanwal, Valle, Ali, Arrieta 2026, <https://arxiv.org/abs/2606.02307>).
 
     Fixed-size-candidate-set adaptive random testing (Chen, Leung, Mak 2004,
@@ -33,16 +29,11 @@ class ArtRf:
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        self._space, self._seed, self._asked = space, seed, 0
-        self._proposals, self._proposed = ProposalFactory(space), Archive()
+        super().__init__(space, seed)
+        self._proposed = Archive()
         self._known: deque[tuple[Points, bool]] = deque(maxlen=REMEMBERED)
         self._forest: RandomForestClassifier | None = None
         self._fits = self._new = 0
-
-    def ask(self, n: int) -> list[Proposal]:
-        """The best of ten random scenes, ``n`` times."""
-        first, self._asked = self._asked, self._asked + n
-        return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Learn the outcomes, and refit the forest from time to time."""
@@ -57,16 +48,15 @@ class ArtRf:
             self._forest = forest.fit(np.array([point for point, _ in self._known]), failed)
             self._fits, self._new = self._fits + 1, 0
 
-    def _proposal(self, number: int) -> Proposal:
-        rng = np.random.default_rng([self._seed, number])
+    def _genome(self, number: int, rng: Rng) -> Genome:
         genomes = [self._space.encode(self._space.sample(rng)) for _ in range(CANDIDATES)]
         genomes = [genome for genome, new in zip(genomes, self._proposals.new(genomes), strict=True) if new]
         if not genomes:
-            return Proposal(number, self._proposals.fresh(rng))
+            return self._proposals.fresh(rng)
         points = np.array([self._point(genome) for genome in genomes])
         best = self._best(points)
         self._proposed.add(points[best])
-        return Proposal(number, self._proposals.registered(genomes[best]))
+        return self._proposals.registered(genomes[best])
 
     def _best(self, points: Points) -> int:
         """The index of the likeliest failure among the farthest."""

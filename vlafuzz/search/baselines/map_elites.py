@@ -10,7 +10,7 @@ from ribs.archives import GridArchive
 
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import OneByOne
 from vlafuzz.search.variation import Variation
 
 STAGES, SQUARES = 8, 16  # lost stages, at most; squares of the workspace for the target
@@ -18,14 +18,13 @@ BLIND = 0.5  # share of random scenes before the first failure: ease may be misl
 GUIDED = 0.1  # and after it: there may be failures elsewhere
 CROSSED = 0.3  # share of children with two parents
 AGAIN = 0.4  # chance that a mutation changes one more operator
-TRIES = 10  # known children before a random scene is proposed instead
 PASSING = -1.0  # objective at or below which a scene passed, see Score.ease
 
 Rng = np.random.Generator
 Genomes = NDArray[np.float64]  # (n, dim)
 
 
-class MapElites:
+class MapElites(OneByOne):
     """Mouret, Clune 2015 <https://arxiv.org/abs/1504.04909>, with the archive of pyribs.
 
     A niche is a lost stage (or none), the operator farthest from nominal, and the target's square in the
@@ -34,8 +33,8 @@ class MapElites:
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        self._space, self._seed, self._asked = space, seed, 0
-        self._proposals, self._variation = ProposalFactory(space), Variation(space.genes)
+        super().__init__(space, seed)
+        self._variation = Variation(space.genes)
         operators = len({gene.operator for gene in space.genes})
         dims = (STAGES, operators + 1, SQUARES)
         self._numbers: list[dict[str, int]] = [{} for _ in dims]
@@ -45,9 +44,8 @@ class MapElites:
 
     def ask(self, n: int) -> list[Proposal]:
         """Random scenes to begin with, then mostly children of elites."""
-        first, self._asked = self._asked, self._asked + n
-        parents, share = self._parents()
-        return [self._proposal(number, parents, share) for number in range(first, self._asked)]
+        self._elites, self._share = self._parents()
+        return super().ask(n)
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Let every scene that was rolled out compete for its niche."""
@@ -77,19 +75,13 @@ class MapElites:
             return failing, GUIDED
         return elites, BLIND if len(set(objectives)) > 1 else 1.0
 
-    def _proposal(self, number: int, parents: Genomes, share: float) -> Proposal:
-        rng = np.random.default_rng([self._seed, number])
-        if len(parents) and rng.random() >= share:
-            for _ in range(TRIES):
-                child = self._proposals.fair(self._child(parents, rng), rng)
-                if self._proposals.new([child])[0]:
-                    return Proposal(number, self._proposals.registered(child))
-        return Proposal(number, self._proposals.fresh(rng))
+    def _genome(self, number: int, rng: Rng) -> Genome:
+        if len(self._elites) and rng.random() >= self._share:
+            return self._proposals.first_new(lambda: self._child(rng), rng)
+        return self._proposals.fresh(rng)
 
-    def _child(self, parents: Genomes, rng: Rng) -> Genome:
-        genome, other = parents[rng.integers(len(parents), size=2)]
+    def _child(self, rng: Rng) -> Genome:
+        genome, other = self._elites[rng.integers(len(self._elites), size=2)]
         if rng.random() < CROSSED:
             genome = self._variation.cross(genome, other, rng)
-        operators = self._variation.operators(genome)
-        count = min(int(rng.geometric(1 - AGAIN)), len(operators))
-        return self._variation.mutate(genome, rng.choice(operators, count, replace=False).tolist(), rng)
+        return self._variation.mutate_some(genome, AGAIN, rng)

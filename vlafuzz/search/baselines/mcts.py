@@ -9,13 +9,12 @@ import numpy as np
 
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposal_factory import ProposalFactory
+from vlafuzz.search.proposals import OneByOne
 from vlafuzz.space.params import Gene
 
 EXTENTS = ("nominal", "near", "far")  # an operator's perturbation: none, up to half of its range, more
 CURIOSITY = 0.7  # weight of exploration in UCB1
 MOST_NODES = 20_000  # the tree stops growing there
-TRIES = 10  # known scenes before a random one is proposed instead
 
 Rng = np.random.Generator
 
@@ -36,7 +35,7 @@ class Node:
         return known + CURIOSITY * math.sqrt(math.log(self.visits) / child.visits)
 
 
-class Mcts:
+class Mcts(OneByOne):
     """Monte Carlo tree search as in RoboTest, but rewarded for failures. A baseline.
 
     UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest
@@ -46,15 +45,10 @@ class Mcts:
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        self._space, self._seed, self._asked = space, seed, 0
-        self._proposals, self._root, self._nodes = ProposalFactory(space), Node(), 1
+        super().__init__(space, seed)
+        self._root, self._nodes = Node(), 1
         self._operators = list(dict.fromkeys(gene.operator for gene in space.genes))
         self._out: dict[int, list[Node]] = {}
-
-    def ask(self, n: int) -> list[Proposal]:
-        """``n`` scenes of promising branches."""
-        first, self._asked = self._asked, self._asked + n
-        return [self._proposal(number) for number in range(first, self._asked)]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Reward the branches of failures; undo the visits of invalid scenes."""
@@ -63,17 +57,12 @@ class Mcts:
                 node.failures += score.failed
                 node.visits -= not score.rolled_out
 
-    def _proposal(self, number: int) -> Proposal:
-        rng = np.random.default_rng([self._seed, number])
+    def _genome(self, number: int, rng: Rng) -> Genome:
         extents, path = self._descend(rng)
         self._out[number] = path
         for node in path:
             node.visits += 1
-        for _ in range(TRIES):
-            genome = self._proposals.fair(self._drawn(extents, rng), rng)
-            if self._proposals.new([genome])[0]:
-                return Proposal(number, self._proposals.registered(genome))
-        return Proposal(number, self._proposals.fresh(rng))
+        return self._proposals.first_new(lambda: self._drawn(extents, rng), rng)
 
     def _descend(self, rng: Rng) -> tuple[dict[str, int], list[Node]]:
         """An extent for each operator, and the nodes visited; at most one of them is new."""
