@@ -32,7 +32,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator

@@ -1,4 +1,5 @@
-from vlafuzz.evidence import Threshold, describe, signature
+from vlafuzz.evidence import Threshold
+from vlafuzz.phrasing import describe, signature
 
 
 def test_a_signature_names_task_stage_and_operators():

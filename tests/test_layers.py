@@ -21,6 +21,7 @@ ROWS = (
     "rigs",
     "tasks outcome",
     "validity scoring evidence",
+    "phrasing",
     "space",  # generates fair scenes: asks validity
     "formats search policies",
     "conditions",

@@ -1,17 +1,13 @@
-"""The evidence that triage collects about a failure, as values and in words: causes and a witness."""
+"""The evidence that triage collects about a failure as values: causes and a witness."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.scene import in_words
-
 Actions = NDArray[np.float32]
-BASE = "base"  # in a signature: even the nominal scene fails
 
 
 @dataclass(frozen=True)
@@ -55,20 +51,3 @@ class Witness:
     actions: Actions
     states_hash: str
     attempt: int
-
-
-def signature(task: str, lost: str, operators: Iterable[str]) -> str:
-    """Identifies a cause, readably: ``pick-up|grasp|camera-orientation+light``."""
-    return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
-
-
-def describe(threshold: Threshold) -> str:
-    """The operator and its failing range: ``light: fails from intensity × 6.25 on``."""
-    return f"{threshold.operator}: {failing_range(threshold)}"
-
-
-def failing_range(threshold: Threshold) -> str:
-    """The values from which on the policy fails."""
-    values = ", ".join(in_words(path, value) for path, value in threshold.at)
-    share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
-    return f"fails from {values}{share} on"

@@ -105,7 +105,7 @@ def test_it_is_told_no_positions():
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.sim.scenes import make_env
     from vlafuzz.policies.pinhole import OutlineLocalizer
-    from vlafuzz.rigs.rig import camera_pose
+    from vlafuzz.rigs.camera import camera_pose
     from vlafuzz.rigs.robots import PANDA
     from vlafuzz.sim.maniskill.outlines import outlines
 

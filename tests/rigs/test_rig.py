@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, RIGS, rig
 from vlafuzz.scene import Camera
 

@@ -10,7 +10,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SimulatorError
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv

@@ -12,7 +12,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator

@@ -3,8 +3,9 @@ from itertools import combinations
 import pytest
 
 from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
-from vlafuzz.evidence import Causes, describe
+from vlafuzz.evidence import Causes
 from vlafuzz.outcome import Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.shrink import Shrunk, shrink

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
-from vlafuzz.evidence import Causes, describe
+from vlafuzz.evidence import Causes
+from vlafuzz.phrasing import describe
 from vlafuzz.report.deviations import deviations
 from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise
 from vlafuzz.triage.attribute import attribute

@@ -9,9 +9,9 @@ from tests.triage.planted import CATALOGUE, CONDITIONS, EDGES, SPACE, STAGES, Pl
 from tests.triage.test_shrink import CASES
 from vlafuzz.cli import main
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.evidence import describe
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.policies.base import ActionChunk
 from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator

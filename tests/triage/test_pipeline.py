@@ -10,8 +10,8 @@ from tests.doubles import failed, manifest, passed, rollout
 from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.errors import SimulatorError
-from vlafuzz.evidence import describe
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.phrasing import describe
 from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Triaged, Trial

@@ -23,7 +23,8 @@ from vlafuzz.policies.base import (
 )
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.planning import Thing
-from vlafuzz.rigs.rig import CameraPose, Rig, camera_pose
+from vlafuzz.rigs.camera import CameraPose, camera_pose
+from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import rig
 
 Array = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from vlafuzz.evidence import Causes, Witness, describe
+from vlafuzz.evidence import Causes, Witness
+from vlafuzz.phrasing import describe
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest

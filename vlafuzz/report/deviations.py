@@ -7,7 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Causes, failing_range
+from vlafuzz.evidence import Causes
+from vlafuzz.phrasing import failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space import SearchSpace

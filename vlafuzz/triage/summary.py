@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import get_args
 
-from vlafuzz.evidence import describe
+from vlafuzz.phrasing import describe
 from vlafuzz.store.records import Bucket, Triaged
 from vlafuzz.store.store import Store
 

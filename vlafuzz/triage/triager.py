@@ -9,8 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Actions, signature
+from vlafuzz.evidence import Actions
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Triaged

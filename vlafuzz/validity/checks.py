@@ -12,7 +12,8 @@ import numpy as np
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rigs.rig import Hand, Rig, camera_pose
+from vlafuzz.rigs.camera import camera_pose
+from vlafuzz.rigs.rig import Hand, Rig
 from vlafuzz.rigs.robots import RIGS, rig
 from vlafuzz.scene import Backdrop, Camera, Placement, Scene
 from vlafuzz.tasks.base import Task

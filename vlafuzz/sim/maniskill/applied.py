@@ -15,7 +15,8 @@ import numpy as np
 import sapien
 
 from vlafuzz.errors import SimulatorError
-from vlafuzz.rigs.rig import Rig, camera_pose
+from vlafuzz.rigs.camera import camera_pose
+from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import EXTRAS, Scene
 
 METRES = 1e-5

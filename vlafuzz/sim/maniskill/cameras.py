@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from vlafuzz import assets
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs.rig import CameraPose, Rig, camera_pose
+from vlafuzz.rigs.camera import CameraPose, camera_pose
+from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import Noise
 from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import wrist_of

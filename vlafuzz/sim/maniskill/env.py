@@ -24,7 +24,7 @@ from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.errors import PrerequisiteError, SceneError, suggestion
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs.rig import camera_pose
+from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.applied import Applied

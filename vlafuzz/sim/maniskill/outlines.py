@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import Outlines, Silhouette
-from vlafuzz.rigs.rig import CameraPose
+from vlafuzz.rigs.camera import CameraPose
 from vlafuzz.sim.maniskill.table import COLOUR
 from vlafuzz.tasks.base import State
 
