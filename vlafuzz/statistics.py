@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from statistics import NormalDist
 from typing import NamedTuple, Self
 
@@ -110,10 +111,7 @@ def smallest_p(ours: int, theirs: int) -> float:
 
 def repeats_needed(tests: int, alpha: float) -> int:
     """Repeats per sample for the smallest possible p-value to pass Holm's correction for so many tests."""
-    repeats = 2
-    while tests * smallest_p(repeats, repeats) > alpha:
-        repeats += 1
-    return repeats
+    return next(repeats for repeats in count(2) if tests * smallest_p(repeats, repeats) <= alpha)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -164,13 +162,13 @@ def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) 
     Args:
         cases: the run of each case, and whether the case is positive.
     """
-    number, count = len(cases), sum(positive for _, positive in cases)
+    number, hits = len(cases), sum(positive for _, positive in cases)
     runs = [[positive for of, positive in cases if of == run] for run in {of for of, _ in cases}]
-    if len(runs) < 2 or count in (0, number):
-        return wilson(count, number, confidence)
+    if len(runs) < 2 or hits in (0, number):
+        return wilson(hits, number, confidence)
     from scipy.stats import norm, t
 
-    share, tail = count / number, (1 + confidence) / 2
+    share, tail = hits / number, (1 + confidence) / 2
     # The variance of a ratio of totals, by linearisation.
     squares = sum((sum(run) - share * len(run)) ** 2 for run in runs)
     variance = squares / number**2 * len(runs) / (len(runs) - 1)

@@ -22,15 +22,12 @@ class Pool:
         self.severity, self.severities = measure.severity, measure.severities
 
     def decode(self, genome: Genome) -> Scene:
-        """The scene at that index."""
         return self.scenes[int(genome[0])]
 
     def encode(self, scene: Scene) -> Genome:
-        """The scene's index."""
         return np.array([self.scenes.index(scene)], dtype=np.float64)
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene of the pool."""
         return self.scenes[rng.integers(len(self.scenes))]
 
 

@@ -110,7 +110,6 @@ class Own:
 
     @property
     def about(self) -> str:
-        """See ``Strategy``."""
         return about(self._strategy)
 
     def ask(self, n: int) -> list[Proposal]:
@@ -132,11 +131,7 @@ class Own:
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Pass the scores on.
-
-        Raises:
-            PrerequisiteError: the user's code raises.
-        """
+        """Pass the scores on; PrerequisiteError if the user's code raises."""
         with users_code(self._name):
             self._strategy.tell(proposals, scores)
 

@@ -109,10 +109,8 @@ class Surrogate:
 
     def _chosen(self, n: int, rng: Rng) -> list[Candidate]:
         """Up to ``n`` candidates, each the best given the ones chosen before."""
-        if n == 0:
-            return []
-        self._stock += self._breeder.breed(SUPPLY * n, rng)
-        if not self._stock:
+        self._stock += self._breeder.breed(SUPPLY * n, rng) if n else []
+        if not (n and self._stock):
             return []
         votes = self._votes(rng)
         left = np.ones(len(self._stock))
@@ -148,10 +146,8 @@ class Surrogate:
 class Candidate:
     """A scene as numbers.
 
-    Attributes:
-        features: input of the forest: embedding, genome and severities.
-        site: the part of its cell that is known before a rollout.
-        severity: distance from nominal, summed over the operators.
+    ``features``, the forest's input, are embedding, genome and severities. ``site`` is the part of its cell
+    that is known before a rollout, ``severity`` the sum over the operators.
     """
 
     genome: Genome

@@ -45,7 +45,6 @@ class Codec:
 
     @property
     def dim(self) -> int:
-        """The length of a genome."""
         return len(self.genes)
 
     def varies(self, gene: Gene) -> bool:
@@ -164,10 +163,9 @@ class Codec:
                     hint="scenes from elsewhere keep their floats",
                 )
             if level != gene.grid.nominal_level and not self.varies(gene):
-                raise SceneError(
-                    f"{path}: {_at(scene, path)!r} is not nominal, and {gene.operator} does not vary",
-                    hint=f"vary {gene.operator} as well",
-                )
+                still = f"is not nominal, and {gene.operator} does not vary"
+                hint = f"vary {gene.operator} as well"
+                raise SceneError(f"{path}: {_at(scene, path)!r} {still}", hint=hint)
             levels[path] = level
         return levels
 

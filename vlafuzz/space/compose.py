@@ -32,12 +32,7 @@ _PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with o
 
 
 class Composer:
-    """Composes the scenes of one task.
-
-    Attributes:
-        layout: the slots of a scene.
-        genes: of all operators, in their order.
-    """
+    """Composes the scenes of one task, from the ``genes`` of all operators, in their order."""
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot
@@ -89,14 +84,10 @@ class Composer:
                 values |= self._placed(slot, placement)
         for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
             values[f"camera.{field}"] = getattr(scene.camera, field)
-        spoken = [
-            self._catalogue[target.object].spoken
-            for target in scene.targets
-            if target.object in self._catalogue
-        ]
+        known = [target.object for target in scene.targets if target.object in self._catalogue]
+        spoken = [self._catalogue[name].spoken for name in known]
         wordings = [say(wording, spoken) for wording in self._wordings]
-        values["instruction"] = math.nan if scene.then else _index(wordings, scene.instruction)
-        return values
+        return values | {"instruction": math.nan if scene.then else _index(wordings, scene.instruction)}
 
     def _composed(self, part: str, values: Mapping[str, float]) -> Any:
         """A part of the scene that has one gene per field."""

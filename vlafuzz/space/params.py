@@ -39,16 +39,13 @@ class Grid:
 
     @cached_property
     def size(self) -> int:
-        """The number of levels."""
         return self._last - self._first + 1
 
     @property
     def nominal_level(self) -> int:
-        """The level of the nominal value."""
         return -self._first
 
     def value(self, level: int) -> float:
-        """The value of a level."""
         return self._values[level]
 
     @cached_property
@@ -60,9 +57,8 @@ class Grid:
 
     def snap(self, value: float) -> int:
         """The level nearest to a value."""
-        value = min(max(value, self.low), self.high)
-        steps = round((self._scaled(value) - self._scaled(self.nominal)) / self.step) - self._first
-        return min(max(steps, 0), self.size - 1)
+        level = round(self._steps(min(max(value, self.low), self.high))) - self._first
+        return min(max(level, 0), self.size - 1)
 
     def level(self, value: float) -> int | None:
         """The level with exactly this value, or None."""
@@ -85,19 +81,22 @@ class Grid:
         centre = self._scaled(self.nominal)
         away = abs(self._scaled(value) - centre)
         if self.wraps:
-            away = abs((away + 180.0) % 360.0 - 180.0)
-            return away / 180.0
+            return abs((away + 180.0) % 360.0 - 180.0) / 180.0
         farthest = max(centre - self._scaled(self.low), self._scaled(self.high) - centre)
         return min(away / farthest, 1.0) if farthest > 0 else float(away > 0)
 
     @cached_property
     def _first(self) -> int:
-        first = math.ceil((self._scaled(self.low) - self._scaled(self.nominal)) / self.step - 1e-9)
-        return first + 1 if self.wraps else first
+        return self.wraps + math.ceil(
+            (self._scaled(self.low) - self._scaled(self.nominal)) / self.step - 1e-9
+        )
 
     @cached_property
     def _last(self) -> int:
-        return math.floor((self._scaled(self.high) - self._scaled(self.nominal)) / self.step + 1e-9)
+        return math.floor(self._steps(self.high) + 1e-9)
+
+    def _steps(self, value: float) -> float:
+        return (self._scaled(value) - self._scaled(self.nominal)) / self.step
 
     def _scaled(self, value: float) -> float:
         return math.log2(value) if self.log else float(value)
