@@ -87,9 +87,7 @@ class Grid:
 
     @cached_property
     def _first(self) -> int:
-        return self.wraps + math.ceil(
-            (self._scaled(self.low) - self._scaled(self.nominal)) / self.step - 1e-9
-        )
+        return math.ceil(self._steps(self.low) - 1e-9) + self.wraps
 
     @cached_property
     def _last(self) -> int:
