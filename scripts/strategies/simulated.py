@@ -20,7 +20,7 @@ from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.plots import plot
-from vlafuzz.compare.solvable import Sampled, Solvable, Witnesses, sample, solvable
+from vlafuzz.compare.samples import Sampled, Solvable, Witnesses, sample, solvable
 from vlafuzz.conditions.stored import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue

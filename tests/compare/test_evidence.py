@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, scene
-from vlafuzz.compare.evidence import choose, evidence, findings
-from vlafuzz.compare.solvable import Sampled
+from vlafuzz.compare.samples import Sampled, choose, evidence, findings
 from vlafuzz.store.records import Triaged, Trial
 from vlafuzz.store.store import Store
 

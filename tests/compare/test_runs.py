@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import manifest
-from vlafuzz.compare.runs import Job, jobs, stored
+from vlafuzz.compare.compare import Job, jobs, stored
 from vlafuzz.errors import UsageError
 from vlafuzz.store.records import Run
 

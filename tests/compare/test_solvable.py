@@ -6,7 +6,7 @@ import numpy as np
 from tests.doubles import manifest, scene
 from tests.triage.runners import PlantedRunner
 from vlafuzz.compare.failures import CountedRun, Failure
-from vlafuzz.compare.solvable import Sampled, Witnesses, sample, solvable
+from vlafuzz.compare.samples import Sampled, Witnesses, sample, solvable
 from vlafuzz.store.records import Run
 
 SCENES = [scene(x=number / 100) for number in range(6)]

@@ -11,8 +11,8 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.studies.mutants import MUTANTS, kept, mutants, mutating, points
-from vlafuzz.studies.variants import Tried, Variant, pooled
+from vlafuzz.studies.mutants import MUTANTS, curve_points, kept, mutants, mutating
+from vlafuzz.studies.runner import Tried, Variant, pooled
 
 CATALOGUE = load_catalogue()
 OPERATORS = load_operators("paper-rq1")
@@ -93,7 +93,7 @@ def test_what_broke_or_was_unfair_is_in_no_share(scenes: list[Scene]) -> None:
     assert counted.mean == pytest.approx(2 / 3)
     shares = {
         (point.curve, point.low): (point.passed.count, point.passed.of)
-        for point in points("rq3", "a", results)
+        for point in curve_points("rq3", "a", results)
     }
     assert shares == {("darker", 1): (1, 1), ("darker", 8): (0, 1), ("brighter", 8): (0, 1)}
     assert [tried.variant.origin for tried in pooled([results, results])][::7] == [0, 2]

@@ -12,11 +12,9 @@ from vlafuzz.scene import Placement, Scene
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.records import Status, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.studies.parts import COUNTS, Part, operators_of, parts_of, stored
+from vlafuzz.studies.runner import COUNTS, Part, operators_of, parts_of, stored
 from vlafuzz.studies.sheet import adjusted
-from vlafuzz.studies.similar import Similarity, is_similar, similarity
-from vlafuzz.studies.stages import in_paper, standing
-from vlafuzz.studies.stages_sheet import StageResult
+from vlafuzz.studies.stages import Similarity, StageResult, in_paper, is_similar, similarity, standing
 from vlafuzz.tasks.tabletop import TASKS
 
 CATALOGUE = load_catalogue()

@@ -6,8 +6,8 @@ from tests.doubles import failed, passed, scene
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
+from vlafuzz.studies.runner import Tried
 from vlafuzz.studies.sheet import adjusted
-from vlafuzz.studies.variants import Tried
 from vlafuzz.studies.wordings import Prompt, compared, prompts, reworded, two_steps, variants
 from vlafuzz.tasks.instructions import load_wordings
 from vlafuzz.tasks.tabletop import TASKS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, VaryFlag, listed
+from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PolicyFlag, VaryFlag, listed
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 
@@ -26,13 +26,7 @@ def command(
         str, typer.Option(help="Strategies, separated by commas; the others are compared with the first.")
     ] = "random,nsga2,feedback",
     task: Annotated[str, typer.Option(help="What the robot is told to do.")] = "pick-up",
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            help="The policy under test, or python:pkg.mod:factory.",
-            show_default="mini, or pinhole where nothing renders",
-        ),
-    ] = None,
+    policy: PolicyFlag = None,
     budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,
     repeats: Annotated[int, typer.Option(help="Runs of every strategy.")] = 10,
     seed: Annotated[int, typer.Option(help="Of the first run of every strategy; the others count on.")] = 0,

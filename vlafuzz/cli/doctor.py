@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import OperatorsFlag
+from vlafuzz.cli.flags import OperatorsFlag, PackFlag, opened
 from vlafuzz.cli.output import Bar, print_rows
-from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.machine import machine
 from vlafuzz.errors import UsageError, check_number
@@ -32,8 +31,7 @@ def doctor(
         int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
     ] = None,
     n: Annotated[
-        int | None,
-        typer.Option("--n", help="Nominal scenes that the policy is to solve.", show_default="10"),
+        int | None, typer.Option("--n", help="Nominal scenes that the policy is to solve.", show_default="10")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:

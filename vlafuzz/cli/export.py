@@ -1,4 +1,4 @@
-"""``vlafuzz export``."""
+"""``vlafuzz export`` and ``vlafuzz merge``."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Format(StrEnum):
     lerobot = "lerobot"
 
 
-def command(
+def export(
     store: Annotated[
         Path,
         typer.Argument(
@@ -84,7 +84,7 @@ def command(
 
 def _export_corpus(store: Path, out: Path, run: int | None) -> None:
     """Check the minimal failures once more and write those that hold."""
-    from vlafuzz.regression.export import export
+    from vlafuzz.regression.export import export as export_corpus
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
     from vlafuzz.triage.confirm import MOST
@@ -92,7 +92,7 @@ def _export_corpus(store: Path, out: Path, run: int | None) -> None:
 
     check_new(out)
     with Store.open(store) as opened, Bar() as bar:
-        corpus = export(
+        corpus = export_corpus(
             opened,
             partial(runner_of_run, store, later=MOST, note=Bar.note),  # triage selected by earlier seeds
             name=out.name,
@@ -108,3 +108,24 @@ def _export_corpus(store: Path, out: Path, run: int | None) -> None:
 def _print_left_out(left_out: Mapping[str, int]) -> None:
     for reason, count in left_out.items():
         stderr().print(f"left out: {count}: {reason}")
+
+
+def merge(
+    stores: Annotated[list[Path], typer.Argument(help="Stores that `vlafuzz run` wrote.")],
+    out: Annotated[Path, typer.Option(help="The new store; must not exist yet.")],
+) -> None:
+    """Merge all runs, trials and findings of several stores into a new one.
+
+    Runs are renumbered in the given order. A scene that fails for one policy in several stores is one
+    finding. A run that is in two of the stores appears twice in the new one.
+    """
+    from vlafuzz.store.merge import merge as merge_stores
+
+    twice = next((store for number, store in enumerate(stores) if store in stores[:number]), None)
+    if twice is not None:
+        raise UsageError(f"{twice}: given twice", hint="give each store once")
+    merged = merge_stores(stores, out)
+    stderr().print(
+        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} findings written to {out}",
+        soft_wrap=True,
+    )

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from vlafuzz import assets
+from vlafuzz.cli.output import Bar, progress
+
+if TYPE_CHECKING:
+    from vlafuzz.objects import Pack
 
 
 def listed(names: str | None) -> tuple[str, ...] | None:
@@ -19,6 +27,14 @@ def _option(flag: str, text: str, default: str | None = None) -> Any:
 RobotFlag = Annotated[
     str | None,
     _option("--robot", "Whose hand it is: panda; widowx or google, with files from a --pack.", "panda"),
+]
+PolicyFlag = Annotated[
+    str | None,
+    _option(
+        "--policy",
+        "The policy under test, or python:pkg.mod:factory.",
+        "mini, or pinhole where nothing renders",
+    ),
 ]
 OperatorsFlag = Annotated[
     str | None, _option("--operators", "YAML file of ranges, or a shipped one's name.", "tabletop")
@@ -35,11 +51,67 @@ PlacementFlag = Annotated[
 ExecutorFlag = Annotated[
     str | None,
     _option(
-        "--executor",
-        "Where scenes are evaluated: local, processes, or ray.",
-        "local; processes for several",
+        "--executor", "Where scenes are evaluated: local, processes, or ray.", "local; processes for several"
     ),
 ]
 AddressFlag = Annotated[
     str | None, _option("--address", "Of a ray cluster: auto, or host:port.", "a ray of this machine")
 ]
+
+
+PackFlag = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--pack",
+        help="Objects and robots from this folder, laid out as SIMPLER and VLATest do; may be repeated.",
+    ),
+]
+
+
+def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
+    """The packs in these folders; notes say what is missing in them.
+
+    Raises:
+        UsageError: a folder is no pack and has none in it.
+        CatalogueError: a mesh is damaged.
+    """
+    if not folders:
+        return ()
+    from vlafuzz.objects import open_packs  # imported late: `vlafuzz doctor` has to start anywhere
+
+    assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
+    packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
+    for pack in packs:
+        for lack in _lacks(pack):
+            Bar.note(f"note: {pack.name}: {lack}")
+    _measure(packs)
+    return packs
+
+
+def _measure(packs: Sequence[Pack]) -> None:
+    """Measure every object, once; each takes up to some seconds."""
+    from vlafuzz.objects import load_catalogue
+
+    catalogue = load_catalogue(packs=packs)
+    names = catalogue.preferred(catalogue.names()) if packs else ()
+    with progress() as bar:
+        for name in bar.track(names, description="objects measured"):
+            catalogue[name]
+
+
+def _is_robots_only(folder: Path) -> bool:
+    """Whether a folder has robots, and nothing that could be objects."""
+    names = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
+    return "robots" in names and names <= {"robots", "overlays"}
+
+
+def _lacks(pack: Pack) -> Iterable[str]:
+    plain = [name for name, model in pack.objects.items() if model.visual is None]
+    if plain:
+        some = ", ".join(plain[:3]) + (", …" if len(plain) > 3 else "")
+        yield (
+            f"{len(plain)} of {len(pack.objects)} objects have no textured mesh ({some}): "
+            "they look like their collision mesh, in one colour"
+        )
+    if pack.left_out:
+        yield f"no collision mesh, so left out: {', '.join(pack.left_out)}"

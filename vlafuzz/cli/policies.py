@@ -1,15 +1,20 @@
-"""``vlafuzz policies``."""
+"""``vlafuzz policies`` and ``vlafuzz serve``."""
 
 from __future__ import annotations
 
+import shlex
+import sys
+import threading
+from contextlib import closing, suppress
 from typing import Annotated
 
 import typer
 
 from vlafuzz.cli.output import print_rows
+from vlafuzz.errors import check_number
 
 
-def command(
+def policies(
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
@@ -24,3 +29,29 @@ def command(
         for protocol in profile.protocols
     ]
     print_rows(rows, json=json, csv=csv, title="policies")
+
+
+def serve(
+    policy: Annotated[str, typer.Argument(help="The policy: vlafuzz policies lists them.")],
+    protocol: Annotated[str, typer.Option(help="vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
+    port: Annotated[int, typer.Option(help="Where to listen; 0 for any port that is free.")] = 8000,
+    host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
+) -> None:
+    """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
+
+    Simultaneous requests of several clients are batched into one call of the policy.
+    """
+    from vlafuzz.policies.registry import make_policy
+    from vlafuzz.serving.serve import serving
+
+    check_number("--port", port, 0, 65535)
+    with (
+        closing(make_policy(policy)) as served,
+        serving(served, protocol, host, port) as name,
+        suppress(KeyboardInterrupt),
+    ):
+        sys.stdout.write(f"{name}\n")
+        sys.stdout.flush()
+        run = shlex.join(["vlafuzz", "run", "--policy", name])
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\nhint: fuzz it with `{run}`\n")
+        threading.Event().wait()

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from vlafuzz.cli.flags import PackFlag, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
-from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError
 from vlafuzz.files import reason, write_whole
 from vlafuzz.renderer import check_renderer

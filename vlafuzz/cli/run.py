@@ -14,13 +14,15 @@ from vlafuzz.cli.flags import (
     AddressFlag,
     ExecutorFlag,
     OperatorsFlag,
+    PackFlag,
     PlacementFlag,
+    PolicyFlag,
     RobotFlag,
     VaryFlag,
     listed,
+    opened,
 )
 from vlafuzz.cli.output import Bar, interruptible, print_json
-from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import PolicyError, VlafuzzError
 
 if TYPE_CHECKING:
@@ -34,13 +36,7 @@ def command(
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
     robot: RobotFlag = None,
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            help="The policy under test, or python:pkg.mod:factory.",
-            show_default="mini, or pinhole where nothing renders",
-        ),
-    ] = None,
+    policy: PolicyFlag = None,
     strategy: Annotated[
         str | None,
         typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="surrogate"),

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import RobotFlag
+from vlafuzz.cli.flags import PackFlag, RobotFlag, opened
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
-from vlafuzz.cli.packs import PackFlag, opened
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 

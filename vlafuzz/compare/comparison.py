@@ -9,10 +9,9 @@ from itertools import chain
 
 import numpy as np
 
-from vlafuzz.compare.evidence import Evidence
 from vlafuzz.compare.failures import CountedRun, union
 from vlafuzz.compare.figures import Curve, Figures, curves, figures
-from vlafuzz.compare.solvable import Solvable
+from vlafuzz.compare.samples import Evidence, Solvable
 from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against, each_pair
 
 SPREAD = (

@@ -8,15 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from vlafuzz.compare.figures import Figures
-from vlafuzz.statistics import (
-    a12,
-    holm,
-    mann_whitney,
-    ratio,
-    ratio_interval,
-    repeats_needed,
-    smallest_p,
-)
+from vlafuzz.statistics import a12, holm, mann_whitney, ratio, ratio_interval, repeats_needed, smallest_p
 
 ALPHA = 0.05
 

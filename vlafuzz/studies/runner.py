@@ -1,4 +1,4 @@
-"""The runs that a study needs: stored ones are reused, missing ones are done."""
+"""The runs of a study, of random scenes and of variants of these: missing runs are done, others reused."""
 
 from __future__ import annotations
 
@@ -8,17 +8,129 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.launch import WantedRun, do_missing
+from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
+from vlafuzz.conditions.conditions import ASKED, Origin
 from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.objects import Pack
+from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet
-from vlafuzz.store.records import Run
+from vlafuzz.space.operators import ConfounderCount
+from vlafuzz.store.records import Manifest, Run, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.studies.parts import Part, operators_of, stored
-from vlafuzz.studies.variants import Variant
 from vlafuzz.watch import Watch
+
+COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
+
+
+class Part(NamedTuple):
+    """One run of a study.
+
+    Attributes:
+        confounders: their number; None where the operators draw it.
+        policy: None for the default policy.
+        arm: what differs from the study's runs of random scenes; empty for these.
+    """
+
+    task: str
+    confounders: int | None = None
+    policy: str | None = None
+    arm: str = ""
+
+    def __str__(self) -> str:
+        confounders = None if self.confounders is None else f"{self.confounders} confounders"
+        return ", ".join(filter(None, (self.policy, self.task, confounders, self.arm)))
+
+
+def parts_of(study: str, tasks: Sequence[str], policies: Sequence[str | None]) -> list[Part]:
+    """The runs of random scenes: one per policy and task, in RQ2 also per number of confounders."""
+    counts = COUNTS if study == "rq2" else (None,)
+    return [Part(task, count, policy) for policy in policies for task in tasks for count in counts]
+
+
+def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
+    """The operators of a part, with its number of confounders."""
+    in_task = operators.in_task(part.task)
+    if part.confounders is None:
+        return in_task
+    fixed = ConfounderCount(low=part.confounders, high=part.confounders, nominal=part.confounders)
+    return replace(in_task, operators={**in_task.operators, ConfounderCount.name: fixed})
+
+
+def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
+    """The run of a part that a store has, finished or not.
+
+    Args:
+        wanted: the part's manifest, as it would be made now.
+        scenes: the variants of the part, if it has any; the run has them or the first of them.
+
+    Raises:
+        UsageError: another version made the run.
+    """
+    same = [
+        run
+        for run in store.runs()
+        if not run.manifest.differences(wanted, origins=ASKED)
+        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
+    ]
+    for run in same:
+        for name in run.manifest.differences(wanted, origins=[Origin.HERE]):
+            raise UsageError(
+                f"{store.path}: run {run.id} was made by another version than is installed: "
+                f"its {name} differs",
+                hint="runs of two versions do not compare: give another --out",
+            )
+    return stored_run(same)
+
+
+JUDGED = (Verdict.PASSED, Verdict.FAILED)
+
+
+class Variant(NamedTuple):
+    """A scene derived from the ``origin``-th scene of a run; ``arm`` says how."""
+
+    scene: Scene
+    origin: int
+    arm: str
+
+
+class Tried(NamedTuple):
+    """A variant with its outcome."""
+
+    variant: Variant
+    outcome: Outcome
+
+    @property
+    def judged(self) -> bool:
+        """Whether it passed or failed: neither an error nor an invalid scene is a failure."""
+        return self.outcome.verdict in JUDGED
+
+    @property
+    def passed(self) -> bool:
+        """Whether all its rollouts succeeded."""
+        return self.outcome.verdict is Verdict.PASSED
+
+
+def pooled(runs: Iterable[Sequence[Tried]]) -> list[Tried]:
+    """The variants of several runs together, with distinct origins."""
+    pool: list[Tried] = []
+    for run in runs:
+        first = 1 + max((variant.origin for variant, _ in pool), default=-1)
+        pool += [Tried(variant._replace(origin=first + variant.origin), outcome) for variant, outcome in run]
+    return pool
+
+
+def distinct(store: Store, run: Run) -> list[Trial]:
+    """The trials of a run, without those that reused an outcome."""
+    return [trial for trial in store.trials(run.id) if not trial.duplicate]
+
+
+def tried(store: Store, run: Run | None, variants: Sequence[Variant]) -> list[Tried]:
+    """Variants with their outcomes in a run that proposed them in order; none without a run."""
+    trials = store.stored(run.id, 0, len(variants)) if run else []
+    return [Tried(variants[trial.proposal], trial.outcome) for trial in trials]
+
 
 VARIANTS = "variants"  # the strategy of runs of derived scenes, which are no random sample
 

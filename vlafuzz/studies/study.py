@@ -21,18 +21,23 @@ from vlafuzz.space.operators import Wording
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published, wordings
-from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, kept, mutants, mutating, points
-from vlafuzz.studies.mutants_sheet import MutationResult
-from vlafuzz.studies.parts import Part, operators_of, parts_of
-from vlafuzz.studies.runner import StudyRunner
+from vlafuzz.studies.mutants import ALL, MUTATED, Alpha, MutationResult, curve_points, kept, mutants, mutating
+from vlafuzz.studies.runner import (
+    JUDGED,
+    Part,
+    StudyRunner,
+    Tried,
+    Variant,
+    distinct,
+    operators_of,
+    parts_of,
+    pooled,
+    tried,
+)
 from vlafuzz.studies.sheet import Sheet, StudyResult, adjusted
-from vlafuzz.studies.similar import Similarity, similarity
-from vlafuzz.studies.stages import Standing, in_paper, standing
-from vlafuzz.studies.stages_sheet import StageResult
-from vlafuzz.studies.unseen import difference, paired_tests
-from vlafuzz.studies.unseen_sheet import UnseenResult
-from vlafuzz.studies.variants import JUDGED, Tried, Variant, distinct, pooled, tried
-from vlafuzz.studies.wordings_sheet import WordingResult
+from vlafuzz.studies.stages import Similarity, StageResult, Standing, in_paper, similarity, standing
+from vlafuzz.studies.unseen import UnseenResult, difference, paired_tests
+from vlafuzz.studies.wordings import WordingResult
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.watch import SILENT, Watch
 
@@ -159,7 +164,7 @@ def _mutation_study(runner: StudyRunner, request: StudyRequest) -> MutationResul
     for policy, by_task in by_policy.items():
         tasks = {**by_task, **({ALL: pooled(by_task.values())} if len(by_task) > 1 else {})}
         rows += [kept(task, policy, variants) for task, variants in tasks.items()]
-        curves += points(request.study, policy, pooled(by_task.values()))
+        curves += curve_points(request.study, policy, pooled(by_task.values()))
     return MutationResult(
         request.study,
         list(by_policy),

@@ -1,0 +1,92 @@
+"""The listings: ``vlafuzz operators``, ``objects`` and ``strategies``."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from vlafuzz.cli.flags import OperatorsFlag, PackFlag, opened
+from vlafuzz.cli.output import print_rows
+from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.space.operator_set import load_operators
+from vlafuzz.tasks.tabletop import task as task_named
+
+
+def operators(
+    operators: OperatorsFlag = None,
+    task: Annotated[str | None, typer.Option(help="The ranges in this task, where they differ.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """List the operators and their ranges."""
+    chosen = load_operators(operators)
+    if task is not None:
+        chosen = chosen.in_task(task_named(task).name)
+    elif chosen.tasks and not (json or csv):
+        typer.echo(f"ranges differ in {', '.join(sorted(chosen.tasks))}: --task shows them", err=True)
+    rows = [
+        {
+            "operator": name,
+            "changes": operator.says,
+            "range": operator.ranges(),
+            "nominal": operator.nominally(),
+            "varies": "yes" if name in chosen.varied else "no",
+        }
+        for name, operator in chosen.operators.items()
+    ]
+    title = f"{chosen.source.stem}: {chosen.min_distance:g} m between the centres of any two objects"
+    print_rows(rows, json=json, csv=csv, title=title)
+
+
+def objects(
+    pack: PackFlag = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """List the objects of the catalogue, or of packs.
+
+    Sizes are those of the bounding box in metres, masses kilograms. After each rest pose stands the narrowest
+    grasp in it, metres.
+    """
+    catalogue = load_catalogue(packs=opened(pack))
+    models = [catalogue[name] for name in catalogue.preferred(catalogue.names())]
+    print_rows([_row(model, nested=json) for model in models], json=json, csv=csv, title="objects")
+
+
+def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
+    size = [round(float(side), 4) for side in np.ptp(model.vertices, axis=0)]
+    poses = {
+        pose.name: min((grasp.width for grasp in pose.grasps), default=None) for pose in model.stable_poses
+    }
+    return {
+        "object": model.name,
+        "spoken": model.spoken,
+        "role": model.role,
+        "size": size if nested else " × ".join(f"{side:.3f}" for side in size),
+        "mass": model.mass,
+        "rest poses": poses if nested else ", ".join(_shown(*pose) for pose in poses.items()),
+    }
+
+
+def _shown(pose: str, narrowest: float | None) -> str:
+    return pose if narrowest is None else f"{pose} {narrowest:.3f}"
+
+
+def strategies(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """List the strategies that propose scenes."""
+    from vlafuzz.search.registry import STRATEGIES
+
+    rows = [{"strategy": name, "is": _says(strategy)} for name, strategy in STRATEGIES.items()]
+    print_rows(rows, json=json, csv=csv, title="strategies")
+
+
+def _says(strategy: object) -> str:
+    """The first paragraph of its docstring, in one line."""
+    return " ".join((inspect.getdoc(strategy) or "").partition("\n\n")[0].split())

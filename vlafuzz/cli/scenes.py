@@ -1,0 +1,210 @@
+"""``vlafuzz import``, ``vlafuzz lint`` and ``vlafuzz coverage``: files of scenes."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
+from vlafuzz.cli.output import Bar, print_json, print_rows, progress, stderr, table
+from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
+from vlafuzz.diagnostics.lint import Verdicts
+from vlafuzz.diagnostics.lint import lint as lint_file
+from vlafuzz.errors import SceneError, UsageError, check_number
+from vlafuzz.formats.scene_lines import is_store, is_vlatest, read_scene_file, write_scenes
+from vlafuzz.formats.vlatest.read import Imported, read_vlatest
+from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.space import OperatorSet, load_operators
+from vlafuzz.store.store import Store
+from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+class Frame(StrEnum):
+    """How VLATest's table frame is mapped to ours."""
+
+    FIT = "fit"
+    KEEP = "keep"
+    ORIGINAL = "original"
+    ROBOT = "robot"
+
+
+@app.callback()
+def _group() -> None:
+    """Import scenes of other formats."""
+
+
+@app.command("vlatest")
+def vlatest(
+    files: Annotated[list[Path], typer.Argument(help="Scene files of VLATest.")],
+    out: Annotated[Path, typer.Option(help="JSON-lines file to write.")],
+    frame: Annotated[
+        Frame,
+        typer.Option(
+            help="fit: stretch their box onto ours; keep: keep distances; original: change nothing, keep "
+            "their robots and names; robot: the same, seen from the robot as ours are: can be run."
+        ),
+    ] = Frame.FIT,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Write the scenes of VLATest's files as one file of ours, in order.
+
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; with --frame
+    original or robot none are.
+    """
+    if out.is_dir() or not out.parent.is_dir():
+        raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
+    catalogue = load_catalogue()
+    with progress() as bar:
+        tracked = bar.track(files, description="reading")
+        imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
+    write_scenes(out, [scene for file in imported for scene in file.scenes])
+    _print_missing(imported)
+    rows = [
+        {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}
+        for file in imported
+    ]
+    if json:
+        print_json([row | {"missing": file.missing} for row, file in zip(rows, imported, strict=True)])
+    else:
+        print_rows(rows, title=str(out))
+
+
+def _print_missing(imported: list[Imported]) -> None:
+    missing = sum((Counter(file.missing) for file in imported), Counter[str]())
+    if not missing:
+        return
+    left_out = sum(file.left_out for file in imported)
+    rows = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
+    stderr().print(
+        f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue"
+    )
+    stderr().print(table(rows))
+
+
+PACKED = re.compile("unknown object '[^']+:")  # a reason
+
+
+def lint(
+    files: Annotated[list[Path], typer.Argument(help="Files of scenes: JSON lines, or VLATest's.")],
+    static: Annotated[
+        bool | None,
+        typer.Option(
+            "--static/--settle",
+            help="Only what needs no simulator, semantics and geometry; or all.",
+            show_default="all; for VLATest's files --static, unless --placement is given",
+        ),
+    ] = None,
+    frame: Annotated[
+        Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")
+    ] = Frame.FIT,
+    min_distance: Annotated[
+        float | None,
+        typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
+    ] = None,
+    placement: PlacementFlag = None,
+    pack: PackFlag = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
+) -> None:
+    """Check whether the scenes of a file are fair.
+
+    Checks: semantic, geometry, settling (a second of physics), not already solved. The exit code is 1 when a
+    scene fails a check or a line is broken.
+
+    For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m,
+    and in which footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the
+    shares in which an object moves by more than 5 cm while settling, and in which the task is then solved,
+    strictly or by the published criteria.
+    """
+    if min_distance is not None and not min_distance >= 0:
+        raise UsageError(f"--min-distance: expected metres, got {min_distance}")
+    keep = load_operators().min_distance if min_distance is None else min_distance
+    put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
+    if static and placement:
+        raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
+    catalogue = load_catalogue(packs=opened(pack))
+    with Bar() as bar:
+        judged = []
+        for path in files:
+            quick = is_vlatest(path) and not placement if static is None else static
+            source = read_scene_file(path, catalogue, frame.value)
+            if not (source.lines or source.left_out):
+                raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+            judged.append(lint_file(source, catalogue, keep, None if quick else put, bar))
+    _print(judged, json=json, verbose=verbose)
+    if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
+        stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
+    if any(file.problems for file in judged):
+        raise typer.Exit(1)
+
+
+def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
+    rows = [file.row() for file in judged]
+    if json:
+        rejections = [[asdict(problem) for problem in file.problems] for file in judged]
+        print_json([row | {"rejections": lines} for row, lines in zip(rows, rejections, strict=True)])
+        return
+    if verbose:
+        for file in judged:
+            for problem in file.problems:
+                typer.echo(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
+    print_rows(rows, title="scenes")
+
+
+def coverage(
+    files: Annotated[
+        list[Path], typer.Argument(help="Files of scenes, JSON lines or VLATest's; stores that runs wrote.")
+    ],
+    first: Annotated[
+        list[int] | None,
+        typer.Option(help="How many of the first scenes; may be repeated.", show_default="10, 100, 1000"),
+    ] = None,
+    frame: Annotated[
+        Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")
+    ] = Frame.ORIGINAL,
+    operators: Annotated[
+        str | None,
+        typer.Option(
+            help="Ranges that files of ours are measured in: YAML, or a shipped one's name.",
+            show_default="tabletop",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """Measure how much of the space scenes or runs cover.
+
+    positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first
+    object of a scene; published: the value in VLATest's paper. It grows with the number of scenes, whatever
+    they contain. sites: distinct sets of operators far from nominal, with the target's place. For runs also
+    cells: sites with the stage at which the policy was lost; failures: the cells of its failures.
+    """
+    sizes = first or list(SIZES)
+    for size in sizes:
+        check_number("--first", size, 1, 10**9)
+    catalogue, ranges = load_catalogue(), load_operators(operators)
+    rows: list[dict[str, Any]] = []
+    with progress() as bar:
+        for path in bar.track(files, description="reading"):
+            for track in _tracks(path, catalogue, ranges, frame):
+                origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
+                rows += [origin | asdict(row) for row in covered(track, sizes)]
+    print_rows(rows, json=json, csv=csv, title="coverage")
+
+
+def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame) -> list[Track]:
+    if is_store(path):
+        with Store.open(path) as store:
+            return tracks_of_store(store)
+    source = read_scene_file(path, catalogue, frame.value)
+    if source.left_out:
+        stderr().print(f"{path}: {source.left_out} scenes are left out: they have unknown objects")
+    return tracks_of_scenes(source.scenes(), ranges, catalogue)
