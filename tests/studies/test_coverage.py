@@ -79,7 +79,7 @@ def test_the_papers_table_comes_out_exactly() -> None:
     scenes = [row for path in FILES for row in read_vlatest(path, CATALOGUE, frame="original").scenes]
     rows = [row for track in tracks_of_scenes(scenes, OPERATORS, CATALOGUE) for row in covered(track)]
     result = {(row.task, row.scenes): row.positions for row in rows}
-    assert result == {(row.task, row.scenes): row.share for row in published.coverage()}
+    assert result == {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
     assert all(row.positions == row.published for row in rows)
 
 

@@ -6,8 +6,8 @@ from vlafuzz.assets import published_dir
 from vlafuzz.studies import published
 from vlafuzz.tasks.tabletop import TASKS
 
-PASSED = {(row.task, row.policy): row.passed for row in published.passed()}
-MUTATED = {(row.study, row.task, row.policy): row for row in published.mutated()}
+PASSED = {(row.task, row.policy): row.passed for row in published.rows(published.Passed)}
+MUTATED = {(row.study, row.task, row.policy): row for row in published.rows(published.Mutated)}
 
 
 @pytest.mark.parametrize("path", sorted(published_dir().glob("*.csv")), ids=lambda path: path.stem)
@@ -16,9 +16,9 @@ def test_every_file_names_its_source(path) -> None:
 
 
 def test_coverage_has_three_sizes_of_every_task() -> None:
-    rows = {(row.task, row.scenes) for row in published.coverage()}
+    rows = {(row.task, row.scenes) for row in published.rows(published.Coverage)}
     assert rows == {(task, scenes) for task in TASKS for scenes in (10, 100, 1000)}
-    assert len(published.coverage()) == 12
+    assert len(published.rows(published.Coverage)) == 12
 
 
 def test_seven_policies_passed_1434_scenes() -> None:
@@ -29,7 +29,7 @@ def test_seven_policies_passed_1434_scenes() -> None:
 
 
 def test_scenes_and_executions_add_up_to_the_papers_totals_without_its_last_study() -> None:
-    counted = [row for row in published.sizes() if row.scenes is not None]
+    counted = [row for row in published.rows(published.Sizes) if row.scenes is not None]
     assert sum(row.scenes or 0 for row in counted) == 18_604
     assert sum(row.executions for row in counted) == 78_604
     assert {row.executions for row in counted if row.study in ("rq3", "rq4")} == {3 * sum(PASSED.values())}
@@ -42,7 +42,7 @@ def test_a_mutation_starts_from_what_was_passed() -> None:
 
 
 def test_the_mean_of_what_was_passed_is_the_printed_mean() -> None:
-    for row in published.success():
+    for row in published.rows(published.Success):
         if row.policy == "mean":
             mean = sum(PASSED[task, policy] for task, policy in PASSED if task == row.task) / 7000
             assert min(abs(mean - share) for share in (row.share, row.as_well) if share) < 1e-3

@@ -120,23 +120,23 @@ def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int
 
 
 def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:
-    from vlafuzz.compare import tables
+    from vlafuzz.compare import page
 
     if json:
         print_json(asdict(compared))
     elif csv:
-        print_rows(tables.csv_rows(compared), csv=True)
+        print_rows(page.csv_rows(compared), csv=True)
     elif markdown:
-        sys.stdout.write(tables.markdown(compared))
+        sys.stdout.write(page.markdown(compared))
     else:
         print_comparison(compared)
 
 
 def print_comparison(compared: Comparison) -> None:
     """Print the tables of a comparison, and what its tests say."""
-    from vlafuzz.compare import tables
+    from vlafuzz.compare import page
 
-    for title, rows in tables.tables(compared).items():
+    for title, rows in page.tables(compared).items():
         print_rows(rows, title=title)
-    for text in (tables.NOTE, *tables.sentences(compared)):
+    for text in (page.NOTE, *page.sentences(compared)):
         stdout().print(text, soft_wrap=True)

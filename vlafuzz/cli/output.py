@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv as csv_format
 import json as json_format
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from vlafuzz.errors import UsageError
-from vlafuzz.text import Row
+from vlafuzz.text import Row, csv_table
 from vlafuzz.watch import Watch
 
 
@@ -30,7 +29,7 @@ def print_rows(rows: Sequence[Row], *, json: bool = False, csv: bool = False, ti
     if json:
         print_json(list(rows))
     elif csv:
-        _print_csv(rows)
+        sys.stdout.write(csv_table(rows))
     else:
         stdout().print(table(rows, title))
 
@@ -114,13 +113,6 @@ def interruptible(note: str) -> Iterator[Bar]:
             bar.clear()
             bar.note(note)
             raise typer.Exit(130) from None
-
-
-def _print_csv(rows: Sequence[Row]) -> None:
-    if rows:
-        writer = csv_format.DictWriter(sys.stdout, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _shown(value: Any) -> str:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
@@ -92,8 +93,7 @@ def compare_runs(
     Args:
         counted: by strategy, its runs in the order of their seeds.
         reference: the strategy that the others are compared with.
-        solvable: by strategy, the result of the expert's attempts.
-        evidence: by strategy, the result of triage.
+        solvable, evidence: by strategy, the results of the expert's attempts and of triage.
     """
     all_runs = list(chain.from_iterable(counted.values()))
     reached = union(all_runs)
@@ -103,6 +103,7 @@ def compare_runs(
         name: {failure.cell for run in repeats for failure in run.failures}
         for name, repeats in counted.items()
     }
+    finders = Counter(chain.from_iterable(cells.values()))
     return Comparison(
         task=manifest.task,
         policy=manifest.policy,
@@ -112,8 +113,16 @@ def compare_runs(
         reference=reference,
         union_cells=len(reached),
         standings=tuple(
-            replace(
-                _standing(name, runs[name], repeats, cells, len(reached)),
+            Standing(
+                strategy=name,
+                figures={
+                    figure: spread([getattr(run, figure) for run in runs[name]], _WITHOUT.get(figure))
+                    for figure in SPREAD
+                },
+                failures=len({failure.scene.digest for run in repeats for failure in run.failures}),
+                cells=len(cells[name]),
+                coverage=len(cells[name]) / len(reached) if reached else None,
+                only=sum(finders[cell] == 1 for cell in cells[name]),
                 solvable=(solvable or {}).get(name),
                 evidence=(evidence or {}).get(name),
             )
@@ -126,28 +135,6 @@ def compare_runs(
         ),
         runs=tuple(chain.from_iterable(runs.values())),
         store=store,
-    )
-
-
-def _standing(
-    name: str,
-    runs: Sequence[Figures],
-    counted: Sequence[CountedRun],
-    cells: Mapping[str, set[str]],
-    reached: int,
-) -> Standing:
-    others = set[str]().union(*(theirs for other, theirs in cells.items() if other != name))
-    return Standing(
-        strategy=name,
-        figures={
-            figure: spread([getattr(run, figure) for run in runs], _WITHOUT.get(figure)) for figure in SPREAD
-        },
-        failures=len({failure.scene.digest for run in counted for failure in run.failures}),
-        cells=len(cells[name]),
-        coverage=len(cells[name]) / reached if reached else None,
-        only=len(cells[name] - others),
-        solvable=None,
-        evidence=None,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
@@ -60,12 +60,7 @@ class CountedRun:
     rejected: int = 0
     rejected_scenes: int = 0
     errors: int = 0
-    failures: tuple[Failure, ...] = field(default=())
-
-    @property
-    def strategy(self) -> str:
-        """The strategy that proposed its scenes."""
-        return self.run.manifest.strategy
+    failures: tuple[Failure, ...] = ()
 
 
 def quality(severity: float, progress: float, operators: int) -> float:
@@ -107,7 +102,11 @@ def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
                 vector=embed(trial.scene),
             )
     # A duplicate may precede the trial of its batch that was rolled out, so this waits for all of them.
-    _check_own(store, run, len(reused - own))
+    if borrowed := len(reused - own):
+        raise UsageError(
+            f"{store.path}: run {run.id} reused {borrowed} outcomes of other runs, at no cost",
+            hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
+        )
     return CountedRun(
         run=run,
         rollouts=spent,
@@ -119,14 +118,6 @@ def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
         errors=counts[Verdict.ERROR],
         failures=tuple(failures.values()),
     )
-
-
-def _check_own(store: Store, run: Run, borrowed: int) -> None:
-    if borrowed:
-        raise UsageError(
-            f"{store.path}: run {run.id} reused {borrowed} outcomes of other runs, at no cost",
-            hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
-        )
 
 
 def union(runs: Sequence[CountedRun]) -> dict[str, Failure]:

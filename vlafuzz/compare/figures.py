@@ -19,12 +19,9 @@ class Figures:
     """A run in numbers; None where there is nothing to measure.
 
     Attributes:
-        failures: distinct failing scenes.
-        cells: distinct cells in which they lie.
+        failures: distinct failing scenes, which lie in ``cells``.
         coverage: share of the cells in which any run of the comparison failed.
         cid: see ``coverage_inverted_distance``: lower is better.
-        qd_score: see ``qd_score``.
-        sparseness: see ``sparseness``.
         severity: mean over the failures.
         first_failure, tenth_failure: rollouts spent when that failure was found.
         valid_share: of the proposals, those of fair scenes.
@@ -160,27 +157,18 @@ def grid(budget: int) -> tuple[int, ...]:
 def curves(strategy: str, runs: Sequence[CountedRun], budget: int) -> list[Curve]:
     """The curves of failures and cells; a run that ended early stays at its last count."""
     at = grid(budget)
-    failures = [[failure.spent for failure in run.failures] for run in runs]
-    cells = [sorted(_firsts(run.failures)) for run in runs]
-    return [_curve(strategy, what, at, spent) for what, spent in (("failures", failures), ("cells", cells))]
+    spent = {
+        "failures": [[failure.spent for failure in run.failures] for run in runs],
+        "cells": [sorted(_firsts(run.failures).values()) for run in runs],
+    }
+    drawn = []
+    for what, by_run in spent.items():
+        counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in by_run])
+        low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
+        drawn.append(Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high))
+    return drawn
 
 
-def _firsts(failures: Sequence[Failure]) -> list[int]:
-    """Rollouts spent when each cell was first found."""
-    firsts: dict[str, int] = {}
-    for failure in failures:
-        firsts.setdefault(failure.cell, failure.spent)
-    return list(firsts.values())
-
-
-def _curve(strategy: str, what: str, at: tuple[int, ...], spent: Sequence[Sequence[int]]) -> Curve:
-    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
-    low, middle, high = np.percentile(counts, [25, 50, 75], axis=0)
-    return Curve(
-        strategy=strategy,
-        what=what,
-        rollouts=at,
-        median=tuple(middle.tolist()),
-        low=tuple(low.tolist()),
-        high=tuple(high.tolist()),
-    )
+def _firsts(failures: Sequence[Failure]) -> dict[str, int]:
+    """By cell, rollouts spent when it was first found."""
+    return {failure.cell: failure.spent for failure in reversed(failures)}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
+from itertools import chain, repeat
 from pathlib import Path
 
 from vlafuzz.compare.comparison import SPREAD, Comparison, Spread, Standing
@@ -16,7 +16,7 @@ from vlafuzz.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.files import write_whole
 from vlafuzz.report.page import render_sheet, write_page
 from vlafuzz.report.view import Picture, Sheet, Table
-from vlafuzz.text import Row, count_of, markdown_table, percent, plural
+from vlafuzz.text import Row, count_of, csv_table, markdown_table, percent, plural
 
 _FOUND = {
     "failures": "failures",
@@ -65,10 +65,11 @@ def tables(compared: Comparison) -> dict[str, list[Row]]:
         for standing in compared.standings
     ]
     triaged = [_evidence(standing) for standing in compared.standings]
+    any_triaged = any(standing.evidence for standing in compared.standings)
     return {
         f"found: {shared}": _rows(compared, _FOUND),
         f"all repeats together: {compared.union_cells} cells": together,
-        **({"of the failures that the expert tried, triaged": triaged} if _triaged(compared) else {}),
+        **({"of the failures that the expert tried, triaged": triaged} if any_triaged else {}),
         "cost": _rows(compared, _COST),
     }
 
@@ -93,15 +94,6 @@ def markdown(compared: Comparison) -> str:
 def csv_rows(compared: Comparison) -> list[Row]:
     """One row of unrounded numbers per strategy."""
     return [_csv_row(standing) for standing in compared.standings]
-
-
-def write_runs(compared: Comparison, path: Path) -> None:
-    """Write a CSV file with one row per run."""
-    rows = [asdict(run) for run in compared.runs]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
@@ -129,10 +121,6 @@ def _number(value: float | None, name: str) -> str:
 def _solvable(standing: Standing) -> str:
     sample = standing.solvable
     return "–" if sample is None else count_of(sample.solved, sample.of, sample.low, sample.high)
-
-
-def _triaged(compared: Comparison) -> bool:
-    return any(standing.evidence for standing in compared.standings)
 
 
 def _evidence(standing: Standing) -> Row:
@@ -175,7 +163,7 @@ def write_folder(compared: Comparison, folder: Path) -> list[str]:
     document = json.dumps(asdict(compared), indent=2, allow_nan=False)
     write_whole(folder / "compare.json", document + "\n")
     write_whole(folder / "compare.md", markdown(compared))
-    write_runs(compared, folder / "runs.csv")
+    write_whole(folder / "runs.csv", csv_table([asdict(run) for run in compared.runs]))
     plots = plot(compared, folder)
     write_page(folder / "compare.html", page(compared, {path.name: path.read_bytes() for path in plots}))
     return ["compare.html", *(path.name for path in plots), "compare.json", "compare.md", "runs.csv"]
@@ -187,38 +175,32 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     Args:
         plots: PNG by the name of the file.
     """
-    names = [standing.strategy for standing in compared.standings]
+    names = ", ".join(standing.strategy for standing in compared.standings)
     runs = f"{plural(compared.repeats, 'run')} of each, {compared.budget} rollouts each"
-    store = shlex.quote(compared.store)
+    report = ["vlafuzz", "report", compared.store, "--out", str(Path(compared.store).with_suffix(".html"))]
+    tests = [_row(pair) for pair in compared.against]
     sheet = Sheet(
         title=f"{compared.policy} on {compared.task}: strategies compared",
         source=compared.store,
-        headline=f"{', '.join(names)}: {runs}, with the same seeds.",
+        headline=f"{names}: {runs}, with the same seeds.",
         conclusions=tuple(sentences(compared)),
-        pictures=tuple(Picture(_TITLES[name], png, _described(name, names)) for name, png in plots.items()),
-        tables=(*_tables(compared), *_tests(compared)),
-        todo=(
-            (
-                "The failures themselves, on a page:",
-                f"vlafuzz report {store} --out {_beside(compared.store)}",
-            ),
+        pictures=tuple(
+            Picture(title, plots[name], f"{title}, of {names}. The tables below have the numbers.")
+            for name, title in _TITLES.items()
         ),
+        tables=(
+            *_tables(compared),
+            *([Table(f"Against {compared.reference}", tests, _TESTS)] if tests else []),
+        ),
+        todo=(("The failures themselves, on a page:", shlex.join(report)),),
     )
     return render_sheet(sheet)
 
 
 def _tables(compared: Comparison) -> list[Table]:
-    first, *others = tables(compared).items()
-    titled = [
-        Table(first[0], first[1], f"{NOTE[0].upper()}{NOTE[1:]}."),
-        *(Table(title, rows) for title, rows in others),
-    ]
-    return [replace(table, title=f"{table.title[0].upper()}{table.title[1:]}") for table in titled]
-
-
-def _tests(compared: Comparison) -> list[Table]:
-    rows = [_row(pair) for pair in compared.against]
-    return [Table(f"Against {compared.reference}", rows, _TESTS)] if rows else []
+    notes = chain([f"{NOTE[0].upper()}{NOTE[1:]}."], repeat(""))
+    titled = zip(tables(compared).items(), notes, strict=False)
+    return [Table(f"{title[0].upper()}{title[1:]}", rows, note) for (title, rows), note in titled]
 
 
 def _row(pair: Pair) -> Row:
@@ -238,11 +220,3 @@ def _difference(pair: Pair) -> str:
     if not pair.tells:
         return "too few repeats"
     return ("more" if pair.a12 > 0.5 else "fewer") if pair.p_holm <= ALPHA else "no difference"
-
-
-def _described(name: str, strategies: list[str]) -> str:
-    return f"{_TITLES[name]}, of {', '.join(strategies)}. The tables below have the numbers."
-
-
-def _beside(store: str) -> str:
-    return shlex.quote(str(Path(store).with_suffix(".html")))

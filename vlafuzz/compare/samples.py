@@ -8,29 +8,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from vlafuzz.compare.failures import CountedRun
 from vlafuzz.conditions.conditions import Role
-from vlafuzz.evidence import Actions
-from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import share_interval
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.triage.triager import SceneRunner
 from vlafuzz.triage.witness import find_witness
-
-
-class Solver(Protocol):
-    """The part of a scene runner that is needed here; see ``triage.pipeline.SceneRunner``."""
-
-    def solve(self, scene: Scene, attempt: int) -> Outcome:
-        """One rollout of the expert, in its n-th attempt."""
-
-    def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """The outcome when the robot executes these actions."""
 
 
 class Sampled(NamedTuple):
@@ -83,21 +72,24 @@ class Witnesses:
     Args:
         path: of the file, JSON lines.
         manifest: of any run of the comparison.
+
+    Attributes:
+        solved: by digest, whether the expert solves the scene.
     """
 
     def __init__(self, path: Path, manifest: Manifest) -> None:
         self._path = path
         self._conditions = json.dumps(list(manifest.values(Role.SIMULATION).values()))
-        self._known: dict[str, bool] = {}
+        self.solved: dict[str, bool] = {}
         with suppress(FileNotFoundError):
             for line in path.read_text(encoding="utf-8").splitlines():
                 self._take(line)
 
     def missing(self, scenes: Sequence[Scene]) -> list[Scene]:
         """The distinct scenes that were not tried yet."""
-        return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self._known]
+        return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self.solved]
 
-    def find(self, scenes: Sequence[Scene], runner: Solver, watch: Callable[[int, int], None]) -> None:
+    def find(self, scenes: Sequence[Scene], runner: SceneRunner, watch: Callable[[int, int], None]) -> None:
         """Try what is missing; every result is stored at once.
 
         Args:
@@ -107,23 +99,18 @@ class Witnesses:
         for done, scene in enumerate(todo):
             watch(done, len(todo))
             search = find_witness(scene, runner.solve, runner.play)
-            solved = self._known[scene.digest] = search.witness is not None
+            solved = self.solved[scene.digest] = search.witness is not None
             if search.broken:
                 continue  # counts as not solved, and is tried again next time
             entry = {"scene": scene.digest, "solved": solved, "conditions": self._conditions}
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(entry) + "\n")
 
-    @property
-    def solved(self) -> Mapping[str, bool]:
-        """By digest, whether the expert solves the scene."""
-        return self._known
-
     def _take(self, line: str) -> None:
         try:
             entry = json.loads(line)
             if entry["conditions"] == self._conditions:
-                self._known[entry["scene"]] = bool(entry["solved"])
+                self.solved[entry["scene"]] = bool(entry["solved"])
         except (ValueError, KeyError, TypeError):  # the last line of a process that was killed
             return
 

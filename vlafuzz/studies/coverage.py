@@ -136,7 +136,7 @@ def _covered(track: Track, size: int) -> Covered:
 
 @cache
 def _published() -> dict[tuple[str, int], float]:
-    return {(row.task, row.scenes): row.share for row in published.coverage()}
+    return {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
 
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
@@ -152,14 +152,10 @@ def _steps(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
             box = vlatest_table().drawn_from(scene.task)
             first, area, site = original.listing[0], Area(box.x, box.y), None
         else:
-            first, area, site = scene.listing[0], _area(space), space.site(scene, space.severities(scene))
+            drawn = space.operators.get(TargetPosition)
+            area = Area((drawn.x.low, drawn.x.high), (drawn.y.low, drawn.y.high))
+            first, site = scene.listing[0], space.site(scene, space.severities(scene))
         yield Step(place(first.x, first.y, area), site)
-
-
-def _area(space: SearchSpace) -> Area:
-    """The box from which first objects are drawn."""
-    position = space.operators.get(TargetPosition)
-    return Area((position.x.low, position.x.high), (position.y.low, position.y.high))
 
 
 def _run_track(store: Store, run: Run) -> Track:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
-from functools import cache
 from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -15,7 +14,7 @@ from vlafuzz.errors import CatalogueError
 
 @dataclass(frozen=True)
 class Coverage:
-    """Trajectory coverage: share of the cells that the first ``scenes`` of a task reach."""
+    """Trajectory coverage: share of the cells that the first ``scenes`` of a task reach, three per task."""
 
     task: str
     scenes: int
@@ -24,7 +23,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Passed:
-    """RQ1: scenes that a policy passed, counted in the authors' data."""
+    """RQ1: scenes that each of seven policies passed in a task, counted in the authors' data."""
 
     task: str
     policy: str
@@ -52,7 +51,6 @@ class Mutated:
 
     Attributes:
         task, policy: ``all`` for totals.
-        default: passes of RQ1.
         mutated: how many of these it still passes, the mean of three mutations each.
         kept: ``mutated / default``.
         right_default, right_mutated, right_kept: the correct value of a sum or ratio that is misprinted.
@@ -70,53 +68,27 @@ class Mutated:
 
 
 @dataclass(frozen=True)
-class Size:
-    """Scenes and executions of a study; RQ6 runs those of RQ1 once more."""
+class Sizes:
+    """Scenes and executions of each study; RQ6 runs those of RQ1 once more."""
 
     study: str
     scenes: int | None
     executions: int
 
 
-@cache
-def coverage() -> tuple[Coverage, ...]:
-    """12 rows: four tasks, three numbers of scenes."""
-    return _rows("coverage", Coverage)
-
-
-@cache
-def passed() -> tuple[Passed, ...]:
-    """28 rows: four tasks, seven policies."""
-    return _rows("passed", Passed)
-
-
-@cache
-def success() -> tuple[Success, ...]:
-    """The known rows of the paper's table of RQ1."""
-    return _rows("success", Success)
-
-
-@cache
-def mutated() -> tuple[Mutated, ...]:
-    """The known rows of the paper's tables of RQ3 and RQ4."""
-    return _rows("mutated", Mutated)
-
-
-@cache
-def sizes() -> tuple[Size, ...]:
-    """Six rows, one per study."""
-    return _rows("sizes", Size)
-
-
 _Row = TypeVar("_Row")
 
 
-def _rows(name: str, kind: type[_Row]) -> tuple[_Row, ...]:
-    """The rows of a file, without the lines that begin with ``#``; an empty field is None."""
-    path = published_dir() / f"{name}.csv"
+def rows(kind: type[_Row]) -> tuple[_Row, ...]:
+    """The known rows of a kind, from the file that is named after it; an empty field is None.
+
+    Raises:
+        CatalogueError: the file is missing or has other fields.
+    """
+    path = published_dir() / f"{kind.__name__.lower()}.csv"
     try:
         lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-        rows = [{key: value or None for key, value in row.items()} for row in csv.DictReader(lines)]
-        return tuple(TypeAdapter(list[kind]).validate_python(rows))  # type: ignore[valid-type]
+        known = [{key: value or None for key, value in row.items()} for row in csv.DictReader(lines)]
+        return tuple(TypeAdapter(list[kind]).validate_python(known))  # type: ignore[valid-type]
     except (OSError, ValidationError) as error:
         raise CatalogueError(f"{path}: {' '.join(str(error).split())}") from None

@@ -84,8 +84,8 @@ def standing(store: Store, run: Run, confounders: int | None = None) -> Standing
 
 def in_paper(task: str) -> Published:
     """The paper's figures of RQ1 for a task."""
-    mean = next(row for row in published.success() if (row.task, row.policy) == (task, "mean"))
-    shares = {row.policy: row.passed / row.of for row in published.passed() if row.task == task}
+    mean = next(row for row in published.rows(published.Success) if (row.task, row.policy) == (task, "mean"))
+    shares = {row.policy: row.passed / row.of for row in published.rows(published.Passed) if row.task == task}
     return Published(task, mean.share, mean.as_well, shares)
 
 

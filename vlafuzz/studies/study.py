@@ -172,7 +172,7 @@ def _mutation_study(runner: StudyRunner, request: StudyRequest) -> MutationResul
         request.alpha if request.study == "rq3" else None,
         rows,
         curves,
-        [row for row in published.mutated() if row.study == request.study],
+        [row for row in published.rows(published.Mutated) if row.study == request.study],
     )
 
 

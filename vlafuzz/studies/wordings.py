@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import yaml
-from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
@@ -68,34 +67,26 @@ class Together:
     prompts: Share
 
 
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    paraphrases: dict[str, str]
-    two_step: dict[str, str]
-    step_by_step: dict[str, list[str]]
-
-
 def prompts(study: Study, task: str) -> list[Prompt]:
     """Ten paraphrases in RQ6; else two prompts for a task of two steps.
 
     Raises:
         UsageError: the task has one step only.
     """
-    file = _file()
+    paraphrases, two_step, step_by_step = (_file()[kind] for kind in ("paraphrases", TWO_STEP, STEP_BY_STEP))
     if study == "rq6":
-        wordings = [*load_wordings()[task][1:], file.paraphrases[task]]
+        wordings = [*load_wordings()[task][1:], paraphrases[task]]
         return [Prompt(f"paraphrase {number}", (text,)) for number, text in enumerate(wordings, start=1)]
-    if task not in file.two_step:
+    if task not in two_step:
         raise UsageError(
-            f"prompts: {task} has one step only", hint="tasks of two steps: " + ", ".join(file.two_step)
+            f"prompts: {task} has one step only", hint="tasks of two steps: " + ", ".join(two_step)
         )
-    two, steps = file.two_step[task], file.step_by_step[task]
-    return [Prompt(TWO_STEP, (two,)), Prompt(STEP_BY_STEP, tuple(steps))]
+    return [Prompt(TWO_STEP, (two_step[task],)), Prompt(STEP_BY_STEP, tuple(step_by_step[task]))]
 
 
 def two_steps() -> list[str]:
     """The tasks that have two steps."""
-    return list(_file().two_step)
+    return list(_file()[TWO_STEP])
 
 
 def reworded(scene: Scene, prompt: Prompt, catalogue: Catalogue) -> Scene:
@@ -176,9 +167,10 @@ def _sign_test(lost: int, gained: int) -> float:
 
 
 @cache
-def _file() -> _File:
+def _file() -> dict[str, dict[str, Any]]:
+    """By kind of prompt, the wordings by task."""
     text = (Path(__file__).parent / "prompts.yaml").read_text(encoding="utf-8")
-    return _File.model_validate({key.replace("-", "_"): value for key, value in yaml.safe_load(text).items()})
+    return cast(dict[str, dict[str, Any]], yaml.safe_load(text))
 
 
 _NOTE = (
