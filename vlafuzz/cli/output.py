@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_format
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Self
 
@@ -14,11 +14,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from vlafuzz.errors import UsageError
-from vlafuzz.text import Row, csv_table
+from vlafuzz.text import csv_table
 from vlafuzz.watch import Watch
 
 
-def print_rows(rows: Sequence[Row], *, json: bool = False, csv: bool = False, title: str = "") -> None:
+def print_rows(
+    rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = ""
+) -> None:
     """Print rows that have the same keys.
 
     Raises:
@@ -39,7 +41,7 @@ def print_json(value: Any) -> None:
     sys.stdout.write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def table(rows: Sequence[Row], title: str = "") -> Table:
+def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
     """Rows as a table; columns of numbers are aligned to the right."""
     table = Table(title=title or None, title_justify="left", header_style="bold")
     for key in rows[0] if rows else ["nothing"]:

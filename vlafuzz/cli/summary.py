@@ -65,7 +65,8 @@ def print_summary(summary: Summary, beside: Beside | None = None, about: str = "
     Args:
         about: the strategy's description of itself.
     """
-    table = Table(show_header=False, title=_title(summary), title_justify="left")
+    title = f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
+    table = Table(show_header=False, title=title, title_justify="left")
     table.add_column(style="bold")
     table.add_column()
     for name, value in [("strategy", about)] * bool(about) + _lines(summary):
@@ -77,10 +78,6 @@ def print_summary(summary: Summary, beside: Beside | None = None, about: str = "
     if summary.first_failure is not None:
         command = f"vlafuzz replay {shlex.quote(summary.store)} {summary.first_failure[:12]}"
         console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to copy
-
-
-def _title(summary: Summary) -> str:
-    return f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
 
 
 def _lines(summary: Summary) -> list[tuple[str, str]]:

@@ -15,22 +15,20 @@ from vlafuzz.compare.figures import Curve
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
 _DASHES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-_DPI = 150
 _BOXES = {
     "cells": "distinct cells",
     "failures": "distinct failing scenes",
     "cid": "CID (mean distance, less is better)",
     "qd_score": "QD-score (sum of qualities in [0, 1])",
 }
-_CURVES = {"cells": "distinct cells", "failures": "distinct failing scenes"}
 
 
 def plot(compared: Comparison, folder: Path) -> list[Path]:
     """Draw curves over the budget and box plots of the main figures; the files."""
-    figures = {"curves.png": _curves(compared), "figures.png": _boxes(compared)}
-    for name, figure in figures.items():
-        figure.savefig(folder / name, dpi=_DPI)
-    return [folder / name for name in figures]
+    figures = {folder / "curves.png": _curves(compared), folder / "figures.png": _boxes(compared)}
+    for path, figure in figures.items():
+        figure.savefig(path, dpi=150)
+    return list(figures)
 
 
 def _curves(compared: Comparison) -> Any:
@@ -38,13 +36,13 @@ def _curves(compared: Comparison) -> Any:
 
     figure = Figure(figsize=(11, 4.8), layout="constrained")
     styles = _styles(compared)
-    for axes, (what, says) in zip(figure.subplots(1, 2), _CURVES.items(), strict=True):
+    for axes, (what, says) in zip(figure.subplots(1, 2), list(_BOXES.items())[:2], strict=True):
         for curve in compared.curves:
             if curve.what == what:
                 _draw(axes, curve, styles[curve.strategy])
         axes.set(xlabel="rollouts of the policy", ylabel=says, xlim=(0, compared.budget))
         axes.set_ylim(bottom=0)
-        _plain(axes)
+        plain(axes)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
     figure.suptitle(f"{_title(compared)}: median and middle half of {_repeats(compared)}", fontsize=11)
@@ -79,7 +77,7 @@ def _boxes(compared: Comparison) -> Any:
         _boxes_of(axes, values, [_styles(compared)[name]["color"] for name in names])
         axes.set(xlabel=says)
         axes.set_yticks(range(1, len(names) + 1), names)
-        _plain(axes)
+        plain(axes)
     grid[0, 0].invert_yaxis()
     caption = f"{compared.budget} rollouts, {_repeats(compared)} (dots), their median and middle half (box)"
     figure.suptitle(f"{_title(compared)}: {caption}", fontsize=11)
@@ -115,8 +113,9 @@ def _styles(compared: Comparison) -> dict[str, dict[str, str]]:
     }
 
 
-def _plain(axes: Any) -> None:
-    axes.grid(color="#dddddd", linewidth=0.6)
+def plain(axes: Any, grid: str = "both") -> None:
+    """Leave only pale grid lines, along one axis or both, and the spines at the left and the bottom."""
+    axes.grid(axis=grid, color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -71,24 +71,24 @@ Runs = Mapping[str, Sequence[Figures]]
 
 def against(runs: Runs, reference: str) -> list[Pair]:
     """Every strategy against the reference."""
-    pairs = [(name, reference) for name in runs if name != reference]
-    return [pair for measure in MEASURES for pair in _family(runs, pairs, measure, "reference")]
+    return _pairs(runs, [(name, reference) for name in runs if name != reference], "reference")
 
 
 def each_pair(runs: Runs) -> list[Pair]:
     """Every strategy against every other."""
-    pairs = [(ours, theirs) for theirs, ours in combinations(runs, 2)]
-    return [pair for measure in MEASURES for pair in _family(runs, pairs, measure, "all")]
+    return _pairs(runs, [(ours, theirs) for theirs, ours in combinations(runs, 2)], "all")
 
 
-def _family(runs: Runs, pairs: Sequence[tuple[str, str]], measure: Measure, of: str) -> list[Pair]:
-    values = {name: [_value(run, measure) for run in figures] for name, figures in runs.items()}
-    p_values = [mann_whitney(values[ours], values[theirs]) for ours, theirs in pairs]
-    corrected = holm(p_values)
-    return [
-        _pair(names, [values[name] for name in names], measure, p, p_holm, of, len(pairs))
-        for names, p, p_holm in zip(pairs, p_values, corrected, strict=True)
-    ]
+def _pairs(runs: Runs, names: Sequence[tuple[str, str]], of: str) -> list[Pair]:
+    pairs = []
+    for measure in MEASURES:
+        values = {name: [_value(run, measure) for run in figures] for name, figures in runs.items()}
+        p_values = [mann_whitney(values[ours], values[theirs]) for ours, theirs in names]
+        pairs += [
+            _pair(pair, [values[name] for name in pair], measure, p, p_holm, of, len(names))
+            for pair, p, p_holm in zip(names, p_values, holm(p_values), strict=True)
+        ]
+    return pairs
 
 
 def _value(figures: Figures, measure: Measure) -> float:

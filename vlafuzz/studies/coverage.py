@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
@@ -94,14 +93,21 @@ def tracks_of_store(store: Store) -> list[Track]:
 
 def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
     """Coverage by the first scenes of a track, for each size that it has, and by all scenes."""
+    in_paper = {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
     total = len(track.steps)
     for size in [*sorted({size for size in sizes if size < total}), total]:
-        yield _covered(track, size)
-
-
-def positions(places: Iterable[tuple[int, int] | None]) -> float:
-    """Share of the box's cells that are among these places."""
-    return len({place for place in places if place}) / SIDE**2
+        steps = track.steps[:size]
+        run = [step for step in steps if step.cell]
+        sites = {step.site for step in steps}
+        yield Covered(
+            task=track.task,
+            scenes=size,
+            positions=len({step.place for step in steps if step.place}) / SIDE**2,
+            published=in_paper.get((track.task, size)),
+            sites=None if None in sites else len(sites),
+            cells=len({step.cell for step in run}) if run else None,
+            failures=len({step.cell for step in run if step.failed}) if run else None,
+        )
 
 
 def place(x: float, y: float, area: Area) -> tuple[int, int] | None:
@@ -117,26 +123,6 @@ def _along(value: float, bounds: tuple[float, float]) -> int | None:
     if not low - _ROUNDING <= value <= high + _ROUNDING:
         return None
     return min(max(int((value - low) / (high - low) * SIDE), 0), SIDE - 1)
-
-
-def _covered(track: Track, size: int) -> Covered:
-    steps = track.steps[:size]
-    run = [step for step in steps if step.cell]
-    sites = {step.site for step in steps}
-    return Covered(
-        task=track.task,
-        scenes=size,
-        positions=positions(step.place for step in steps),
-        published=_published().get((track.task, size)),
-        sites=None if None in sites else len(sites),
-        cells=len({step.cell for step in run}) if run else None,
-        failures=len({step.cell for step in run if step.failed}) if run else None,
-    )
-
-
-@cache
-def _published() -> dict[tuple[str, int], float]:
-    return {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
 
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:

@@ -14,13 +14,14 @@ import numpy as np
 
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
+from vlafuzz.report.view import Table
 from vlafuzz.scene import Scene
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.operators import CameraOrientation, CameraPosition, Light
 from vlafuzz.statistics import Share
 from vlafuzz.studies import plots, published
 from vlafuzz.studies.runner import Tried, Variant
-from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult
 from vlafuzz.text import Row, percent, points
 
 Alpha = Literal["linear", "log"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vlafuzz.compare.plots import plain
 from vlafuzz.statistics import Share
 
 # Okabe, Ito 2008: distinguishable with any colour vision.
@@ -37,9 +38,7 @@ def panels(
     for axes, name in zip(every, names, strict=False):
         axes.set_title(name, fontsize=10)
         axes.set_ylim(0, 1)
-        axes.grid(axis="y", color="#dddddd", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes, "y")
         axes.tick_params(labelsize=8)
     for axes in every[: len(names) : columns]:
         axes.set_ylabel(label)
@@ -76,19 +75,13 @@ def line(axes: Any, xs: Sequence[float], series: Series) -> None:
 
 def save(figure: Any, path: Path) -> None:
     """Write a figure with one legend for all panels, below them."""
-    drawn = [axes.get_legend_handles_labels() for axes in figure.axes]
-    labelled = {
-        label: handle for handles, labels in drawn for handle, label in zip(handles, labels, strict=True)
-    }
+    labelled: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        labelled |= zip(labels, handles, strict=True)
     if labelled:
-        figure.legend(
-            labelled.values(),
-            labelled.keys(),
-            loc="outside lower center",
-            ncols=min(6, len(labelled)),
-            frameon=False,
-            fontsize=8,
-        )
+        place = {"loc": "outside lower center", "ncols": min(6, len(labelled))}
+        figure.legend(labelled.values(), labelled.keys(), **place, frameon=False, fontsize=8)
     figure.savefig(path, dpi=150)
 
 

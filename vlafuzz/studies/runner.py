@@ -136,13 +136,8 @@ VARIANTS = "variants"  # the strategy of runs of derived scenes, which are no ra
 
 
 class _Job(NamedTuple):
-    """A planned run; ``scenes`` are those of a run of variants."""
-
     plan: Plan
-    scenes: Sequence[Scene] = ()
-
-    def stored(self, store: Store) -> Run | None:
-        return stored(store, self.plan.manifest, self.scenes)
+    scenes: Sequence[Scene] = ()  # of a run of variants
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,9 +198,8 @@ class StudyRunner:
         """Do what is missing; the runs of all parts that have a trial."""
         problems: list[UsageError] = []
 
-        def leave_out(
-            run: WantedRun, error: UsageError
-        ) -> None:  # the paper's boxes cannot hold all confounders
+        # The paper's boxes cannot hold all confounders.
+        def leave_out(run: WantedRun, error: UsageError) -> None:
             self.left_out.append(f"{run.name}: {error.message}")
             self.watch.note(f"left out: {self.left_out[-1]}")
             problems.append(error)
@@ -215,13 +209,13 @@ class StudyRunner:
                 name=str(part),
                 budget=job.plan.manifest.budget,
                 plan=lambda job=job: job.plan,  # type: ignore[misc]
-                stored=job.stored(self.store),
+                stored=stored(self.store, job.plan.manifest, job.scenes),
                 group=part,
             )
             for part, job in jobs.items()
         ]
         do_missing(self.store, wanted, self.watch, leave_out)
-        runs = {part: job.stored(self.store) for part, job in jobs.items()}
+        runs = {part: stored(self.store, job.plan.manifest, job.scenes) for part, job in jobs.items()}
         done = {part: run for part, run in runs.items() if run and self.store.count(run.id)}
         if not done and problems:
             raise problems[-1]

@@ -8,21 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from vlafuzz.report.view import Table
 from vlafuzz.statistics import holm
-from vlafuzz.text import Row, markdown_table
+from vlafuzz.text import markdown_table
 
 BESIDE = (
     "The paper's figures are of other policies on other robots in another simulator: they are shown "
     "for reference and cannot be compared."
 )
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows that have the same keys."""
-
-    title: str
-    rows: Sequence[Row]
 
 
 @dataclass(frozen=True)

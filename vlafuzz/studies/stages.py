@@ -9,13 +9,14 @@ from statistics import fmean
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.report.view import Table
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share, a12, mann_whitney, wilson
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.studies import plots, published
 from vlafuzz.studies.runner import distinct
-from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Table, Tested, chance
+from vlafuzz.studies.sheet import BESIDE, Sheet, StudyResult, Tested, chance
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.text import Row, percent, plural
 
@@ -91,15 +92,15 @@ def in_paper(task: str) -> Published:
 
 def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
     """The share of scenes that reached each stage of a task in all of their rollouts."""
-    return tuple(_reached(stage, judged) for stage in TASKS[task].stage_names)
-
-
-def _reached(stage: str, judged: Sequence[Outcome]) -> Reached:
-    count = sum(
-        all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
-        for outcome in judged
-    )
-    return Reached(count, len(judged), *wilson(count, len(judged)), stage=stage)
+    of = len(judged)
+    counts = {
+        stage: sum(
+            all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
+            for outcome in judged
+        )
+        for stage in TASKS[task].stage_names
+    }
+    return tuple(Reached(count, of, *wilson(count, of), stage=stage) for stage, count in counts.items())
 
 
 @dataclass(frozen=True, kw_only=True)

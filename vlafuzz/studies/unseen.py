@@ -11,9 +11,10 @@ from statistics import fmean, stdev
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.report.view import Table
 from vlafuzz.statistics import Interval
 from vlafuzz.studies import plots
-from vlafuzz.studies.sheet import Sheet, StudyResult, Table, chance
+from vlafuzz.studies.sheet import Sheet, StudyResult, chance
 from vlafuzz.studies.stages import Standing
 from vlafuzz.text import Row, percent, points
 

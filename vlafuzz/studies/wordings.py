@@ -13,11 +13,12 @@ import yaml
 from vlafuzz.errors import UsageError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.report.view import Table
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.studies import plots
 from vlafuzz.studies.runner import Tried, Variant
-from vlafuzz.studies.sheet import Sheet, StudyResult, Table, Tested, chance
+from vlafuzz.studies.sheet import Sheet, StudyResult, Tested, chance
 from vlafuzz.studies.stages import Reached, reached
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.text import Row, points
