@@ -8,6 +8,7 @@ import pytest
 from tests.doubles import failed, manifest, passed, scene
 from tests.report.stores import MANIFEST
 from vlafuzz.formats.vlatest.read import read_vlatest
+from vlafuzz.formats.vlatest.table import Rectangle
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Light, Placement, Scene
@@ -15,10 +16,10 @@ from vlafuzz.space import load_operators
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published
-from vlafuzz.studies.coverage import Area, Covered, covered, place, tracks_of_scenes, tracks_of_store
+from vlafuzz.studies.coverage import Covered, covered, place, tracks_of_scenes, tracks_of_store
 
 CATALOGUE, OPERATORS = load_catalogue(), load_operators()
-UNIT = Area((0.0, 1.0), (0.0, 1.0))
+UNIT = Rectangle(x=(0.0, 1.0), y=(0.0, 1.0))
 FILES = sorted(
     (Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "scenes").glob("t-*_n-1000*")
 )
@@ -38,7 +39,7 @@ def test_a_box_has_ten_cells_along_each_side_both_ends_included() -> None:
         (9, 0),
     ]
     assert place(0.5, 1.1, UNIT) is None
-    assert place(0.5, 0.3, Area((0.5, 0.5), (0.0, 1.0))) == (0, 3)
+    assert place(0.5, 0.3, Rectangle(x=(0.5, 0.5), y=(0.0, 1.0))) == (0, 3)
 
 
 def test_scenes_in_one_place_cover_one_cell_of_a_hundred() -> None:

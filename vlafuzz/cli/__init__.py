@@ -86,11 +86,7 @@ def _renamed(arguments: Sequence[str]) -> list[str]:
 
 
 def _check_filled(words: Sequence[str]) -> None:
-    """Refuse empty values: an unset shell variable must not select a default.
-
-    Raises:
-        UsageError: a value is empty.
-    """
+    """Refuse empty values: an unset shell variable must not select a default."""
     for before, argument in pairwise(["vlafuzz", *words]):
         if argument == "" or re.fullmatch("--[a-z-]+=", argument):
             flag = argument.rstrip("=") or before

@@ -40,13 +40,8 @@ def doctor(
     A policy is checked in the simulator: whether it sees, hears, repeats itself and can do the task;
     where it fails, whether something is the wrong way round. Exit code 3: something must be fixed first.
     """
-    values = {
-        "task": task,
-        "robot": robot,
-        "operators": operators,
-        "packs": opened(pack) or None,
-        "seed": seed,
-    }
+    packs = opened(pack) or None
+    values = {"task": task, "robot": robot, "operators": operators, "packs": packs, "seed": seed}
     flags = {name: value for name, value in values.items() if value is not None}
     if policy is None and (flags or n is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")

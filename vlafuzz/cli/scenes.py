@@ -89,6 +89,7 @@ def _print_missing(imported: list[Imported]) -> None:
     stderr().print(table(rows))
 
 
+FrameFlag = Annotated[Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")]
 PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 
@@ -102,9 +103,7 @@ def lint(
             show_default="all; for VLATest's files --static, unless --placement is given",
         ),
     ] = None,
-    frame: Annotated[
-        Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")
-    ] = Frame.FIT,
+    frame: FrameFlag = Frame.FIT,
     min_distance: Annotated[
         float | None,
         typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
@@ -167,9 +166,7 @@ def coverage(
         list[int] | None,
         typer.Option(help="How many of the first scenes; may be repeated.", show_default="10, 100, 1000"),
     ] = None,
-    frame: Annotated[
-        Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")
-    ] = Frame.ORIGINAL,
+    frame: FrameFlag = Frame.ORIGINAL,
     operators: Annotated[
         str | None,
         typer.Option(

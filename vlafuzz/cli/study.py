@@ -15,9 +15,7 @@ from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
 
 if TYPE_CHECKING:
-    from vlafuzz.campaign.config import RunConfig
     from vlafuzz.studies.sheet import StudyResult
-    from vlafuzz.studies.study import StudyRequest
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 ALPHAS = ("linear", "log")
@@ -103,6 +101,7 @@ def command(
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.rigs.robots import PANDA, rig
     from vlafuzz.studies.study import StudyRequest, study_of
+    from vlafuzz.studies.study import study as run_study
 
     if stores:
         _print(study_of(stores), out, json)
@@ -123,14 +122,9 @@ def command(
         workers=workers,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
-    _print(_study(request, run, out), out, json)
-
-
-def _study(request: StudyRequest, run: RunConfig, out: Path) -> StudyResult:
-    from vlafuzz.studies.study import study
-
     with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
-        return study(request, run, out, bar)
+        result = run_study(request, run, out, bar)
+    _print(result, out, json)
 
 
 def _print(result: StudyResult, out: Path, json: bool) -> None:

@@ -60,11 +60,7 @@ class RunBar:
 
 
 def print_summary(summary: Summary, beside: Beside | None = None, about: str = "") -> None:
-    """Print a run in numbers, a guided one beside random generation, and how to see its first failure.
-
-    Args:
-        about: the strategy's description of itself.
-    """
+    """Print a run in numbers, a guided one beside random generation, and how to see its first failure."""
     title = f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
     table = Table(show_header=False, title=title, title_justify="left")
     table.add_column(style="bold")

@@ -27,11 +27,7 @@ _WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEA
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the repeats: median and middle half; None where most runs lack the figure.
-
-    Attributes:
-        runs: number of runs that have the figure.
-    """
+    """A figure over the repeats, which ``runs`` of them have: median, middle half; None where most lack it."""
 
     median: float | None
     low: float | None

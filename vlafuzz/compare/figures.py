@@ -57,11 +57,7 @@ class Figures:
 
 
 def figures(counted: CountedRun, union: Mapping[str, Failure]) -> Figures:
-    """The figures of a run.
-
-    Args:
-        union: by cell, the central failure of all runs: ``failures.union``.
-    """
+    """The figures of a run beside the failures of all runs, see ``failures.union``."""
     failures = counted.failures
     cells = {failure.cell for failure in failures}
     fair = counted.judged + counted.rejected

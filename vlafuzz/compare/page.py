@@ -170,11 +170,7 @@ def write_folder(compared: Comparison, folder: Path) -> list[str]:
 
 
 def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
-    """HTML that needs no other file.
-
-    Args:
-        plots: PNG by the name of the file.
-    """
+    """HTML that needs no other file; ``plots`` are PNG by the name of the file."""
     names = ", ".join(standing.strategy for standing in compared.standings)
     runs = f"{plural(compared.repeats, 'run')} of each, {compared.budget} rollouts each"
     report = ["vlafuzz", "report", compared.store, "--out", str(Path(compared.store).with_suffix(".html"))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -45,25 +46,17 @@ def _curves(compared: Comparison) -> Any:
         plain(axes)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
-    figure.suptitle(f"{_title(compared)}: median and middle half of {_repeats(compared)}", fontsize=11)
+    figure.suptitle(
+        f"{compared.task}, {compared.policy}: median and middle half of {_repeats(compared)}", fontsize=11
+    )
     return figure
 
 
 def _draw(axes: Any, curve: Curve, style: Mapping[str, str]) -> None:
     axes.fill_between(curve.rollouts, curve.low, curve.high, color=style["color"], alpha=0.13, linewidth=0)
     every = max(1, len(curve.rollouts) // 8)
-    axes.plot(
-        curve.rollouts,
-        curve.median,
-        color=style["color"],
-        linestyle=style["linestyle"],
-        marker=style["marker"],
-        markersize=4,
-        markevery=every,
-        linewidth=1.8,
-        clip_on=False,
-        label=curve.strategy,
-    )
+    markers = {"markersize": 4, "markevery": every, "clip_on": False}
+    axes.plot(curve.rollouts, curve.median, label=curve.strategy, linewidth=1.8, **style, **markers)
 
 
 def _boxes(compared: Comparison) -> Any:
@@ -80,7 +73,7 @@ def _boxes(compared: Comparison) -> Any:
         plain(axes)
     grid[0, 0].invert_yaxis()
     caption = f"{compared.budget} rollouts, {_repeats(compared)} (dots), their median and middle half (box)"
-    figure.suptitle(f"{_title(compared)}: {caption}", fontsize=11)
+    figure.suptitle(f"{compared.task}, {compared.policy}: {caption}", fontsize=11)
     return figure
 
 
@@ -103,13 +96,10 @@ def _values(compared: Comparison, strategy: str, name: str) -> list[float]:
 
 
 def _styles(compared: Comparison) -> dict[str, dict[str, str]]:
+    looks = zip(compared.standings, cycle(_COLOURS), cycle(_DASHES), cycle(_MARKERS), strict=False)
     return {
-        standing.strategy: {
-            "color": _COLOURS[number % len(_COLOURS)],
-            "linestyle": _DASHES[number % len(_DASHES)],
-            "marker": _MARKERS[number % len(_MARKERS)],
-        }
-        for number, standing in enumerate(compared.standings)
+        standing.strategy: {"color": colour, "linestyle": dashes, "marker": marker}
+        for standing, colour, dashes, marker in looks
     }
 
 
@@ -118,10 +108,6 @@ def plain(axes: Any, grid: str = "both") -> None:
     axes.grid(axis=grid, color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _title(compared: Comparison) -> str:
-    return f"{compared.task}, {compared.policy}"
 
 
 def _repeats(compared: Comparison) -> str:

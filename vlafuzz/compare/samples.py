@@ -55,11 +55,7 @@ def _shuffled(counted: CountedRun) -> list[Sampled]:
 
 
 def solvable(sampled: Sequence[Sampled], solved: Mapping[str, bool]) -> Solvable | None:
-    """The share of a sample that the expert solves; None for an empty sample.
-
-    Args:
-        solved: by digest, whether the expert solves the scene.
-    """
+    """The share of a sample that the expert solves, by digest in ``solved``; None for an empty sample."""
     if not sampled:
         return None
     cases = [(failure.run, solved[failure.scene.digest]) for failure in sampled]
@@ -67,14 +63,9 @@ def solvable(sampled: Sequence[Sampled], solved: Mapping[str, bool]) -> Solvable
 
 
 class Witnesses:
-    """Whether the expert solves scenes; kept in a file, so that no scene is tried twice.
+    """Whether the expert solves scenes, by digest in ``solved``.
 
-    Args:
-        path: of the file, JSON lines.
-        manifest: of any run of the comparison.
-
-    Attributes:
-        solved: by digest, whether the expert solves the scene.
+    A file of JSON lines keeps it, so that no scene is tried twice under the conditions of a manifest.
     """
 
     def __init__(self, path: Path, manifest: Manifest) -> None:
@@ -90,11 +81,7 @@ class Witnesses:
         return [scene for scene in dict.fromkeys(scenes) if scene.digest not in self.solved]
 
     def find(self, scenes: Sequence[Scene], runner: SceneRunner, watch: Callable[[int, int], None]) -> None:
-        """Try what is missing; every result is stored at once.
-
-        Args:
-            watch: told how many scenes of how many are done.
-        """
+        """Try what is missing; every result is stored at once, and ``watch`` told how many of how many."""
         todo = self.missing(scenes)
         for done, scene in enumerate(todo):
             watch(done, len(todo))
@@ -137,11 +124,7 @@ class Evidence:
 
 
 def choose(sampled: Sequence[Sampled], solved: Mapping[str, bool], size: int) -> list[Sampled]:
-    """At most ``size`` failures of a sample, those that the expert solves first: only these are shrunk.
-
-    Args:
-        solved: by digest, whether the expert solves the scene.
-    """
+    """At most ``size`` failures of a sample, those that the expert solves first: only these are shrunk."""
     return sorted(sampled, key=lambda failure: not solved.get(failure.scene.digest))[:size]
 
 

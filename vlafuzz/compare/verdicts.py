@@ -15,13 +15,7 @@ ALPHA = 0.05
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure by which strategies are compared.
-
-    Attributes:
-        name: of the field of ``Figures``.
-        says: in words.
-        most: whether more is better.
-    """
+    """A field of ``Figures`` by which strategies are compared, in words, and whether more is better."""
 
     name: str
     says: str

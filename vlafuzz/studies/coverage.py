@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.formats.vlatest.original import as_original
-from vlafuzz.formats.vlatest.table import vlatest_table
+from vlafuzz.formats.vlatest.table import Rectangle, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
@@ -22,13 +22,6 @@ from vlafuzz.studies import published
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
 SIZES = (10, 100, 1000)  # the paper's
 _ROUNDING = 1e-6  # metres, of imported positions
-
-
-class Area(NamedTuple):
-    """A rectangle of the table, metres."""
-
-    x: tuple[float, float]
-    y: tuple[float, float]
 
 
 class Step(NamedTuple):
@@ -110,7 +103,7 @@ def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
         )
 
 
-def place(x: float, y: float, area: Area) -> tuple[int, int] | None:
+def place(x: float, y: float, area: Rectangle) -> tuple[int, int] | None:
     """The cell of a point; None outside."""
     column, row = _along(x, area.x), _along(y, area.y)
     return None if column is None or row is None else (column, row)
@@ -135,11 +128,10 @@ def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> Search
 def _steps(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
     for scene in scenes:
         if original := as_original(scene):
-            box = vlatest_table().drawn_from(scene.task)
-            first, area, site = original.listing[0], Area(box.x, box.y), None
+            first, area, site = original.listing[0], vlatest_table().drawn_from(scene.task), None
         else:
             drawn = space.operators.get(TargetPosition)
-            area = Area((drawn.x.low, drawn.x.high), (drawn.y.low, drawn.y.high))
+            area = Rectangle(x=(drawn.x.low, drawn.x.high), y=(drawn.y.low, drawn.y.high))
             first, site = scene.listing[0], space.site(scene, space.severities(scene))
         yield Step(place(first.x, first.y, area), site)
 

@@ -178,12 +178,7 @@ _ALPHA = {
 
 @dataclass(frozen=True)
 class MutationResult(StudyResult):
-    """The result of RQ3 or RQ4.
-
-    Attributes:
-        alpha: how it was drawn; None in RQ4.
-        published: the rows of the paper's table that are known.
-    """
+    """The result of RQ3 or RQ4, which has no alpha, beside the known rows of the paper's table."""
 
     alpha: Alpha | None
     kept: list[Kept]

@@ -33,11 +33,7 @@ class Passed:
 
 @dataclass(frozen=True)
 class Success:
-    """RQ1: a share as printed, of one policy or the ``mean`` or ``best`` of all.
-
-    Attributes:
-        as_well: another value that the paper prints for the same quantity.
-    """
+    """RQ1: a share as printed, and as printed elsewhere, of one policy or the ``mean`` or ``best`` of all."""
 
     task: str
     policy: str

@@ -20,12 +20,7 @@ BESIDE = (
 
 @dataclass(frozen=True)
 class Sheet:
-    """The tables of a study, with notes.
-
-    Attributes:
-        differs: how the paper's protocol differs, and why.
-        draw: draws the plot into a PNG file.
-    """
+    """The tables of a study, with notes, how the paper's protocol differs, and a plot for a PNG file."""
 
     title: str
     tables: Sequence[Table]
@@ -48,11 +43,7 @@ class Sheet:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """The result of a study; subclasses add rows.
-
-    Attributes:
-        left_out: runs without scenes, and why.
-    """
+    """The result of a study, with the runs that had no scenes, and why; subclasses add rows."""
 
     study: str
     policies: list[str]

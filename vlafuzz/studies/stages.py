@@ -52,11 +52,9 @@ class Standing:
 
 @dataclass(frozen=True)
 class Published:
-    """The paper's success in a task: of other policies on another robot in another simulator.
+    """The paper's success in a task: the mean of seven policies, and of each as in the authors' data.
 
-    Attributes:
-        mean, as_well: success over seven policies; for one task the paper prints two values.
-        policies: success by policy, counted in the authors' data.
+    For one task the paper prints a second mean, ``as_well``.
     """
 
     task: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json as json_format
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -48,13 +48,9 @@ SAMPLES = ("random", "pool")  # strategies whose scenes do not depend on earlier
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """What a user asks of a study.
+    """What a user asks of a study: no tasks are all of its tasks, policy None is the default policy.
 
-    Attributes:
-        tasks: empty for all tasks of the study.
-        policies: None for the default policy.
-        alpha: how RQ3 draws the light.
-        unseen: the packs of RQ5's unseen objects.
+    RQ3 draws the light as ``alpha`` says; the packs ``unseen`` hold RQ5's unseen objects.
     """
 
     study: str
@@ -70,11 +66,7 @@ class StudyRequest:
 
 
 def study(request: StudyRequest, config: RunConfig, folder: Path, watch: Watch = SILENT) -> StudyResult:
-    """Do the runs that the folder's store lacks, and count all.
-
-    Args:
-        config: common to all runs; its ``budget`` is the number of scenes of each.
-    """
+    """Do the runs that the folder's store lacks, each of ``config.budget`` scenes, and count all."""
     operators = load_operators(config.operators)
     for policy in filter(None, request.policies):
         check_policy_name(policy)
@@ -105,10 +97,9 @@ def write(result: StudyResult, folder: Path) -> tuple[dict[str, Any], Sheet]:
     """Write JSON, markdown and plot, named after the study; returns the JSON and the sheet."""
     make_folder(folder)
     document, sheet = asdict(result, dict_factory=_with_shares), result.sheet()
+    text = json.dumps(document, indent=1, allow_nan=False)
     try:
-        write_whole(
-            folder / f"{result.study}.json", json_format.dumps(document, indent=1, allow_nan=False) + "\n"
-        )
+        write_whole(folder / f"{result.study}.json", text + "\n")
         write_whole(folder / f"{result.study}.md", sheet.markdown())
         sheet.draw(folder / f"{result.study}.png")
     except OSError as error:

@@ -111,8 +111,7 @@ def compared(
 ) -> list[Reworded]:
     """The plain wording, then each prompt compared with it in the scenes in which the prompt was judged.
 
-    Args:
-        plain: outcomes of the scenes from which the variants were made, all judged.
+    The variants were made from the scenes of the ``plain`` outcomes, all of which were judged.
     """
     wordings = [Prompt(PLAIN, (load_wordings()[task][0],)), *prompts]
     outcomes: dict[str, dict[int, Outcome]] = {prompt.name: {} for prompt in wordings}
