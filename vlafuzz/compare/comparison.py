@@ -27,7 +27,7 @@ _WITHOUT = {measure.name: -_NEVER if measure.most else _NEVER for measure in MEA
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the repeats, which ``runs`` of them have: median, middle half; None where most lack it."""
+    """Median and middle half of a figure that ``runs`` of the repeats have; None where most lack it."""
 
     median: float | None
     low: float | None
