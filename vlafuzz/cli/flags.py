@@ -77,26 +77,20 @@ def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
     """
     if not folders:
         return ()
-    from vlafuzz.objects import open_packs  # imported late: `vlafuzz doctor` has to start anywhere
+    # Imported late: `vlafuzz doctor` has to start anywhere.
+    from vlafuzz.objects import load_catalogue, open_packs
 
     assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
     packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
     for pack in packs:
         for lack in _lacks(pack):
             Bar.note(f"note: {pack.name}: {lack}")
-    _measure(packs)
-    return packs
-
-
-def _measure(packs: Sequence[Pack]) -> None:
-    """Measure every object, once; each takes up to some seconds."""
-    from vlafuzz.objects import load_catalogue
-
     catalogue = load_catalogue(packs=packs)
     names = catalogue.preferred(catalogue.names()) if packs else ()
     with progress() as bar:
         for name in bar.track(names, description="objects measured"):
-            catalogue[name]
+            catalogue[name]  # once per object, up to some seconds
+    return packs
 
 
 def _is_robots_only(folder: Path) -> bool:

@@ -71,9 +71,8 @@ def _check(
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
     check_number("--max-rollouts", max_rollouts, 1)
     if junit is not None and (junit.is_dir() or not junit.absolute().parent.is_dir()):
-        raise UsageError(
-            f"--junit: {junit}: no place for a file", hint="name a file in a folder that is there"
-        )
+        message = f"--junit: {junit}: no place for a file"
+        raise UsageError(message, hint="name a file in a folder that is there")
     for name in filter(None, (policy, baseline)):
         check_policy_name(name)
 

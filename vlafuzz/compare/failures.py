@@ -22,12 +22,10 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Failure:
-    """A failing scene of a run.
+    """A failing scene of a run; for its cell and quality see ``scoring.cell`` and ``quality``.
 
     Attributes:
-        cell: see ``scoring.cell``.
         severity: its distance from nominal, the sum over the operators.
-        quality: see ``quality``.
         spent: rollouts of the run when it was found, its own included.
         vector: embedding of the scene, in which distance means difference.
     """

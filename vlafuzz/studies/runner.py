@@ -22,6 +22,8 @@ from vlafuzz.store.store import Store
 from vlafuzz.watch import Watch
 
 COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
+JUDGED = (Verdict.PASSED, Verdict.FAILED)
+VARIANTS = "variants"  # the strategy of runs of derived scenes, which are no random sample
 
 
 class Part(NamedTuple):
@@ -84,9 +86,6 @@ def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run 
     return stored_run(same)
 
 
-JUDGED = (Verdict.PASSED, Verdict.FAILED)
-
-
 class Variant(NamedTuple):
     """A scene derived from the ``origin``-th scene of a run; ``arm`` says how."""
 
@@ -130,9 +129,6 @@ def tried(store: Store, run: Run | None, variants: Sequence[Variant]) -> list[Tr
     """Variants with their outcomes in a run that proposed them in order; none without a run."""
     trials = store.stored(run.id, 0, len(variants)) if run else []
     return [Tried(variants[trial.proposal], trial.outcome) for trial in trials]
-
-
-VARIANTS = "variants"  # the strategy of runs of derived scenes, which are no random sample
 
 
 class _Job(NamedTuple):

@@ -176,10 +176,7 @@ class StageResult(StudyResult):
     def sheet(self) -> Sheet:
         """One table per task."""
         tasks = dict.fromkeys(standing.task for standing in self.standings)
-        tables = [
-            Table(task, [_row(standing) for standing in self.standings if standing.task == task])
-            for task in tasks
-        ]
+        tables = [Table(task, [_row(row) for row in self.standings if row.task == task]) for task in tasks]
         notes = [_NOTE, *self.gaps]
         if stopped := [f"{row.task}, {_label(row)}" for row in self.standings if row.stopped]:
             notes.append(f"Ended before all scenes: {'; '.join(stopped)}.")
@@ -217,10 +214,9 @@ def _label(standing: Standing) -> str:
 
 
 def _row(standing: Standing) -> Row:
-    confounders = {} if standing.confounders is None else {"confounders": standing.confounders}
     return {
         "policy": standing.policy,
-        **confounders,
+        **({} if standing.confounders is None else {"confounders": standing.confounders}),
         **{stage.stage: str(stage) for stage in standing.stages},
         "progress": None if standing.progress is None else f"{standing.progress:.2f}",
         "judged": standing.judged,

@@ -41,8 +41,6 @@ from vlafuzz.studies.wordings import WordingResult
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.watch import SILENT, Watch
 
-STORE = "study.db"
-GOES_ON = "all runs are stored: the same command continues"
 SAMPLES = ("random", "pool")  # strategies whose scenes do not depend on earlier outcomes
 
 
@@ -71,7 +69,7 @@ def study(request: StudyRequest, config: RunConfig, folder: Path, watch: Watch =
     for policy in filter(None, request.policies):
         check_policy_name(policy)
     make_folder(folder)
-    with Store.open(folder / STORE, "write") as store:
+    with Store.open(folder / "study.db", "write") as store:
         runner = StudyRunner(
             config=config, operators=operators, store=store, folder=folder, commit=commit(), watch=watch
         )
@@ -103,7 +101,7 @@ def write(result: StudyResult, folder: Path) -> tuple[dict[str, Any], Sheet]:
         write_whole(folder / f"{result.study}.md", sheet.markdown())
         sheet.draw(folder / f"{result.study}.png")
     except OSError as error:
-        raise UsageError(f"--out: {error}", hint=GOES_ON) from None
+        raise UsageError(f"--out: {error}", hint="all runs are stored: the same command continues") from None
     return document, sheet
 
 
