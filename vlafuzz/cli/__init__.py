@@ -34,7 +34,7 @@ COMMANDS = {
     "merge": ("vlafuzz.cli.export:merge", "Merge the runs of several stores into one."),
     "operators": ("vlafuzz.cli.listings:operators", "List the operators and their ranges."),
     "objects": ("vlafuzz.cli.listings:objects", "List the objects of the catalogue."),
-    "strategies": ("vlafuzz.cli.listings:strategies", "List the strategies that propose scenes."),
+    "strategies": ("vlafuzz.cli.policies:strategies", "List the strategies that propose scenes."),
     "policies": ("vlafuzz.cli.policies:policies", "List the policies that can be tested."),
     "serve": ("vlafuzz.cli.policies:serve", "Serve a policy to clients of other tools."),
     "doctor": (

@@ -1,8 +1,7 @@
-"""The listings: ``vlafuzz operators``, ``objects`` and ``strategies``."""
+"""``vlafuzz operators`` and ``vlafuzz objects``."""
 
 from __future__ import annotations
 
-import inspect
 from typing import Annotated, Any
 
 import numpy as np
@@ -74,19 +73,3 @@ def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
 
 def _shown(pose: str, narrowest: float | None) -> str:
     return pose if narrowest is None else f"{pose} {narrowest:.3f}"
-
-
-def strategies(
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
-) -> None:
-    """List the strategies that propose scenes."""
-    from vlafuzz.search.registry import STRATEGIES
-
-    rows = [{"strategy": name, "is": _says(strategy)} for name, strategy in STRATEGIES.items()]
-    print_rows(rows, json=json, csv=csv, title="strategies")
-
-
-def _says(strategy: object) -> str:
-    """The first paragraph of its docstring, in one line."""
-    return " ".join((inspect.getdoc(strategy) or "").partition("\n\n")[0].split())
