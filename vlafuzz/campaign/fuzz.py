@@ -70,7 +70,18 @@ def fuzz(
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
     tally = Tally(run, manifest, stages, before)
     past, own = Past(store, run), run if alone else None
-    campaign = _Campaign(tally, past, space, strategy, executor, store, objective, chunk, own, watch)
+    campaign = _Campaign(
+        tally=tally,
+        past=past,
+        space=space,
+        strategy=strategy,
+        executor=executor,
+        store=store,
+        objective=objective,
+        chunk=chunk,
+        own=own,
+        watch=watch,
+    )
     status: Status = "failed"
     try:
         campaign.loop(patience)
@@ -85,7 +96,7 @@ def fuzz(
     return tally.summary(str(store.path), groups)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Campaign:
     tally: Tally
     past: Past

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
     return len(tree.subcluster_centers_)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Beside:
     """A run beside all random runs of its store under the same conditions, pooled.
 
@@ -53,9 +53,9 @@ class Beside:
     judged: int
     random_failed: int
     random_judged: int
-    difference: float | None
-    low: float | None
-    high: float | None
+    difference: float | None = None
+    low: float | None = None
+    high: float | None = None
 
     @property
     def tells(self) -> bool:
@@ -71,7 +71,9 @@ def beside_random(store: Store, run: int) -> Beside:
         for number, manifest in runs.items()
         if manifest.strategy == "random" and manifest.comparable(runs[run])
     ]
-    counts = *store.judged([run]), *store.judged(random)
-    if not (counts[1] and counts[3]):
-        return Beside(*counts, None, None, None)
-    return Beside(*counts, counts[0] / counts[1] - counts[2] / counts[3], *newcombe(*counts))
+    (failed, judged), (random_failed, random_judged) = store.judged([run]), store.judged(random)
+    beside = Beside(failed=failed, judged=judged, random_failed=random_failed, random_judged=random_judged)
+    if not (judged and random_judged):
+        return beside
+    low, high = newcombe(failed, judged, random_failed, random_judged)
+    return replace(beside, difference=failed / judged - random_failed / random_judged, low=low, high=high)

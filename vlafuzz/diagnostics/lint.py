@@ -34,7 +34,7 @@ class Problem:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Verdicts:
     """The verdicts on a file; ``crowded`` has scenes of two or more objects, ``settled`` settled scenes."""
 
@@ -96,12 +96,12 @@ def lint(
     ]
     broken = sum(problem.check == BROKEN for problem in problems)
     return Verdicts(
-        path,
-        len(source.lines) - broken,
-        source.left_out,
-        tuple(sorted(problems, key=lambda problem: problem.line)),
-        tuple(filter(None, crowded)),
-        tuple(settled.values()),
+        path=path,
+        scenes=len(source.lines) - broken,
+        left_out=source.left_out,
+        problems=tuple(sorted(problems, key=lambda problem: problem.line)),
+        crowded=tuple(filter(None, crowded)),
+        settled=tuple(settled.values()),
     )
 
 

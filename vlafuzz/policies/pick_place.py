@@ -24,7 +24,7 @@ GENTLE = 0.012  # metres per step at the end of lowering and at the start of ret
 FINGERTIP = 0.012  # metres from the TCP down to the fingertips
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Belief:
     """Where things are, as far as the policy knows.
 

@@ -12,7 +12,7 @@ most ``alpha`` (Ramdas et al. 2023, <https://doi.org/10.1214/23-STS894>).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
 from math import comb
@@ -50,7 +50,7 @@ class SignTest:
     better: int = 0
     controls_worse: int = 0
     controls_better: int = 0
-    _most: float = 1.0
+    _most: float = field(default=1.0, init=False)
 
     def see(self, *, worse: bool, control: bool) -> None:
         self.worse += worse
