@@ -9,8 +9,6 @@ For example::
 Options have the names of the command line's flags.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from functools import partial

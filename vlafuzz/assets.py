@@ -3,8 +3,6 @@
 The latter hold files that may not be shipped, such as robots and photos.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import tempfile

@@ -3,8 +3,6 @@
 The result of a scene is an outcome, never an exception: a crash of policy or simulator is the verdict ERROR.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from typing import Literal

@@ -1,7 +1,5 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

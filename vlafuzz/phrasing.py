@@ -1,7 +1,5 @@
 """Evidence in words: signatures and thresholds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from vlafuzz.evidence import Threshold

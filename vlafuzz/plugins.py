@@ -1,7 +1,5 @@
 """``python:pkg.mod:factory``: the user's own policy or strategy, wherever a name is expected."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import os

@@ -3,8 +3,6 @@
 ``python -m vlafuzz.renderer`` prints one line and exits with 0 or 3.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

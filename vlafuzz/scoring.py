@@ -1,7 +1,5 @@
 """Scores of outcomes for strategies, and the cells of failures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Numbers, names and tables as people read them."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence

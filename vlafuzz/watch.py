@@ -1,7 +1,5 @@
 """Watch: follows long work. The command line draws progress bars with one; from Python none is needed."""
 
-from __future__ import annotations
-
 
 class Watch:
     """Ignores what it is told; override what is of interest.

@@ -1,7 +1,5 @@
 """RunConfig: a run as the user asks for it. Plan: the objects that it names, all of them checked."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

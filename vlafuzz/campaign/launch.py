@@ -1,7 +1,5 @@
 """Start the run of a plan, or all runs that a store lacks."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing

@@ -1,7 +1,5 @@
 """Numbers of a finished run: distinct failures, and the share of failures beside random generation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 

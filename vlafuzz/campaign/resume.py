@@ -1,7 +1,5 @@
 """Resuming: which run that ended early is meant, and whether its conditions still hold."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

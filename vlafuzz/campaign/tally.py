@@ -1,7 +1,5 @@
 """Tally: the counts of a run in progress. Summary: its result, the JSON of ``run --json``."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """The command line. The module of a command is imported when it is called, so that others start fast."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """``vlafuzz export`` and ``vlafuzz merge``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial

@@ -1,7 +1,5 @@
 """``vlafuzz operators`` and ``vlafuzz objects``."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Output of commands: data on stdout as a table, JSON or CSV; progress and notes on stderr."""
 
-from __future__ import annotations
-
 import json as json_format
 import sys
 from collections.abc import Iterator, Mapping, Sequence

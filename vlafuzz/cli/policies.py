@@ -1,7 +1,5 @@
 """``vlafuzz policies``, ``vlafuzz strategies`` and ``vlafuzz serve``."""
 
-from __future__ import annotations
-
 import inspect
 import shlex
 import sys

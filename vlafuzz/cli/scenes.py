@@ -1,7 +1,5 @@
 """``vlafuzz import``, ``vlafuzz lint`` and ``vlafuzz coverage``: files of scenes."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import asdict

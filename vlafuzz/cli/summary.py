@@ -1,7 +1,5 @@
 """How ``vlafuzz run`` shows a run: a bar on stderr while it goes on, a table at the end."""
 
-from __future__ import annotations
-
 import shlex
 from typing import Self
 

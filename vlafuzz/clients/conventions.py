@@ -1,7 +1,5 @@
 """How models write poses: conventions of actions, and layouts of proprioception by vla-eval's names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Models behind GR00T's policy server."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 

@@ -1,7 +1,5 @@
 """An HTTP connection for one request at a time. All failures are PolicyErrors with their cause."""
 
-from __future__ import annotations
-
 import select
 import time
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """LeRobot policies from a folder, which run in this process on the user's own installation of lerobot."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout

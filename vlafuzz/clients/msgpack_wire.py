@@ -7,8 +7,6 @@ Isaac-GR00T's ``gr00t/policy/server_client.py``. N1.6 writes .npy bytes; N1.7 wr
 and reads both, so we send .npy bytes.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import time

@@ -1,7 +1,5 @@
 """Models whose servers declare nothing: options describe them, and are translated to a policy's spec."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """Addresses of model servers, ``protocol:scheme://host:port``, with options that describe the model."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager

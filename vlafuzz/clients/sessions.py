@@ -1,7 +1,5 @@
 """Rollouts at a model server, with one session each. Simultaneous requests succeed or fail together."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

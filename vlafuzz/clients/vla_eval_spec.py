@@ -1,7 +1,5 @@
 """What a vla-eval server declares about its model, translated from and to our specs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A WebSocket to a model server. All failures are PolicyErrors with their cause."""
 
-from __future__ import annotations
-
 import logging
 import socket
 import struct

@@ -3,8 +3,6 @@
 Replies are untrusted: their size, type and shape are checked before they are used.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import time

@@ -1,7 +1,5 @@
 """A ZeroMQ connection for one request at a time. All failures are PolicyErrors with their cause."""
 
-from __future__ import annotations
-
 import socket
 from urllib.parse import urlsplit
 

@@ -1,7 +1,5 @@
 """Compare strategies: do the runs that are missing, let the expert try a sample of failures, triage some."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace

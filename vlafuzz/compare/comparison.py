@@ -1,7 +1,5 @@
 """Comparison: the figures, curves and tests of several strategies, from their counted runs."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The failures of a run: each failing scene once, and when in the run it was found."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

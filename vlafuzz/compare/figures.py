@@ -1,7 +1,5 @@
 """Figures of a run, and curves over its budget."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean

@@ -1,7 +1,5 @@
 """A comparison as tables for a terminal, and as files: HTML with plots, JSON, markdown and CSV."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Mapping

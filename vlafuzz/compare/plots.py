@@ -1,7 +1,5 @@
 """Plots of a comparison, as PNG. matplotlib is imported when one is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path

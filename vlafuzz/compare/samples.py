@@ -1,7 +1,5 @@
 """Samples of a strategy's failures: which of them the expert solves, and what triage says of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Pairs of strategies, measure by measure: effect size, interval, corrected p-value, and a sentence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

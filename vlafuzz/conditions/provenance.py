@@ -1,7 +1,5 @@
 """The code and the packages that are installed, as conditions keep them."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Operators and packs of objects as conditions keep them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from pathlib import Path

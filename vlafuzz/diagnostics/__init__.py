@@ -1,7 +1,5 @@
 """Checks of a policy before its failures are believed, and of this machine."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from typing import Literal, NamedTuple
 

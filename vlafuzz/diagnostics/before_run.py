@@ -1,7 +1,5 @@
 """Checks of a policy: all of them for ``vlafuzz doctor``, the quick ones before ``vlafuzz run``."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from contextlib import closing

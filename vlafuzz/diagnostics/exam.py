@@ -1,7 +1,5 @@
 """Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, islice

@@ -1,7 +1,5 @@
 """Checks of this machine: what is installed, and what follows from it."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json as json_format
 import os

@@ -1,7 +1,5 @@
 """Probes: show a policy recorded moments of its rollouts with one thing changed, and compare its answers."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Recorder: keeps a policy's observations, answers and errors."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Verdicts on the observations of a policy: functions from facts to checks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from statistics import median

@@ -1,7 +1,5 @@
 """Wiring: whether a swapped or inverted convention makes a policy fail; then one correction clearly helps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import cycle

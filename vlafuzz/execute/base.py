@@ -1,7 +1,5 @@
 """Executors evaluate scenes: the protocol, and the one that works in this process."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Protocol

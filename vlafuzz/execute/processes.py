@@ -1,7 +1,5 @@
 """Process executor: evaluates scenes in several processes of this machine, each with its own simulator."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """Ray executor: evaluates scenes in actors, on this machine or on the machines of a ray cluster."""
 
-from __future__ import annotations
-
 import logging
 import os
 import socket

@@ -1,7 +1,5 @@
 """Executors by name."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Worker pool: workers that evaluate batches in parallel, and are replaced when they are lost."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Files of scenes: our JSON lines, one scene a line, files of VLATest, or stores."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Export scenes for other programs: as files of scenes, or as demonstrations to train with."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple

@@ -4,8 +4,6 @@
 side: ``gymnasium.make_vec("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Builds an object from its catalogue entry: convex parts, stable poses, grasps and mesh files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Canvas, drawing functions for all painters, and the motifs of cans' labels: no artwork, plain shapes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

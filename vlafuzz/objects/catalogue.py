@@ -3,8 +3,6 @@
 Built objects are cached, one folder each, named by the hash of the entry and the builder's version.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -4,8 +4,6 @@ The gripper is the Panda's: it opens 0.08 m, its pads are 20 mm wide and reach 9
 centre point (TCP), and its palm is 38 mm above the TCP. The grasps also suit other grippers of this size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np

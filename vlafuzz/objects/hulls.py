@@ -1,7 +1,5 @@
 """Convex hulls: corners, triangles, volumes, sections, and the cavity between several. Lengths in metres."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

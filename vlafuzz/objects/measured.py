@@ -4,8 +4,6 @@ As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's e
 ``ycb.py``), each connected part of the collision mesh becomes its convex hull.
 """
 
-from __future__ import annotations
-
 import colorsys
 import zlib
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the bu
 names.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

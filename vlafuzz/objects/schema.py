@@ -1,7 +1,5 @@
 """The schema of object catalogues in YAML. Metres, kilograms, sRGB colours in [0, 1]."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args

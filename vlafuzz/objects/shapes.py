@@ -3,8 +3,6 @@
 Visual surfaces are in ``surfaces.py``. Lengths in metres; every shape has its own natural frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

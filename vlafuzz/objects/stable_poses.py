@@ -1,7 +1,5 @@
 """Stable poses: faces of the convex hull that have the centre of mass above them. Lengths in metres."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

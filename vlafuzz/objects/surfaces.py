@@ -4,8 +4,6 @@ All surfaces of revolution share one unwrapping: u runs once around, with +x in 
 ring, so that labels do not depend on the dimensions of lids. v = 0 is the bottom row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Draws the objects' textures with Pillow; no other pictures are used. Boxes have a cell for each face."""
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image, ImageDraw
 

@@ -1,7 +1,5 @@
 """The policy under test as a protocol: what it asks for, what it observes and what it answers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, Protocol, runtime_checkable

@@ -1,7 +1,5 @@
 """Batching policy: one policy for many callers, whose simultaneous requests it answers in one call."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice

@@ -1,7 +1,5 @@
 """Control policies, whose results are known in advance: a measurement that contradicts them is wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The expert: a scripted controller on the simulator's state, which shows that a scene can be solved."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from vlafuzz.errors import PolicyError

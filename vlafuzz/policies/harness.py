@@ -1,7 +1,5 @@
 """The harness between policy and robot: action queue, unit conversion, sticky gripper, checks of answers."""
 
-from __future__ import annotations
-
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence

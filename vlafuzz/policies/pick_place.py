@@ -1,7 +1,5 @@
 """Pick-and-place controller: grasp an object at its believed pose, move it to the goal, check, retry."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

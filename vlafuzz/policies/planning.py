@@ -1,7 +1,5 @@
 """Geometric planning: which grasp to take, how high to travel, where to put an object down."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

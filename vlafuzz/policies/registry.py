@@ -1,7 +1,5 @@
 """Policies by name: built in, behind a model server, or the user's own."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 from collections.abc import Callable, Sequence

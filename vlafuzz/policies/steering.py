@@ -1,7 +1,5 @@
 """Steering: metric actions that bring the hand from its current pose towards a target."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An exported corpus as values: minimal failing scenes, each with the evidence for it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -10,8 +10,6 @@ time, with an alarm or because none can follow, and the probability of a false a
 most ``alpha`` (Ramdas et al. 2023, <https://doi.org/10.1214/23-STS894>).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import count

@@ -1,7 +1,5 @@
 """export: the minimal findings of a store as a corpus. Each finding is checked once more."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing

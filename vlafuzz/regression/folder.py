@@ -1,7 +1,5 @@
 """Corpora as folders: written completely or not at all, and checked when they are read."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """A comparison as JUnit XML, which continuous integration shows per scene."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Sequence

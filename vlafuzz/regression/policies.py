@@ -1,7 +1,5 @@
 """Compare a policy with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path

@@ -10,8 +10,6 @@ deterministic; else both policies are rolled out in the same scenes with the sam
 selected by outcome.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

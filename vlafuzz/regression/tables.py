@@ -1,7 +1,5 @@
 """A regression test as tables and JSON."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

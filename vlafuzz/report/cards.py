@@ -1,7 +1,5 @@
 """Cards of the gallery, from a finding or from a case of an exported corpus."""
 
-from __future__ import annotations
-
 import shlex
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Counts over the trials of a store, in one pass."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field
 

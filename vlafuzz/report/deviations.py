@@ -1,7 +1,5 @@
 """The operators that are not nominal in a scene, described in words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Films of the failures and their witnesses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

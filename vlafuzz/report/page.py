@@ -1,7 +1,5 @@
 """Views and sheets as self-contained HTML pages."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The views of a store and of an exported corpus."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Pages as values, without HTML: the report, and sheets of plots, tables and sentences."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A camera's pose in a scene, and its projection."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """A rig as data: a robot at its table, with the nominal camera and lights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

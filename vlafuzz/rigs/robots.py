@@ -5,8 +5,6 @@ behind robot and objects, as in the reference. Sources: G, BE and PO are VLATest
 ``grasp_single_in_scene_customizable.py``, ``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Strategy: proposes scenes. It sees numbers only: genomes out, scores in."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,7 +1,5 @@
 """Feedback: an AFL-style fuzzer. Scenes that reach a new place are kept as seeds and mutated."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Forest: predicts from past rollouts how likely other scenes are to fail."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """NSGA-II: evolves scenes toward early failures that are near nominal and unlike known ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import compress
 from typing import Any

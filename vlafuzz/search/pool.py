@@ -1,7 +1,5 @@
 """A fixed pool of scenes in place of a search space: in order, or chosen by any strategy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

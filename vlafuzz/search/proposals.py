@@ -1,7 +1,5 @@
 """What strategies share: fair and new genomes, an archive of recent scenes, numbered proposals."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 

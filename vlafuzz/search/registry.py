@@ -1,7 +1,5 @@
 """Strategies by name, the user's own included."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import cast

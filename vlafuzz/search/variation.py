@@ -4,8 +4,6 @@ Values move on the grid, angles wrap, categories have no order, and a confounder
 whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Hashable, Iterable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """HTTP server for OpenVLA's ``POST /act``."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Serve a policy by a protocol, under a name by which vlafuzz reaches it."""
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """WebSocket servers for vla-eval's and openpi's protocols."""
 
-from __future__ import annotations
-
 import io
 import logging
 import threading

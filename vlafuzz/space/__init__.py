@@ -1,7 +1,5 @@
 """The scene operators as data, and the space that they span: genomes to scenes and back."""
 
-from __future__ import annotations
-
 from vlafuzz.space.generate import SearchSpace
 from vlafuzz.space.operator_set import OperatorSet, load_operators
 from vlafuzz.space.operators import OPERATORS

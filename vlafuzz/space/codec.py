@@ -1,7 +1,5 @@
 """Codec: genomes to scenes and back, and how far a scene is from nominal."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Composer: values, one per gene, to scenes and back. It knows no grid: any number is a value."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

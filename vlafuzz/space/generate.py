@@ -5,8 +5,6 @@ Objects are drawn without replacement by their spoken names. Draws that the task
 is redrawn, then the whole scene, then generation fails.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Opening a store's file: one writer, many readers, and one sentence for anything that is wrong with it."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

@@ -1,7 +1,5 @@
 """Merging stores: all runs and trials of several, and each finding once."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import closing

@@ -1,7 +1,5 @@
 """The store's schema, as the steps that lead to it. A released step is never changed: add the next one."""
 
-from __future__ import annotations
-
 import sqlite3
 
 _FIRST = (

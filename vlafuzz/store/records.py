@@ -1,7 +1,5 @@
 """The contents of a store as values: runs with their manifests, trials, findings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple

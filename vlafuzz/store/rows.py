@@ -1,7 +1,5 @@
 """Values to rows and back. NaN and infinity are stored as NULL."""
 
-from __future__ import annotations
-
 import json
 import math
 import sqlite3

@@ -1,7 +1,5 @@
 """Store: runs, trials and findings in one SQLite file, with one writer."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence

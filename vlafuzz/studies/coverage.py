@@ -1,7 +1,5 @@
 """How much of the space scenes cover: places of the first object, as in the paper, and behaviour."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """RQ3 and RQ4: how many of the scenes that a policy passed it still passes under other light or camera."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect
 from collections.abc import Mapping, Sequence

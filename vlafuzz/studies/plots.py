@@ -1,7 +1,5 @@
 """Shared parts of the studies' plots. matplotlib is imported when one is drawn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

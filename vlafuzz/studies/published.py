@@ -1,7 +1,5 @@
 """The VLATest paper's figures as rows, from published/*.csv; each file names its source."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from typing import TypeVar

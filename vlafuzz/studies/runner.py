@@ -1,7 +1,5 @@
 """The runs of a study, of random scenes and of variants of these: missing runs are done, others reused."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

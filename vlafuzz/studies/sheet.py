@@ -1,7 +1,5 @@
 """The results of a study as a sheet: tables, notes and a plot."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

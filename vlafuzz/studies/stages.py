@@ -1,7 +1,5 @@
 """RQ1 and RQ2: the share of scenes in which a policy reaches each stage of a task."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

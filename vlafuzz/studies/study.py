@@ -1,7 +1,5 @@
 """The studies: the runs that each needs, and what they come to."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass

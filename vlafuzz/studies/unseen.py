@@ -1,7 +1,5 @@
 """RQ5: how much of its success with seen objects a policy keeps with unseen ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """RQ6 and the prompts of the paper's discussion: the same scenes with other instructions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache

@@ -3,8 +3,6 @@
 Stages and progress are pure functions of a State, a snapshot of the simulation as arrays.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Instructions from ``operators/instructions.yaml`` with the targets' spoken names, and default scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path

@@ -3,8 +3,6 @@
 The weaker criteria of the published environments are here too, as ``published``.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

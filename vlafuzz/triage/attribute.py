@@ -1,7 +1,5 @@
 """Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
 
-from __future__ import annotations
-
 from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene

@@ -1,7 +1,5 @@
 """Confirm: whether a scene fails again. Of a stochastic policy, by Wald's sequential test."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The path to nominal: operators as triage counts them, and a scene's values step by step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from vlafuzz.scene import Scene

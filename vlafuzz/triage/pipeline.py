@@ -1,7 +1,5 @@
 """triage: work through the findings of a store, here or in several processes."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed

@@ -1,7 +1,5 @@
 """Shrink: remove from a failing scene everything that does not matter, until each operator is necessary."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import permutations

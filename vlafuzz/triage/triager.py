@@ -1,7 +1,5 @@
 """Triager: confirms, witnesses, shrinks and attributes one finding. It imports no simulator."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Witness: proof that a scene can be solved: actions of the expert that solve it when replayed open loop."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

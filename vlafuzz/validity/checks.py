@@ -1,7 +1,5 @@
 """Checks without a simulator whether a scene is fair. They never change a scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

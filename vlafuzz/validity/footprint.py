@@ -1,7 +1,5 @@
 """The space that objects of a scene occupy, their outlines on the table, and how close they stand. Metres."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Profiles: the options of known models, so that users need not give them one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The scene files of VLATest (FSE 2025), in VLATest's own coordinates and names."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Scenes of VLATest as published: its coordinates, orientations, names, sizes and robots."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

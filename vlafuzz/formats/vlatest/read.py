@@ -1,7 +1,5 @@
 """Read scene files of VLATest (FSE 2025) as scenes of ours."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """VLATest's names, poses, boxes and robots, and our counterparts: operators/objects/vlatest.yaml."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import yaml

@@ -1,7 +1,5 @@
 """Write scenes as a file of VLATest (FSE 2025), as far as the format can express them."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence

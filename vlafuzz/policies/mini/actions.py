@@ -1,7 +1,5 @@
 """Actions and proprioception as the network encodes them: finer bins near zero, continuous angles."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from numpy.typing import NDArray

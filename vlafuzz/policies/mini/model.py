@@ -5,8 +5,6 @@ spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) i
 action chunks.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional

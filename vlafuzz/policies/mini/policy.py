@@ -1,7 +1,5 @@
 """Mini as a policy: weights and model card from a folder, images and words in, metric actions out."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

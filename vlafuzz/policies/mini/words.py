@@ -1,7 +1,5 @@
 """Tokenization: a closed vocabulary, and hash buckets for words that were not seen in training."""
 
-from __future__ import annotations
-
 import re
 import zlib
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Adaptive random testing with a random forest: scenes far from earlier ones and likely to fail."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

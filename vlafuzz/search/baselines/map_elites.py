@@ -1,7 +1,5 @@
 """MAP-Elites: an archive keeps the best scene of every niche; new scenes are mutated from them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

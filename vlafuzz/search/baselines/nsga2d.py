@@ -1,7 +1,5 @@
 """NSGA-II-D: NSGA-II with a diversity objective and repopulation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ VLATest's environments ignored the light in three of four tasks, and nobody noti
 error.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

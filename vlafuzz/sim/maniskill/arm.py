@@ -4,8 +4,6 @@ ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) an
 neither.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 A photo may replace the background of the third-person camera, as in VLATest's environments.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 from zlib import crc32

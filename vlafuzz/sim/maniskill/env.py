@@ -4,8 +4,6 @@
 contains. vlafuzz itself uses ``begin`` and ``advance``: the same physics without gymnasium's batched tensors.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Sequence
 from typing import Any

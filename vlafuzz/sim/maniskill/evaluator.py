@@ -1,7 +1,5 @@
 """ManiSkillEvaluator checks that scenes are fair and runs a policy in them; an Episode is one rollout."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import replace

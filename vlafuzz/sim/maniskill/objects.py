@@ -1,7 +1,5 @@
 """Catalogue objects as SAPIEN entities, and their contacts read from PhysX."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache

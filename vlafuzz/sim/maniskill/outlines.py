@@ -4,8 +4,6 @@ Each convex part is projected by the scene's true camera and painted, farthest o
 image 256 pixels wide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

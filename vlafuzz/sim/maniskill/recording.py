@@ -1,7 +1,5 @@
 """Images of rollouts and scenes: recordings with captions or without, stills, and their encoding."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

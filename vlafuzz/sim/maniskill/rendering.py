@@ -1,7 +1,5 @@
 """Rendering: the device, the shaders, whether a scene has a renderer, and its lights."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -5,8 +5,6 @@ The files of the last two are in the user's packs. Their gains, limits and frict
 WidowX's are taken from ManiSkill's own bridge agent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,8 +7,6 @@ straight down; in the other tasks all fall at once. Source: ``_initialize_actors
 ``grasp_single_in_scene_customizable.py`` and ``move_near_in_scene_customizable.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias

@@ -1,7 +1,5 @@
 """Table, floor and wall, the background of every picture, in the colours and patterns of a backdrop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ here robot and table move into a new, empty PhysX scene (0.2 ms) and only the ob
 objects too, or emptying the old scene, changes trajectories.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
