@@ -73,8 +73,9 @@ def test_filters_narrow_the_gallery_together_and_reset(page: "sync.Page"):
     assert shown(page) == 0
     assert page.get_by_text("No finding matches").is_visible()
     page.get_by_role("button", name="Reset").click()
-    eventually(page, "document.querySelector('output').value === '6 of 6 shown'")
-    assert shown(page) == 6
+    # The reset itself sets the output, a moment before the cards follow.
+    eventually(page, "document.querySelectorAll('.card:not([hidden])').length === 6")
+    assert (shown(page), page.locator("output").inner_text()) == (6, "6 of 6 shown")
 
 
 def test_a_video_in_sight_plays_and_pauses(page: "sync.Page"):
