@@ -10,6 +10,7 @@ import functools
 
 import pytest
 
+import vlafuzz.sim.maniskill  # noqa: F401 - before SAPIEN is
 from vlafuzz import renderer
 
 probe = functools.cache(renderer.probe)

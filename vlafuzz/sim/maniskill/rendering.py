@@ -37,8 +37,6 @@ def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
 def render_backend() -> str:
     """ManiSkill's name of the rendering device: a GPU if there is one, else the CPU."""
     os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
-    if os.environ.get("LP_NATIVE_VECTOR_WIDTH") == "128":  # with it, lavapipe 25.0 crashes on AVX-512
-        os.environ.setdefault("GALLIUM_OVERRIDE_CPU_CAPS", "avx")
     try:
         sapien.Device("cuda")
     except RuntimeError:
