@@ -259,7 +259,8 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
     assert not (folder / "a.db").exists()
 
 
-@pytest.mark.parametrize("address", ["auto", "127.0.0.1:1"])
+# "auto" finds whatever cluster runs on the machine, such as that of a test beside this one.
+@pytest.mark.parametrize("address", [pytest.param("auto", marks=pytest.mark.slow), "127.0.0.1:1"])
 def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], address: str
 ):
