@@ -9,6 +9,21 @@ Actions = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Rate:
+    """How often a policy fails in a scene and its neighbourhood, each rollout with another jitter and seed.
+
+    Attributes:
+        low: lower 95 % bound of the failure rate, in [0, 1], valid although the number of rollouts depends on
+            their outcomes; ``high`` is the upper 95 % bound.
+    """
+
+    failures: int
+    rollouts: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Threshold:
     """The deviation from nominal at which an operator starts to make the policy fail in the minimal scene.
 
@@ -44,8 +59,10 @@ class Witness:
         actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose.
         states_hash: of the trajectory when the actions were replayed.
         attempt: number of the expert's attempt, which selects its first grasp and direction of approach.
+        solver: ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
     """
 
     actions: Actions
     states_hash: str
     attempt: int
+    solver: str = "expert"

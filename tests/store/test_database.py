@@ -278,13 +278,15 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
         assert len(store.findings()) == 30
 
 
-_LATER = ("packs", "robot", "checkup", "placement", "given", "source")
+_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place")
+_LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver")
 
 
 def set_back(path: Path, version: int, *statements: str) -> None:
     """Make a store what an earlier version would have written."""
     raw = sqlite3.connect(path)
-    later = (f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER)
+    later = [f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER]
+    later += [f"ALTER TABLE triage DROP COLUMN {name}" for name in _LATER_OF_TRIAGE]
     former = (f"ALTER TABLE {table} RENAME COLUMN {new} TO {old}" for table, old, new in migrations.RENAMED)
     dropped = (
         "ALTER TABLE finding ADD COLUMN evidence TEXT NOT NULL DEFAULT 'observed'",

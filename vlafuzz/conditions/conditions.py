@@ -77,6 +77,8 @@ class Conditions:
         placement: ``resting``, or ``published`` to drop objects as those environments do.
         stop_early: whether a rollout ends at success instead of ten steps later.
         min_distance: between objects' centres, metres.
+        visible: bounds within which the targets count as visible, as JSON; empty where that is not checked.
+        place: where it runs, as JSON: instruction set, build of torch, renderer, threads; empty if unknown.
         simulator: name and version of what the scenes are run in.
         commit: of vlafuzz's checkout, if it is one.
         operators: the operators with their ranges, as JSON; compared by ``operators_digest``.
@@ -98,6 +100,8 @@ class Conditions:
     catalogue_digest: str = condition(Role.SIMULATION, Origin.HERE, default="")
     simulator: str = condition(Role.SIMULATION, Origin.HERE, default="")
     commit: str | None = condition(Role.SIMULATION, Origin.HERE, default=None)
+    visible: str = condition(Role.SIMULATION, Origin.FILE, default="", later=True)
+    place: str = condition(Role.SIMULATION, Origin.HERE, default="", later=True)
     operators: str = "{}"
     operators_digest: str = condition(Role.SCENES, Origin.FILE, default="")
     packs: str = condition(Role.SCENES, Origin.FILE, default="[]", compared_by=_contents)

@@ -127,6 +127,14 @@ RENAMED = (
     ("triage", "subject_rollouts", "policy_rollouts"),
 )
 _ADD = "ALTER TABLE run ADD COLUMN"
+_ADD_TO_TRIAGE = "ALTER TABLE triage ADD COLUMN"
+# SQLite changes no constraint: the column is made anew, last.
+_BUCKETS = (
+    "ALTER TABLE triage RENAME COLUMN bucket TO old_bucket",
+    f"{_ADD_TO_TRIAGE} bucket TEXT NOT NULL DEFAULT 'flaky' "
+    "CHECK (bucket IN ('minimal', 'witnessed', 'base', 'unproven', 'edge', 'flaky'))",
+    "UPDATE triage SET bucket = old_bucket",
+)
 
 # Each step is the statements that it executes.
 MIGRATIONS: list[tuple[str, ...]] = [
@@ -147,6 +155,18 @@ MIGRATIONS: list[tuple[str, ...]] = [
         "ALTER TABLE triage DROP COLUMN complete",
         "ALTER TABLE triage DROP COLUMN unresolved",
     ),
+    # Findings of earlier versions were not repeated in their neighbourhood.
+    (
+        *_BUCKETS,
+        "ALTER TABLE triage DROP COLUMN old_bucket",
+        f"{_ADD_TO_TRIAGE} rate TEXT NOT NULL DEFAULT 'null'",
+        f"{_ADD_TO_TRIAGE} certified TEXT NOT NULL DEFAULT 'null'",
+        f"{_ADD_TO_TRIAGE} counterpart_rates TEXT NOT NULL DEFAULT '{{}}'",
+        f"{_ADD_TO_TRIAGE} reference TEXT REFERENCES scene",
+        f"{_ADD_TO_TRIAGE} witness_solver TEXT",
+    ),
+    # Earlier runs did not check whether targets are visible, nor note their place.
+    (f"{_ADD} visible TEXT NOT NULL DEFAULT ''", f"{_ADD} place TEXT NOT NULL DEFAULT ''"),
 ]
 
 

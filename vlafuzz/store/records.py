@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
-from vlafuzz.evidence import Causes, Witness
+from vlafuzz.evidence import Causes, Rate, Witness
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Genome
 
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running
-Bucket = Literal["minimal", "witnessed", "base", "unproven", "flaky"]
+Bucket = Literal["minimal", "witnessed", "base", "unproven", "edge", "flaky"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +103,14 @@ class Triaged:
 
     Attributes:
         bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even
-            the nominal scene fails; ``unproven``, the expert fails, too; ``flaky``, it does not mostly fail.
-        repeats: repetitions of the finding, of which ``failures`` failed.
+            the nominal scene fails, and none is known to pass; ``unproven``, the expert fails, too; ``edge``,
+            it fails as it is, but not in its neighbourhood; ``flaky``, it does not mostly fail.
+        repeats: jittered repetitions of the finding, of which ``failures`` failed.
+        rate: of the finding; None in findings of earlier versions, as are the rates below.
+        certified: rate of ``shrunk``, by rollouts that had no part in shrinking it.
+        counterpart_rates: those of ``counterparts``, likewise.
+        reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal
+            one fails, too; None where that was the nominal scene.
         deviating: operators that were not nominal, the confounders' as one.
         shrunk: the scene that is left; None where it was not shrunk.
         lost_stage: stage that is lost in the scene that is left; ``operators``: those left in it.
@@ -119,6 +125,10 @@ class Triaged:
     repeats: int
     failures: int
     deviating: tuple[str, ...]
+    rate: Rate | None = None
+    certified: Rate | None = None
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
+    reference: Scene | None = None
     shrunk: Scene | None = None
     lost_stage: str | None = None
     operators: tuple[str, ...] = ()

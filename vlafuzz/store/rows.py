@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from vlafuzz.errors import StoreError
-from vlafuzz.evidence import Causes, Witness
+from vlafuzz.evidence import Causes, Rate, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
@@ -22,6 +22,8 @@ Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
 _SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
+_RATE = TypeAdapter(Rate | None)
+_RATES = TypeAdapter(dict[str, Rate])
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
     "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds",
@@ -170,6 +172,11 @@ def triage_row(triaged: Triaged) -> Row:
         "witness_actions": pack(witness.actions) if witness else None,
         "witness_hash": witness.states_hash if witness else None,
         "witness_grasp": witness.attempt if witness else None,
+        "witness_solver": witness.solver if witness else None,
+        "rate": _RATE.dump_json(triaged.rate).decode(),
+        "certified": _RATE.dump_json(triaged.certified).decode(),
+        "counterpart_rates": _RATES.dump_json(dict(triaged.counterpart_rates)).decode(),
+        "reference": triaged.reference.digest if triaged.reference else None,
         "seconds": number(triaged.seconds) or 0.0,
     }
 
@@ -180,7 +187,8 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, _ACTION)
-        witness = Witness(actions, row["witness_hash"], row["witness_grasp"])
+        solver = row["witness_solver"] or "expert"  # the only one of earlier versions
+        witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
     return Triaged(
         **{name: row[name] for name in _PLAIN},
         scene=scene(row["scene"]),
@@ -190,4 +198,8 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
         causes=_CAUSES.validate_python(causes),
         counterparts={name: scene(digest) for name, digest in json.loads(row["counterparts"]).items()},
         witness=witness,
+        rate=_RATE.validate_json(row["rate"]),
+        certified=_RATE.validate_json(row["certified"]),
+        counterpart_rates=_RATES.validate_json(row["counterpart_rates"]),
+        reference=scene(row["reference"]) if row["reference"] else None,
     )

@@ -99,7 +99,7 @@ class Store:
     def settle(self, triaged: Triaged) -> None:
         """Store a triaged finding with all its scenes; it replaces an earlier result."""
         with self._transaction():
-            for scene in (triaged.shrunk, *triaged.counterparts.values()):
+            for scene in (triaged.shrunk, triaged.reference, *triaged.counterparts.values()):
                 if scene is not None:
                     self._insert_scene(scene)
             self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
