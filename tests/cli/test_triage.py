@@ -40,7 +40,14 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
     assert main(["triage", "a.db", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
-    assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
+    assert printed["buckets"] == {
+        "minimal": 3,
+        "witnessed": 0,
+        "base": 0,
+        "unproven": 0,
+        "edge": 0,
+        "flaky": 0,
+    }
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
     assert {finding["bucket"] for finding in printed["triaged_findings"]} == {"minimal"}
     assert printed["triaged_findings"][0]["causes"] == ["camera-orientation: fails from yaw 2.6° on"]

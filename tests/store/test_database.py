@@ -293,7 +293,7 @@ def set_back(path: Path, version: int, *statements: str) -> None:
         "ALTER TABLE triage ADD COLUMN complete INTEGER NOT NULL DEFAULT 1",
         "ALTER TABLE triage ADD COLUMN unresolved TEXT NOT NULL DEFAULT '[]'",
     )
-    for statement in (*former, *dropped, *statements, *later, f"PRAGMA user_version = {version}"):
+    for statement in (*former, *dropped, *later, *statements, f"PRAGMA user_version = {version}"):
         raw.execute(statement)
     raw.commit()
     raw.close()

@@ -237,7 +237,7 @@ def test_a_harvest_counts_it(store):
     triage(opened, lambda run: PlantedRunner([lambda scene: TILTED(scene) or DARK(scene)]), limit=3)
     got = summarise(opened)
     assert (got.findings, got.triaged, got.confirmed, got.witnessed, got.distinct_cells) == (4, 3, 3, 3, 4)
-    assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
+    assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "edge": 0, "flaky": 0}
     assert got.distinct_signatures == len(got.signatures) <= 2
     assert got.deviating_after == 1 < (got.deviating_before or 0)
     assert got.policy_rollouts == sum(each.policy_rollouts for each in opened.triaged())
