@@ -53,13 +53,13 @@ class Job:
         return self.number, counts, broken
 
     def _check(self, corpus: Corpus, case: Case, runner: SimulatorSceneRunner) -> Iterator[tuple[str, bool]]:
-        (outcome,) = runner.evaluate([case.scene], 0)
+        (outcome,) = runner.evaluate([case.scene], [0])
         stages = runner.stages
         lost = outcome.lost_stage
         yield "verdict", lost is not None and stages.index(lost) <= stages.index(case.lost_stage)
         yield "witness", runner.play(case.scene, case.witness.actions).verdict is Verdict.PASSED
         if self.counterparts:
-            for outcome in runner.evaluate(list(case.counterparts.values()), 0):
+            for outcome in runner.evaluate(list(case.counterparts.values()), [0] * len(case.counterparts)):
                 yield "counterpart", outcome.verdict is Verdict.PASSED
 
 

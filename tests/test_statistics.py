@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import stats
 
 from vlafuzz.statistics import (
@@ -13,6 +15,7 @@ from vlafuzz.statistics import (
     ratio,
     ratio_interval,
     repeats_needed,
+    sequential_interval,
     share_interval,
     smallest_p,
     wilson,
@@ -134,3 +137,27 @@ def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
     ours, theirs = covered.values()
     assert ours >= 184
     assert theirs <= 164
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.45, 0.5])
+def test_a_sequential_bound_is_wrong_in_at_most_one_of_twenty_samples_that_stop_when_it_suits(rate: float):
+    rng = np.random.default_rng(round(100 * rate))
+    wrong = 0
+    for _ in range(1000):
+        failures = np.cumsum(rng.random(40) < rate)
+        bounds = (sequential_interval(int(k), n) for n, k in enumerate(failures, start=1))
+        wrong += any(low > rate for low, _ in bounds)
+    assert wrong <= 65  # 50 expected at most; their standard deviation is 7
+
+
+def test_five_of_five_put_the_sequential_bound_above_one_half_and_four_do_not():
+    assert sequential_interval(4, 4).low < 0.5 < sequential_interval(5, 5).low
+    assert sequential_interval(0, 5).high < 0.5 < sequential_interval(0, 4).high
+    assert sequential_interval(0, 0) == (0, 1)
+
+
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_a_sequential_interval_holds_the_share_and_mirrors_that_of_the_other_outcome(k: int, others: int):
+    low, high = sequential_interval(k, k + others)
+    assert 0 <= low <= (k / (k + others) if k + others else 0.5) <= high <= 1
+    assert sequential_interval(others, k + others) == pytest.approx((1 - high, 1 - low))

@@ -1,9 +1,12 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vlafuzz.statistics import sequential_interval
 
 Actions = NDArray[np.float32]
 
@@ -21,6 +24,10 @@ class Rate:
     rollouts: int
     low: float
     high: float
+
+    @classmethod
+    def of_counts(cls, failures: int, rollouts: int) -> Self:
+        return cls(failures, rollouts, *sequential_interval(failures, rollouts))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import count
 from statistics import NormalDist
 from typing import NamedTuple, Self
@@ -13,6 +14,8 @@ from vlafuzz.text import interval, percent
 
 _EXACT = 20_000  # permutations of two samples, up to which all are counted
 _RESAMPLES = 10_000
+_STAKE = 0.7  # share of the wealth that is on a rate near 1
+_TINY = 1e-9
 
 
 class Interval(NamedTuple):
@@ -61,6 +64,46 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
     centre = (k + z**2 / 2) / (n + z**2)
     half = z * math.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
     return Interval(0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
+
+
+def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
+    """Lower and upper bound of a rate, each with confidence 1 - alpha, wherever a sequential test stopped.
+
+    The lower bound is the smallest rate p0 that a bet against "at most p0" does not refute: the wealth of a
+    mixture of bets on larger rates stays below 1 / alpha with probability 1 - alpha by Ville's inequality
+    (Robbins 1970, <https://doi.org/10.1214/aoms/1177696786>; Ramdas et al. 2023,
+    <https://doi.org/10.1214/23-STS894>). Five of five put it above one half.
+    """
+    return Interval(_sequential_low(k, n, alpha), 1.0 - _sequential_low(n - k, n, alpha))
+
+
+@cache
+def _sequential_low(k: int, n: int, alpha: float) -> float:
+    from scipy.optimize import brentq
+
+    if k == 0:
+        return 0.0
+
+    def surplus(p0: float) -> float:
+        return _log_wealth(p0, k, n) + math.log(alpha)
+
+    return 0.0 if surplus(_TINY) < 0 else float(brentq(surplus, _TINY, k / n - _TINY * (k == n)))
+
+
+def _log_wealth(p0: float, k: int, n: int) -> float:
+    """Logarithm of the wealth of betting against "the rate is at most p0" after k of n.
+
+    Most of the wealth is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread
+    evenly over [p0, 1].
+    """
+    from scipy.special import betaln
+    from scipy.stats import beta
+
+    null = k * math.log(p0) + (n - k) * math.log1p(-p0)
+    nearly = 1 - (1 - p0) / 10
+    peak = k * math.log(nearly) + (n - k) * math.log1p(-nearly) - null
+    spread = betaln(k + 1, n - k + 1) + beta.logsf(p0, k + 1, n - k + 1) - math.log1p(-p0) - null
+    return float(np.logaddexp(math.log(_STAKE) + peak, math.log(1 - _STAKE) + spread))
 
 
 def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:

@@ -196,7 +196,7 @@ def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.Monke
 class Breaking(PlantedRunner):
     """The policy broke."""
 
-    def evaluate(self, scenes, number):  # type: ignore[no-untyped-def]
+    def evaluate(self, scenes, numbers):  # type: ignore[no-untyped-def]
         return [Outcome.error("refused") for _ in scenes]
 
 

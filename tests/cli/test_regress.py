@@ -112,7 +112,7 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     class Broken(RuleRunner):
-        def evaluate(self, scenes, number):
+        def evaluate(self, scenes, numbers):
             return [Outcome.error("policy: connect: no answer")] * len(scenes)
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))

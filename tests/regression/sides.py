@@ -65,8 +65,8 @@ class RuleRunner:
         self.calls: list[tuple[Scene, int]] = []
         self.closed = 0
 
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        self.calls += [(scene, number + self.run.seed) for scene in scenes]
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        self.calls += [(scene, number + self.run.seed) for scene, number in zip(scenes, numbers, strict=True)]
         return [passed() if self._rule(scene) else failed() for scene in scenes]
 
     def close(self) -> None:

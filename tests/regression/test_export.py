@@ -96,8 +96,8 @@ def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
 
 def test_what_fails_at_a_later_stage_is_left_out(store: Store):
     class Later(CheckingRunner):
-        def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-            outcomes = super().evaluate(scenes, number)
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
             late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
             return [late if outcome.lost_stage else passed() for outcome in outcomes]
 

@@ -61,8 +61,10 @@ def test_every_witness_solves_its_scene(shipped: tuple[Path, Corpus], record_pro
     cases = sorted(corpus.cases, key=lambda case: len(case.operators))
     with closing(SimulatorSceneRunner(folder, corpus.runs[0])) as runner:
         solved = [runner.play(case.scene, case.witness.actions).verdict for case in cases]
-        failures = runner.evaluate([case.scene for case in cases[:SAMPLE]], 0)
-        passes = runner.evaluate([next(iter(case.counterparts.values())) for case in cases[:SAMPLE]], 0)
+        failures = runner.evaluate([case.scene for case in cases[:SAMPLE]], [0] * SAMPLE)
+        passes = runner.evaluate(
+            [next(iter(case.counterparts.values())) for case in cases[:SAMPLE]], [0] * SAMPLE
+        )
     failed = sum(outcome.verdict is Verdict.FAILED for outcome in failures)
     passed = sum(outcome.verdict is Verdict.PASSED for outcome in passes)
     record_property(

@@ -32,7 +32,7 @@ class PlantedRunner:
     def renew(self) -> None:
         self.renewed += 1
 
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [self._outcome(scene) for scene in scenes]
 
     def solve(self, scene: Scene, grasp: int) -> Outcome:

@@ -104,8 +104,8 @@ def test_a_bound_on_rollouts_is_kept_and_said(store):
 
 def test_why_what_is_left_is_not_minimal_is_said(store):
     class Later(PlantedRunner):
-        def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-            outcomes = super().evaluate(scenes, number)
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
             lit = Outcome.of((rollout(0.5, ("grasp",)),), self.stages)
             pairs = zip(outcomes, scenes, strict=True)
             return [lit if each.verdict is Verdict.PASSED and TILTED(seen) else each for each, seen in pairs]
@@ -157,7 +157,7 @@ def test_with_a_limit_every_cell_has_its_turn(tmp_path: Path):
 
 
 class Broken(PlantedRunner):
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [Outcome.error("policy: connect")] * len(scenes)
 
 

@@ -51,7 +51,7 @@ def test_a_stochastic_policy_gets_seeds_that_its_run_did_not_have(factory, repea
     SEEDS.clear()
     runner = SimulatorSceneRunner(Path("a.db"), run(factory, repeats=repeats))
     for number in (0, 2):
-        (outcome,) = runner.evaluate([nominal()], number)
+        (outcome,) = runner.evaluate([nominal()], [number])
         assert outcome.verdict is Verdict.FAILED
     runner.close()
     assert (seeds, runner.deterministic) == (SEEDS, deterministic)

@@ -72,7 +72,7 @@ class Rerun:
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """One rollout; the first has the seed of the recorded one."""
         run = self._runs[probe.run]
-        return Answer.of(self._runners[run.key(seeded=False)].evaluate([probe.scene], run.seed + repeat)[0])
+        return Answer.of(self._runners[run.key(seeded=False)].evaluate([probe.scene], [run.seed + repeat])[0])
 
     def close(self) -> None:
         for runner in self._runners.values():

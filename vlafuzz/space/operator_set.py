@@ -20,6 +20,7 @@ from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.text import shortened
 
 DEFAULT = "tabletop"
+_NO_OPERATORS = ("instructions", "jitter")
 Kind = TypeVar("Kind", bound=Operator)
 _Raw = dict[str, dict[str, Any]]
 _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -110,7 +111,7 @@ def load_operators(source: str | Path | None = None) -> OperatorSet:
 
 
 def _find(source: str, beside: Path | None) -> Path:
-    shipped = {path.stem: path for path in operators_dir().glob("*.yaml") if path.stem != "instructions"}
+    shipped = {path.stem: path for path in operators_dir().glob("*.yaml") if path.stem not in _NO_OPERATORS}
     if source in shipped:
         return shipped[source]
     path = (beside.parent / source) if beside else Path(source)

@@ -73,9 +73,12 @@ class SimulatorSceneRunner:
     def renew(self) -> None:
         self._policies.renew()
 
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        self._policies.seed = self._seed + number
-        return evaluate_safely(self._policies, scenes)
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes: list[Outcome] = []
+        for scene, number in zip(scenes, numbers, strict=True):
+            self._policies.seed = self._seed + number
+            outcomes += evaluate_safely(self._policies, [scene])
+        return outcomes
 
     def solve(self, scene: Scene, attempt: int) -> Outcome:
         self._expert.attempt = attempt

@@ -29,8 +29,8 @@ class PolicyRunner(Protocol):
 
     deterministic: bool
 
-    def evaluate(self, scenes: Sequence[Scene], number: int) -> list[Outcome]:
-        """One rollout in each scene, with the runner's seed plus ``number``."""
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        """One rollout in each scene, with the runner's seed plus the scene's number."""
 
     def close(self) -> None:
         """Release simulator and policies."""
@@ -153,7 +153,7 @@ class Triager:
         """The verdicts of candidates; those known from another finding cost nothing."""
         fresh = [scene for scene in scenes if scene not in self.known]
         if self.runner.deterministic:
-            judged = [Judged.of(outcome) for outcome in self.runner.evaluate(fresh, 0)]
+            judged = [Judged.of(outcome) for outcome in self.runner.evaluate(fresh, [0] * len(fresh))]
         else:
             judged = [repeat(self.runner, scene)[1] for scene in fresh]
         if any(verdict.unanswered for verdict in judged):
@@ -181,7 +181,7 @@ def repeat(runner: SceneRunner, scene: Scene) -> tuple[Confirmation, Judged]:
     seen: list[Judged] = []
 
     def once(number: int) -> Verdict:
-        seen.append(Judged.of(runner.evaluate([scene], number)[0]))
+        seen.append(Judged.of(runner.evaluate([scene], [number])[0]))
         return seen[-1].verdict
 
     confirmation = confirm(once, deterministic=runner.deterministic)

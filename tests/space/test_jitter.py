@@ -1,0 +1,77 @@
+"""Jitter: the scenes around a scene."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vlafuzz.errors import CatalogueError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Camera, Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.jitter import load_jitter
+
+SPACE = SearchSpace(load_operators(), load_catalogue(), "put-on")
+SCENE = SPACE.sample(np.random.default_rng(3))
+JITTER = load_jitter()
+
+
+def around(scene: Scene, count: int = 200) -> list[Scene]:
+    return [JITTER.apply(scene, number) for number in range(count)]
+
+
+def test_the_same_number_gives_the_same_scene_and_another_one_another():
+    scenes = around(SCENE)
+    assert scenes == around(SCENE)
+    assert len(set(scenes)) == len(scenes)
+    assert JITTER.apply(replace(SCENE, instruction="other"), 0) != scenes[0]
+
+
+def test_no_value_moves_further_than_the_file_says_and_some_nearly_so_far():
+    scenes = around(SCENE)
+    placed = zip(*(scene.placements for scene in scenes), strict=True)
+    for usual, moved in zip(SCENE.placements, placed, strict=True):
+        for name, most in (("x", JITTER.position), ("y", JITTER.position), ("yaw", JITTER.yaw)):
+            farthest = max(abs(getattr(placement, name) - getattr(usual, name)) for placement in moved)
+            assert 0.9 * most < farthest <= most * 1.000001
+    shift = [np.subtract(scene.camera.offset, SCENE.camera.offset) for scene in scenes]
+    assert 0.9 * JITTER.camera_position < np.abs(shift).max() <= JITTER.camera_position * 1.000001
+    turned = [abs(scene.camera.roll - SCENE.camera.roll) for scene in scenes]
+    assert 0.9 * JITTER.camera_orientation < max(turned) <= JITTER.camera_orientation * 1.000001
+    lights = [scene.light.intensity / SCENE.light.intensity - 1 for scene in scenes]
+    assert 0.9 * JITTER.light < np.abs(lights).max() <= JITTER.light * 1.000001
+    joints = [abs(scene.initial_pose.j7) for scene in scenes]
+    assert 0.9 * JITTER.joints < max(joints) <= JITTER.joints * 1.000001
+
+
+def test_what_makes_it_another_scene_is_kept():
+    for scene in around(SCENE, 20):
+        assert [placed.object for placed in scene.placements] == [
+            placed.object for placed in SCENE.placements
+        ]
+        assert (scene.task, scene.instruction, scene.robot) == (SCENE.task, SCENE.instruction, SCENE.robot)
+        assert scene.noise.grain == pytest.approx(np.hypot(SCENE.noise.grain, JITTER.pixel_noise))
+
+
+def test_a_camera_that_a_photo_was_taken_with_stays_where_it_is():
+    assert JITTER.apply(replace(SCENE, robot="widowx-photo", camera=Camera()), 0).camera == Camera()
+
+
+def test_a_robot_with_six_joints_has_no_seventh():
+    assert JITTER.apply(replace(SCENE, robot="widowx"), 0).initial_pose.j7 == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("position: 1", "yaw: field required"),
+        ("position: -1", "position: .*greater"),
+        ("[1, 2]", "the file: "),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_key(tmp_path: Path, text: str, says: str):
+    path = tmp_path / "jitter.yaml"
+    path.write_text(text)
+    with pytest.raises(CatalogueError, match=says):
+        load_jitter(path)
