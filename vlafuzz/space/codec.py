@@ -100,16 +100,19 @@ class Codec:
             return self.composer.compose(self.nominal_values)
         return self.reset(like, OPERATORS.keys() - {TargetType.name})
 
-    def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
-        """The scene with some operators reset to nominal; others keep their values, on the grid or not.
+    def reset(self, scene: Scene, operators: Iterable[str], to: Scene | None = None) -> Scene:
+        """The scene with some operators reset to their values in another scene of the same targets.
+
+        By default to nominal. The other operators keep their values, on the grid or not.
 
         Raises:
-            SceneError: the scene has a value that no operator gives.
+            SceneError: a scene has a value that no operator gives, or the targets are of other types.
         """
         operators = set(operators)
         kept = [path for path, gene in self.by_path.items() if gene.operator not in operators]
         values = self._expressible(scene, kept)
-        return self.composer.compose(self.nominal_values | {path: values[path] for path in kept})
+        start = self.nominal_values if to is None else self._like(to, scene, self.by_path.keys() - kept)
+        return self.composer.compose(start | {path: values[path] for path in kept})
 
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
@@ -149,6 +152,13 @@ class Codec:
                 operator = self.by_path[path].operator
                 raise SceneError(f"{path}: {_at(scene, path)!r} is not a value of the operator {operator}")
         return values
+
+    def _like(self, reference: Scene, scene: Scene, paths: Iterable[str]) -> Values:
+        """The values of a reference for a scene, after a check that it is of the same targets."""
+        types, others = ([placed.object for placed in shown.targets] for shown in (scene, reference))
+        if (scene.task, types) != (reference.task, others):
+            raise SceneError(f"targets: {', '.join(others)} cannot stand for {', '.join(types)}")
+        return self._expressible(reference, paths)
 
     def _levels(self, values: Values, scene: Scene) -> dict[str, int]:
         levels: dict[str, int] = {}

@@ -1,9 +1,10 @@
-"""The path to nominal: operators as triage counts them, and a scene's values step by step."""
+"""Paths to a failing scene: operators as triage counts them, and a scene's values step by step."""
 
 from collections.abc import Sequence
 
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
+from vlafuzz.space.compose import Values
 from vlafuzz.space.operators import (
     EXTRAS,
     OPERATORS,
@@ -38,9 +39,13 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 
-def deviating(space: SearchSpace, scene: Scene) -> list[str]:
-    """The groups that are not nominal in a scene; a SceneError for a value that no operator gives."""
-    return [name for name, operators in GROUPS.items() if space.reset(scene, operators) != scene]
+def deviating(space: SearchSpace, scene: Scene, reference: Scene | None = None) -> list[str]:
+    """The groups in which a scene differs from a reference, by default from nominal.
+
+    Raises:
+        SceneError: a value that no operator gives.
+    """
+    return [name for name, operators in GROUPS.items() if space.reset(scene, operators, reference) != scene]
 
 
 def nominal(space: SearchSpace, scene: Scene) -> Scene:
@@ -48,11 +53,35 @@ def nominal(space: SearchSpace, scene: Scene) -> Scene:
     return space.reset(scene, [operator for group in GROUPS.values() for operator in group])
 
 
-def free_genes(space: SearchSpace, scene: Scene, operators: Sequence[str]) -> list[Gene]:
-    """The genes of some operators that are not nominal in a scene; neutral ones are left out."""
-    values = space.values(scene)
-    genes = [gene for gene in space.by_path.values() if gene.operator in operators and not gene.neutral]
-    return [gene for gene in genes if gene.distance(values[gene.path]) > 0 and _in_use(gene, scene)]
+def free_genes(
+    space: SearchSpace, scene: Scene, operators: Sequence[str], reference: Scene | None = None
+) -> list[Gene]:
+    """The genes of some operators in which a scene differs from a reference, by default from nominal.
+
+    The direction of a displacement counts only where both are displaced.
+    """
+    values, start = space.values(scene), _start(space, reference)
+    both = _severe(space, values) & _severe(space, start)
+    return [
+        gene
+        for path, gene in space.by_path.items()
+        if gene.operator in operators
+        and (gene.operator in both or not gene.neutral)
+        and _differ(gene, values[path], start[path])
+        and _in_use(gene, scene)
+    ]
+
+
+def _start(space: SearchSpace, reference: Scene | None) -> Values:
+    return space.nominal_values if reference is None else space.values(reference)
+
+
+def _severe(space: SearchSpace, values: Values) -> set[str]:
+    return {gene.operator for path, gene in space.by_path.items() if gene.distance(values[path]) > 0}
+
+
+def _differ(gene: Gene, value: float, start: float) -> bool:
+    return value != start and not (gene.grid.wraps and (value - start) % 360.0 == 0)
 
 
 def _in_use(gene: Gene, scene: Scene) -> bool:
@@ -60,35 +89,44 @@ def _in_use(gene: Gene, scene: Scene) -> bool:
     return part != "confounders" or int(slot) < len(scene.confounders)
 
 
-class PathToNominal:
-    """The path from nominal to a scene along some of its genes, moved together; categories stay as they are.
+class Path:
+    """The path from a reference to a scene along some genes, moved together; categories stay as they are.
 
     Attributes:
         length: number of grid steps of the gene that has farthest to go.
     """
 
-    def __init__(self, space: SearchSpace, scene: Scene, genes: Sequence[Gene]) -> None:
-        self._space, self._scene, self._values = space, scene, space.values(scene)
-        numbers = [gene for gene in genes if gene.kind != "category"]
-        self._away = {gene: _steps(gene, self._values[gene.path]) for gene in numbers}
+    def __init__(
+        self, space: SearchSpace, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None
+    ) -> None:
+        self._space, self._scene = space, scene
+        self._values, self._start = space.values(scene), _start(space, reference)
+        self._away = {
+            gene: _steps(gene, self._start[gene.path], self._values[gene.path])
+            for gene in genes
+            if gene.kind != "category"
+        }
         self.length = max(map(abs, self._away.values()), default=0)
 
     def at(self, step: int) -> Scene:
-        """The scene at a number of steps from nominal."""
+        """The scene at a number of steps from the reference."""
         if step == self.length:
             return self._scene  # off the grid or not
         values = dict(self._values)
         for gene, away in self._away.items():
             grid = gene.grid
-            levels = round(away * step / self.length)
-            values[gene.path] = grid.value((grid.nominal_level + levels) % grid.size)
+            level = grid.snap(self._start[gene.path]) + round(away * step / self.length)
+            values[gene.path] = grid.value(level % grid.size) if step else self._start[gene.path]
         return self._space.composer.compose(values)
 
 
-def _steps(gene: Gene, value: float) -> int:
-    """Number of levels from nominal to a value; angles go the shorter way round."""
+PathToNominal = Path
+
+
+def _steps(gene: Gene, start: float, value: float) -> int:
+    """Number of levels from one value to another; angles go the shorter way round."""
     grid = gene.grid
-    away = grid.snap(value) - grid.nominal_level
+    away = grid.snap(value) - grid.snap(start)
     if grid.wraps:
         away = (away + grid.size // 2) % grid.size - grid.size // 2
     return away
