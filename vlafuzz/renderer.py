@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 from vlafuzz.errors import PrerequisiteError
@@ -20,6 +21,7 @@ HINT = (
 )
 # SAPIEN's default pack would first compute a reflectance table, for 6 s on a CPU.
 SHADER_PACK = "trivial"
+CPU_CAPS = "GALLIUM_OVERRIDE_CPU_CAPS"  # limits the instructions that lavapipe uses
 _CHILD = "from vlafuzz.renderer import _draw; _draw()"
 
 
@@ -68,6 +70,18 @@ def probe(timeout: float = 120.0) -> Renderer:
         return Renderer(None, None, f"the driver crashed with signal {-child.returncode}")
     last = (child.stderr.strip() or "no output").splitlines()[-1]
     return Renderer(None, None, f"exit code {child.returncode}: {last}")
+
+
+@cache
+def probe_once() -> Renderer:
+    """The result of the first probe of this process."""
+    return probe()
+
+
+def keep_to_avx() -> None:
+    """Before SAPIEN loads a driver: with vectors of 128 bits, lavapipe 25.0 crashes on AVX-512 processors."""
+    if os.environ.get("LP_NATIVE_VECTOR_WIDTH") == "128":
+        os.environ.setdefault(CPU_CAPS, "avx")
 
 
 def check_renderer() -> None:

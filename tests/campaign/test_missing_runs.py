@@ -1,12 +1,13 @@
+import json
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import Always, ClosedForm
+from tests.doubles import Always, ClosedForm, manifest
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
+from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.outcome import Outcome
@@ -20,9 +21,13 @@ class Told(Watch):
 
     def __init__(self) -> None:
         self.bars: list[tuple[str, int, int | None]] = []
+        self.notes: list[str] = []
 
     def progress(self, description: str, done: int, total: int | None) -> None:
         self.bars.append((description, done, total))
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
 
 @pytest.fixture
@@ -66,6 +71,30 @@ def test_an_interrupted_run_is_resumed(store: Store):
     run = store.begin(wanted(1).plan().manifest)
     do_missing(store, [wanted(1, store.runs()[0])], SILENT)
     assert [(kept.id, kept.status, store.count(kept.id)) for kept in store.runs()] == [(run, "finished", 3)]
+
+
+@pytest.mark.usefixtures("executors")
+def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch: pytest.MonkeyPatch):
+    store.begin(wanted(1).plan().manifest)
+    told = Told()
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
+    do_missing(store, [wanted(1, store.runs()[0])], told)
+    assert [(run.id, run.status, store.count(run.id)) for run in store.runs()] == [
+        (1, "running", 0),
+        (2, "finished", 3),
+    ]
+    assert told.notes[0].startswith("seed 1: begins anew, since run 1 ended early at another place: ")
+
+
+def test_runs_of_several_places_are_noted_as_such(store: Store):
+    told = Told()
+    places = ("", "", json.dumps({"processor": "arm64", "instructions": "DEFAULT", "torch": "2.13"}))
+    for place in places:
+        store.begin(manifest(place=place))
+    note_places(store.runs()[:2], told)
+    note_places(store.runs(), told)
+    (note,) = told.notes
+    assert "(run 1, 2: not known; run 3: arm64, DEFAULT, torch 2.13)" in note
 
 
 @pytest.mark.usefixtures("executors")

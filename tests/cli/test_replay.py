@@ -28,6 +28,14 @@ def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
     assert report["same trajectory as stored"] is True
 
 
+def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, capsys, monkeypatch):
+    assert main(["replay", str(store), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["stored trajectory made"] is None
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
+    assert main(["replay", str(store), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["stored trajectory made"].startswith("at another place: ")
+
+
 def test_another_policy_is_another_trajectory(store, capsys):
     assert main(["replay", str(store), "--policy", "expert", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)

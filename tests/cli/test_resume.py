@@ -159,6 +159,19 @@ def test_another_version_than_then_is_refused(
     assert "another now)" in message
 
 
+def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    flags = ("--budget", "20", "--strategy", "random", "--store", "a.db")
+    cut(monkeypatch, *flags)
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
+    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "a.db: run 1 was made at another place: " in message
+    assert "resume it there, or leave out --resume to start a new run" in message
+    run(*flags)
+    assert not any(duplicate for _, _, duplicate, _ in proposed("a.db", 2))
+
+
 def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
     assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--store", "a.db")
     run("--budget", "3", "--store", "a.db")

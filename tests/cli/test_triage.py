@@ -93,6 +93,18 @@ def test_findings_of_another_version_are_said_to_be_so(
     assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
 
 
+def test_findings_of_another_place_are_said_to_be_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    class Elsewhere(PlantedRunner):
+        changed, elsewhere = ("commit",), "at another place: AVX2 instead of AVX512"
+
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Elsewhere([TILTED]))
+    assert main(["triage", "a.db"]) == 0
+    made = "by another version: its commit differs and at another place: AVX2 instead of AVX512;"
+    assert f"run 1 was made {made}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

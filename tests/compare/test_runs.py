@@ -54,3 +54,8 @@ def test_a_comparison_that_is_complete_can_be_looked_at_with_a_later_version():
     mixed = [*there[:3], run(9, *ASKED[3], commit="later")]
     with pytest.raises(UsageError, match="another version than run 0: its commit differs"):
         stored(STORE, mixed, manifest(), ASKED)
+
+
+def test_runs_of_several_places_compare():
+    there = [run(number, *job, place="there") for number, job in enumerate(ASKED[:2])]
+    assert len(stored(STORE, there, manifest(place="here"), ASKED)) == 2

@@ -9,7 +9,9 @@ from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
+from vlafuzz.conditions.place import here
 from vlafuzz.conditions.stored import operators_json
+from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.space import load_operators
 
@@ -30,6 +32,17 @@ def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Pat
     assert main([*arguments, "frozen"]) == 0
     assert main([*arguments, "expert", "--baseline", "frozen"]) == 0
     assert "frozen is worse than expert: 7 worse and 0 better of 7 pairs" in capsys.readouterr().out
+
+
+def test_it_is_said_that_a_corpus_was_made_elsewhere(tmp_path: Path, capsys, monkeypatch):
+    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec))
+    cases = [replace(case(), counterparts={}, nominal_passes=False)]
+    operators = operators_json(load_operators())
+    write_corpus(replace(make_corpus(*cases), runs=[replace(own, operators=operators)]), tmp_path / "a")
+    for limit, said in (("", False), ("AVX2", True)):
+        monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
+        assert main(["regress", str(tmp_path / "a"), "--policy", "frozen"]) == 0
+        assert ("note: the corpus was made at another place: " in capsys.readouterr().err) is said
 
 
 @pytest.mark.slow

@@ -1,3 +1,5 @@
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -77,6 +79,19 @@ def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
     Store.open(tmp_path / "b.db", "write").close()
     empty = view(tmp_path / "b.db")
     assert (empty.title, empty.headline, empty.cards) == ("no run yet", "No scene was judged.", ())
+
+
+def test_it_says_where_the_runs_were_made_and_whether_that_was_one_place(tmp_path: Path):
+    places = [
+        json.dumps({"processor": "arm64", "instructions": kind, "torch": "2.13"}) for kind in ("NEON", "SVE")
+    ]
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, place=places[0]))
+    assert dict(view(tmp_path / "a.db").facts)["Made at"] == "arm64, NEON, torch 2.13"
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, place=places[1]))
+    several = dict(view(tmp_path / "a.db").facts)["Made at several places, whose outcomes may differ"]
+    assert several == "run 1: arm64, NEON, torch 2.13; run 2: arm64, SVE, torch 2.13"
 
 
 def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():

@@ -149,6 +149,7 @@ def test_an_error_is_not_known_and_may_be_tried_again(store: Store):
         {"catalogue_digest": "d"},
         {"simulator": "other"},
         {"commit": "another version of our own code"},
+        {"place": "another place"},
     ],
     ids=str,
 )

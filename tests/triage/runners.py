@@ -16,7 +16,7 @@ class PlantedRunner:
     ``solvable`` says of a scene whether the expert solves it.
     """
 
-    space, stages, changed = SPACE, STAGES, ()
+    space, stages, changed, elsewhere = SPACE, STAGES, (), ""
 
     def __init__(
         self,

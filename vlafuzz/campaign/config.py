@@ -19,7 +19,7 @@ from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import check_policy_name
-from vlafuzz.renderer import probe
+from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
@@ -127,7 +127,13 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     policy = policy or policy_at(place, policy_name)
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget)
     return Plan(
-        manifest=_manifest(named, space, policy, scene_file_json(config.scenes, config.pool, scenes)),
+        manifest=_manifest(
+            named,
+            space,
+            policy,
+            scene_file_json(config.scenes, config.pool, scenes),
+            workers=place.kind != "local",
+        ),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         embed=space.embed,
@@ -141,7 +147,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
 
 def default_policy(setup: Rig = PANDA) -> str:
     """``mini`` where pictures of its robot can be rendered, else ``pinhole``, which needs physics only."""
-    return "mini" if setup is PANDA and probe().works else "pinhole"
+    return "mini" if setup is PANDA and probe_once().works else "pinhole"
 
 
 def default_store(task: str, policy: str, strategy: str, seed: int) -> Path:
@@ -234,12 +240,14 @@ def named_operators(config: RunConfig, setup: Rig) -> OperatorSet:
     return operators.only(set(operators.varied) - _CAMERA) if setup.photos else operators
 
 
-def _manifest(config: RunConfig, space: SearchSpace, policy: Policy, scene_file: str) -> Manifest:
+def _manifest(
+    config: RunConfig, space: SearchSpace, policy: Policy, scene_file: str, *, workers: bool
+) -> Manifest:
     """The manifest of a run; ``config`` has policy, strategy and budget filled in."""
     operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.rig.robot},
-        **provenance.here(str(config.policy), policy, space.catalogue),
+        **provenance.here(str(config.policy), policy, space.catalogue, workers=workers),
         scene_file=scene_file,
         min_distance=operators.min_distance,
         operators=operators_json(operators),

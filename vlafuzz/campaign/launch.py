@@ -1,7 +1,7 @@
 """Start the run of a plan, or all runs that a store lacks."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,6 +11,7 @@ from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.conditions.place import by_place, elsewhere
 from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
@@ -104,7 +105,7 @@ def do_missing(
             for run in group:
                 pace.begin(run.name)
                 try:
-                    plan = _plan(run, store)
+                    plan = _plan(run, store, watch)
                     executor = executor or stack.enter_context(closing(make_executor(plan)))
                     summary = fuzz(plan, store, executor, pace, alone=True)
                 except StoreError:
@@ -119,9 +120,23 @@ def do_missing(
                     watch.note(f"{run.name} stopped: {summary.stopped}")
 
 
-def _plan(run: WantedRun, store: Store) -> Plan:
+def note_places(runs: Iterable[Run], watch: Watch) -> None:
+    """Note it when runs that are compared were not all made at one place."""
+    places = {run.id: run.manifest.place for run in runs}
+    if len(set(places.values())) > 1:
+        watch.note(
+            f"note: the runs were made at several places ({by_place(places)}): shares of failures compare, "
+            "outcomes of single scenes may not"
+        )
+
+
+def _plan(run: WantedRun, store: Store, watch: Watch) -> Plan:
+    """The plan that begins a run, or resumes the stored one; that of another place begins anew."""
     plan = run.plan()
     if run.stored is None:
+        return plan
+    if where := elsewhere(run.stored.manifest.place, plan.manifest.place):
+        watch.note(f"{run.name}: begins anew, since run {run.stored.id} ended early {where}")
         return plan
     check_version(store.path, run.stored, plan.manifest)
     return replace(plan, manifest=run.stored.manifest, resume=run.stored.id)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vlafuzz.campaign.config import default_policy
+from vlafuzz.conditions import place
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.stored import packs_json
 from vlafuzz.errors import UsageError, VlafuzzError
@@ -34,13 +35,14 @@ class Replayable:
     states_hash: str | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Replayed:
     """The outcome of a replay.
 
     Attributes:
         hz: control rate of the rollout.
         same: whether the trajectory is the stored one; None where no trajectory of this policy is stored.
+        elsewhere: where that one was made, in words; empty if it was made here, or there is none.
     """
 
     scene: Scene
@@ -48,6 +50,7 @@ class Replayed:
     outcome: Outcome
     hz: int
     same: bool | None
+    elsewhere: str = ""
 
     @property
     def rollout(self) -> Rollout | None:
@@ -69,6 +72,7 @@ class Replayed:
             "steps": rollout.steps if rollout else 0,
             "success at end": rollout.success_at_end if rollout else None,
             "same trajectory as stored": self.same,
+            "stored trajectory made": self.elsewhere or None,
             "detail": outcome.detail,
         }
 
@@ -127,10 +131,18 @@ def replay(
         outcome = evaluator.evaluate([scene])[0]
     if outcome.verdict is Verdict.ERROR:
         raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
-    same = None
+    same, elsewhere = None, ""
     if wanted.states_hash is not None and outcome.rollouts and name == wanted.conditions.policy:
         same = outcome.rollouts[0].states_hash == wanted.states_hash
-    return Replayed(scene, name, outcome, rig(scene.robot).control_hz or made.spec.action.hz, same)
+        elsewhere = place.elsewhere(wanted.conditions.place, place.here(name, made.spec))
+    return Replayed(
+        scene=scene,
+        policy=name,
+        outcome=outcome,
+        hz=rig(scene.robot).control_hz or made.spec.action.hz,
+        same=same,
+        elsewhere=elsewhere,
+    )
 
 
 def _find_in_store(store: Store, digest: str | None) -> Replayable:

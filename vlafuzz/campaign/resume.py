@@ -19,6 +19,7 @@ from vlafuzz.campaign.config import (
     read_scene_file,
 )
 from vlafuzz.campaign.fuzz import AFRESH
+from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError
 from vlafuzz.rigs.robots import rig
@@ -79,7 +80,12 @@ def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
 
 
 def check_version(path: object, run: Run, here: Manifest) -> None:
-    """Raise a StoreError if policy, simulator, catalogue or our own code changed since the run began."""
+    """Raise a StoreError if policy, simulator, catalogue, our own code or the place has changed since."""
+    if where := elsewhere(run.manifest.place, here.place):
+        hint = (
+            "resume it there, or leave out --resume to start a new run, which reuses no outcomes from there"
+        )
+        raise StoreError(f"{path}: run {run.id} was made {where}", hint)
     for name in run.manifest.differences(here):
         was, now = getattr(run.manifest, name), getattr(here, name)
         values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
+from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.samples import Evidence, Sampled, Witnesses, choose, evidence, findings, sample, solvable
-from vlafuzz.conditions.conditions import ASKED, Origin
+from vlafuzz.conditions.conditions import ASKED, Origin, Role
 from vlafuzz.errors import UsageError
 from vlafuzz.files import make_folder
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
@@ -73,10 +73,11 @@ def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
 
 
 def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> None:
-    """That one version made all of them; with ``here`` that it is this one, too."""
+    """That one version made all of them, wherever that was; with ``here`` that it is this one, too."""
+    roles = set(Role) - {Role.PLACE}
     first = here or (runs[0].manifest if runs else None)
     for run in runs:
-        for name in run.manifest.differences(first or run.manifest, origins=[Origin.HERE]):
+        for name in run.manifest.differences(first or run.manifest, roles=roles, origins=[Origin.HERE]):
             other = "is installed" if here else f"run {runs[0].id}"
             raise UsageError(
                 f"{path}: run {run.id} was made by another version than {other}: its {name} differs",
@@ -144,6 +145,7 @@ def _counted(
         ]
         do_missing(store, runs, watch)
         known = stored(run.store, store.runs(), first.manifest, wanted)
+        note_places(known.values(), watch)
         counted: dict[str, list[CountedRun]] = {name: [] for name in strategies}
         for job in wanted:
             counted[job.strategy].append(count_run(store, known[job], first.embed))

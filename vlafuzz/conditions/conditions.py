@@ -21,6 +21,7 @@ class Role(Enum):
     SCENES = "which scenes a run proposes"
     POLICY = "what acts in them"
     SIMULATION = "where it acts, and what counts as success"
+    PLACE = "what computes it: its last bits decide outcomes of single scenes, hardly shares of many"
     SEED = "the random numbers; runs that differ in nothing else are repetitions"
     SEARCH = "which of the scenes are tried, and how many"
 
@@ -78,7 +79,7 @@ class Conditions:
         stop_early: whether a rollout ends at success instead of ten steps later.
         min_distance: between objects' centres, metres.
         visible: bounds within which the targets count as visible, as JSON; empty where that is not checked.
-        place: where it runs, as JSON: instruction set, build of torch, renderer, threads; empty if unknown.
+        place: where it runs, as JSON, see ``conditions.place``; empty if unknown.
         simulator: name and version of what the scenes are run in.
         commit: of vlafuzz's checkout, if it is one.
         operators: the operators with their ranges, as JSON; compared by ``operators_digest``.
@@ -101,7 +102,7 @@ class Conditions:
     simulator: str = condition(Role.SIMULATION, Origin.HERE, default="")
     commit: str | None = condition(Role.SIMULATION, Origin.HERE, default=None)
     visible: str = condition(Role.SIMULATION, Origin.FILE, default="", later=True)
-    place: str = condition(Role.SIMULATION, Origin.HERE, default="", later=True)
+    place: str = condition(Role.PLACE, Origin.HERE, default="", later=True)
     operators: str = "{}"
     operators_digest: str = condition(Role.SCENES, Origin.FILE, default="")
     packs: str = condition(Role.SCENES, Origin.FILE, default="[]", compared_by=_contents)
@@ -122,7 +123,7 @@ class Conditions:
 
     def key(self, *, seeded: bool = True) -> str:
         """The policy and all else that an outcome depends on: within one key, stored outcomes are reused."""
-        roles = (Role.POLICY, Role.SIMULATION, *([Role.SEED] if seeded else []))
+        roles = (Role.POLICY, Role.SIMULATION, Role.PLACE, *([Role.SEED] if seeded else []))
         text = json.dumps(self.values(*roles), sort_keys=True)
         return f"{self.policy}:{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
 
@@ -142,8 +143,8 @@ class Conditions:
         )
 
     def comparable(self, other: Conditions) -> bool:
-        """Whether shares of failures may be compared: nothing but search and seed differs."""
-        return not self.differences(other, roles=set(Role) - {Role.SEARCH, Role.SEED})
+        """Whether shares of failures may be compared: nothing but search, seed and place differs."""
+        return not self.differences(other, roles=set(Role) - {Role.SEARCH, Role.SEED, Role.PLACE})
 
     @classmethod
     def flags(cls) -> tuple[str, ...]:

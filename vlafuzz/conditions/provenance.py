@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz import __version__
+from vlafuzz.conditions import place
 from vlafuzz.objects import Catalogue
 from vlafuzz.plugins import source_digest
 from vlafuzz.policies.base import Policy
@@ -16,8 +17,8 @@ from vlafuzz.policies.base import Policy
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
-def here(name: str, policy: Policy, catalogue: Catalogue) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed (``Origin.HERE``)."""
+def here(name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = False) -> dict[str, Any]:
+    """The fields of conditions that come with what is installed (``Origin.HERE``); see ``place.here``."""
     packages = ("vlafuzz", "mani_skill", "sapien")
     installed = versions()
     return {
@@ -26,6 +27,7 @@ def here(name: str, policy: Policy, catalogue: Catalogue) -> dict[str, Any]:
         "catalogue_digest": catalogue.digest,
         "simulator": "/".join(f"{package} {installed.get(package)}" for package in packages),
         "commit": commit(),
+        "place": place.here(name, policy.spec, workers=workers),
     }
 
 

@@ -51,14 +51,17 @@ def compare_policies(
 def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
     """A policy that is rolled out; notes conditions that differ from those of the corpus."""
     changed: dict[str, None] = {}
+    places: dict[str, None] = {}
 
     def make(run: Manifest) -> scene_runner.SimulatorSceneRunner:
         runner = scene_runner.SimulatorSceneRunner(folder, run, policy)
         # A corpus is always older than the commit, and another policy has another spec.
         expected = {"commit"} | ({"spec", "source"} if policy != run.policy else set())
         changed.update(dict.fromkeys(name for name in runner.changed if name not in expected))
-        if runner.renderer is not None and corpus.renderer not in (None, runner.renderer):
+        if not run.place and runner.renderer is not None and corpus.renderer not in (None, runner.renderer):
             changed["renderer"] = None
+        if runner.elsewhere:
+            places[runner.elsewhere] = None
         return runner
 
     rerun = Rerun(policy, corpus.runs, make)
@@ -67,6 +70,8 @@ def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
             f"note: {policy} runs under other conditions than the corpus: its {', '.join(changed)} differ; "
             f"`--baseline {corpus.policy}` runs both under the same"
         )
+    for elsewhere in places:
+        watch.note(f"note: the corpus was made {elsewhere}; `--baseline {corpus.policy}` runs both here")
     return rerun
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from vlafuzz.conditions.place import by_place, in_words
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
@@ -78,6 +79,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
         facts += [("Distinct signatures after", str(summary.distinct_signatures)), ("Triage", spent)]
     if any(run.simulator for run in manifests):
         facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
+    facts.append(_places({run.id: run.manifest for run in runs}))
     if summary.deviating_before is not None:
         medians = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
         facts.append(("Operators not nominal, median", medians))
@@ -91,6 +93,14 @@ def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
         ("Strategy", named(run.strategy for run in runs)),
         ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
     ]
+
+
+def _places(runs: Mapping[int, Manifest]) -> tuple[str, str]:
+    """Where runs were made, by number."""
+    places = {number: run.place for number, run in runs.items()}
+    if len(set(places.values())) > 1:
+        return "Made at several places, whose outcomes may differ", by_place(places)
+    return "Made at", "".join(map(in_words, set(places.values())))
 
 
 def _spent(policy: int, expert: int, seconds: float) -> str:
@@ -178,6 +188,7 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
         ("Search", plural(evidence.search_rollouts, "rollout")),
         ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
         ("Distinct signatures", str(len({case.signature for case in corpus.cases}))),
+        _places(dict(enumerate(corpus.runs, start=1))),
         ("Renderer", corpus.renderer or ""),
         ("Made", corpus.created),
         ("Minimal, but left out", ", ".join(f"{count} {reason}" for reason, count in left_out if count)),

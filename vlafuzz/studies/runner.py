@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
-from vlafuzz.conditions.conditions import ASKED, Origin
+from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
+from vlafuzz.conditions.conditions import ASKED, Origin, Role
 from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.objects import Pack
@@ -75,7 +75,7 @@ def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run 
         and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
     ]
     for run in same:
-        for name in run.manifest.differences(wanted, origins=[Origin.HERE]):
+        for name in run.manifest.differences(wanted, roles=set(Role) - {Role.PLACE}, origins=[Origin.HERE]):
             raise UsageError(
                 f"{store.path}: run {run.id} was made by another version than is installed: "
                 f"its {name} differs",
@@ -211,6 +211,7 @@ class StudyRunner:
         do_missing(self.store, wanted, self.watch, leave_out)
         runs = {part: stored(self.store, job.plan.manifest, job.scenes) for part, job in jobs.items()}
         done = {part: run for part, run in runs.items() if run and self.store.count(run.id)}
+        note_places(done.values(), self.watch)
         if not done and problems:
             raise problems[-1]
         return done

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vlafuzz.conditions import provenance
+from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions
@@ -16,7 +17,7 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.renderer import probe
+from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, Film, make_evaluator
@@ -39,6 +40,7 @@ class SimulatorSceneRunner:
 
     Attributes:
         changed: names of the conditions that come with the installation and are not as they were in the run.
+        elsewhere: where the run was made, in words; empty if it was made here.
     """
 
     def __init__(
@@ -55,9 +57,10 @@ class SimulatorSceneRunner:
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
-        self.renderer = probe().name if spec.cameras else None
-        here = provenance.here(name, self._policy, self.space.catalogue)
-        self.changed = manifest.differences(replace(manifest, **here))
+        self.renderer = probe_once().name if spec.cameras else None
+        here = replace(manifest, **provenance.here(name, self._policy, self.space.catalogue))
+        self.changed = tuple(name for name in manifest.differences(here) if name != "place")
+        self.elsewhere = elsewhere(manifest.place, here.place)
         self._stills: Stills | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
@@ -137,9 +140,8 @@ def runner_of_run(
         later: seeds to skip, of a stochastic policy: triage has selected findings by their outcomes.
     """
     runner = SimulatorSceneRunner(store, run.manifest, later=later)
-    if runner.changed:
-        note(
-            f"note: run {run.id} was made by another version: its {', '.join(runner.changed)} differ; "
-            "what no longer fails will count as flaky"
-        )
+    verb = "differs" if len(runner.changed) == 1 else "differ"
+    version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
+    if how := " and ".join(filter(None, (version, runner.elsewhere))):
+        note(f"note: run {run.id} was made {how}; what no longer fails will count as flaky")
     return runner

@@ -1,0 +1,88 @@
+"""Place: two machines are told apart by what can decide an outcome, in words."""
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+
+import pytest
+
+from tests.doubles import manifest
+from vlafuzz.conditions.place import Place, by_place, elsewhere, here, in_words
+from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.renderer import probe_once
+
+BLIND = PolicySpec("blind")
+SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
+OLD = Place(
+    processor="x86_64",
+    instructions="AVX2",
+    torch="2.13.0+cpu",
+    renderer="llvmpipe (256 bits), Mesa 25.0.7",
+)
+NEW = Place(
+    processor="x86_64",
+    instructions="AVX512",
+    torch="2.13.0+cpu",
+    renderer="NVIDIA H200, NVIDIA 580.1",
+)
+
+
+def stored(place: Place) -> str:
+    return json.dumps(asdict(place))
+
+
+def test_a_difference_is_said_in_words():
+    words = "AVX2 instead of AVX512, llvmpipe (256 bits), Mesa 25.0.7 instead of NVIDIA H200, NVIDIA 580.1"
+    assert OLD.differences(NEW) == words
+    assert elsewhere(stored(OLD), stored(NEW)) == f"at another place: {words}"
+    assert elsewhere(stored(OLD), stored(OLD)) == ""
+
+
+def test_the_place_of_earlier_stores_is_not_known():
+    assert elsewhere("", stored(NEW)) == "at a place that is not known"
+    assert (elsewhere("", ""), in_words("")) == ("", "")
+
+
+def test_what_only_one_of_two_policies_depends_on_is_no_difference():
+    looks_on = Place(processor="x86_64", instructions="AVX2", torch="2.13.0+cpu")
+    assert elsewhere(stored(OLD), stored(looks_on)) == ""
+
+
+def test_runs_are_listed_by_place():
+    listed = by_place({1: stored(OLD), 2: "", 3: stored(OLD)})
+    assert listed == f"run 1, 3: {OLD}; run 2: not known"
+
+
+def test_this_place_has_what_torch_uses(monkeypatch: pytest.MonkeyPatch):
+    import torch
+
+    plain = here("pinhole", BLIND)
+    assert torch.backends.cpu.get_cpu_capability() in in_words(plain)
+    assert torch.__version__ in in_words(plain)
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "SSE41")
+    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND), plain)
+
+
+def test_threads_count_for_the_users_own_code_only():
+    assert json.loads(here("pinhole", BLIND))["threads"] is None
+    assert json.loads(here("python:my:make", BLIND))["threads"] >= 1
+    assert json.loads(here("python:my:make", BLIND, workers=True))["threads"] == 1
+
+
+@pytest.mark.render
+def test_only_for_a_policy_that_sees_the_renderer_counts():
+    assert json.loads(here("pinhole", BLIND))["renderer"] == ""
+    assert json.loads(here("mini", SEEING))["renderer"].startswith(probe_once().name)
+
+
+def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():
+    there, not_known = manifest(place=stored(OLD)), manifest()
+    assert len({run.key() for run in (there, not_known, manifest(place=stored(NEW)))}) == 3
+    assert there.comparable(manifest(place=stored(NEW)))
+
+
+def test_torch_is_loaded_only_when_a_place_is_asked_for():
+    code = "import sys, vlafuzz.conditions.place, vlafuzz.campaign.config; print('torch' in sys.modules)"
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert child.stdout.strip() == "False"

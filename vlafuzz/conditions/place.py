@@ -1,0 +1,110 @@
+"""Place: what computes rollouts. Its arithmetic and renderer decide last bits, which decide some outcomes."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from vlafuzz.plugins import OBJECT, PREFIX
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.renderer import CPU_CAPS, keep_to_avx, probe_once
+
+# Limits that torch does not report, of the libraries that compute for it.
+_LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where rollouts are computed, as far as it can decide their outcome.
+
+    Attributes:
+        processor: its architecture and, on Linux, its vendor: MKL chooses its kernels by both.
+        instructions: the instruction set that torch uses, with the limits that are set for its libraries.
+        torch: its version, with the build.
+        threads: of torch; None for policies that fix their number or run behind a server.
+        renderer: device and driver with its version; empty for policies without cameras.
+    """
+
+    processor: str
+    instructions: str
+    torch: str
+    threads: int | None = None
+    renderer: str = ""
+
+    def __str__(self) -> str:
+        return ", ".join(part for part in self._words() if part)
+
+    def differences(self, other: Place) -> str:
+        """This place in contrast to another one, ``AVX2 instead of AVX512``, where both are known."""
+        pairs = zip(self._words(), other._words(), strict=True)
+        differing = ((mine, theirs) for mine, theirs in pairs if mine and theirs and mine != theirs)
+        return ", ".join(f"{mine} instead of {theirs}" for mine, theirs in differing)
+
+    def _words(self) -> tuple[str, ...]:
+        threads = "" if self.threads is None else f"{self.threads} thread{'s' * (self.threads != 1)}"
+        return self.processor, self.instructions, f"torch {self.torch}", threads, self.renderer
+
+
+def here(name: str, spec: PolicySpec, *, workers: bool = False) -> str:
+    """This place for a policy, as JSON; empty if torch cannot be loaded, without which there is no simulator.
+
+    Args:
+        name: of the policy, as the user gave it.
+        workers: whether rollouts happen in worker processes, which have one thread each.
+    """
+    try:
+        import torch
+    except ImportError:
+        return ""
+    limits = [f"{name}={os.environ[name]}" for name in _LIMITS if os.environ.get(name)]
+    own = name.startswith((PREFIX, OBJECT))
+    place = Place(
+        processor=_processor(),
+        instructions=", ".join([torch.backends.cpu.get_cpu_capability(), *limits]),
+        torch=str(torch.__version__),
+        threads=(1 if workers else torch.get_num_threads()) if own else None,
+        renderer=_renderer() if spec.cameras else "",
+    )
+    return json.dumps(asdict(place), sort_keys=True)
+
+
+def in_words(place: str) -> str:
+    """A place as conditions keep it, in words; empty if it is not known."""
+    return str(Place(**json.loads(place))) if place else ""
+
+
+def by_place(places: Mapping[int, str]) -> str:
+    """The numbers of runs by their places, in words."""
+    runs: dict[str, list[str]] = {}
+    for number, place in places.items():
+        runs.setdefault(in_words(place) or "not known", []).append(str(number))
+    return "; ".join(f"run {', '.join(numbers)}: {words}" for words, numbers in runs.items())
+
+
+def elsewhere(then: str, now: str) -> str:
+    """Where something was made, in words that follow "made"; empty if that is where it is now."""
+    if then == now:
+        return ""
+    if not (then and now):
+        return "at a place that is not known"
+    differences = Place(**json.loads(then)).differences(Place(**json.loads(now)))
+    return f"at another place: {differences}" if differences else ""
+
+
+def _processor() -> str:
+    vendor = None
+    with suppress(OSError):
+        vendor = re.search(r"^vendor_id\s*: (\S+)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    return f"{platform.machine()} {vendor[1]}" if vendor else platform.machine()
+
+
+def _renderer() -> str:
+    keep_to_avx()
+    name, caps = probe_once().name, os.environ.get(CPU_CAPS)
+    return f"{name}, {CPU_CAPS}={caps}" if caps and "llvmpipe" in name else name
