@@ -1,7 +1,7 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vlafuzz.statistics import sequential_interval
 
 Actions = NDArray[np.float32]
+Solver = Literal["expert", "seeing"]
 
 
 @dataclass(frozen=True)
@@ -72,4 +73,4 @@ class Witness:
     actions: Actions
     states_hash: str
     attempt: int
-    solver: str = "expert"
+    solver: Solver = "expert"

@@ -7,7 +7,9 @@ import pytest
 
 from tests.doubles import manifest
 from vlafuzz.conditions.conditions import ASKED, Conditions, Origin, Role
+from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
+from vlafuzz.policies.registry import make_policy
 from vlafuzz.store.records import Manifest
 
 BEGUN = Conditions(
@@ -46,6 +48,11 @@ def scenes(flag: str, digest: str) -> str:
 )
 def test_keys_are_those_of_the_stores_that_there_are(changes, key):
     assert replace(BEGUN, **changes).key() == key
+
+
+def test_the_spec_of_a_policy_without_calibration_is_stored_as_it_always_was():
+    assert "calibrated" not in described(make_policy("pinhole").spec)
+    assert json.loads(described(make_policy("seeing").spec))["calibrated"] is True
 
 
 @pytest.mark.parametrize(

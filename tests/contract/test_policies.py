@@ -9,7 +9,7 @@ from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec, Privileged
+from vlafuzz.policies.base import Calibration, EpisodeStart, Observation, Policy, PolicySpec, Privileged
 from vlafuzz.policies.harness import check_chunks
 from vlafuzz.policies.registry import POLICIES, SERVERS, client, known_policies, make_policy
 from vlafuzz.scene import Scene
@@ -17,6 +17,7 @@ from vlafuzz.serving.serve import PROTOCOLS, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.world import SIM_HZ
+from vlafuzz.tasks.tabletop import task
 
 SHOWN = [
     pick_up(put("coke_can", -0.05, 0.1)),
@@ -82,6 +83,9 @@ def observe(env):
             state=STATE if spec.state else None,
             outlines=outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state) if spec.privileged else None,
+            calibration=Calibration(env.view, 1.0, env.models[: task(scene.task).targets])
+            if spec.calibrated
+            else None,
         )
 
     return observation
@@ -176,3 +180,7 @@ def test_what_has_no_spec_is_no_policy():
 
 def test_only_the_expert_is_told_the_simulators_state():
     assert [name for name in POLICIES if make_policy(name).spec.privileged] == ["expert"]
+
+
+def test_only_the_seeing_expert_is_told_the_true_camera_and_light():
+    assert [name for name in POLICIES if make_policy(name).spec.calibrated] == ["seeing"]

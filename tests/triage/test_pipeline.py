@@ -66,7 +66,7 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     assert set(found.counterparts) == {"camera-orientation"}
     assert found.witness is not None
     assert found.policy_rollouts == found.shrink_rollouts + 1 == runner.policy_rollouts
-    assert found.expert_rollouts == runner.expert_rollouts == 4
+    assert found.expert_rollouts == runner.expert_rollouts == 8
     assert (runner.renewed, runner.closed) == (1, 1)
 
 

@@ -10,7 +10,7 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.expert import Expert
 from vlafuzz.scene import Latency
-from vlafuzz.triage.witness import Player, find_witness
+from vlafuzz.triage.witness import SEEING_TRIES, TRIES, Player, find_witness, prove
 
 
 def test_the_first_solution_that_can_be_played_again_is_the_witness():
@@ -21,7 +21,9 @@ def test_the_first_solution_that_can_be_played_again_is_the_witness():
 
 
 def test_where_the_expert_fails_it_begins_with_other_grasps():
-    search = find_witness(scene(), lambda _, grasp: passed() if grasp == 2 else failed(), lambda *_: passed())
+    search = find_witness(
+        scene(), lambda scene, grasp, solver: passed() if grasp == 2 else failed(), lambda *_: passed()
+    )
     assert search.witness is not None
     assert (search.witness.attempt, search.rollouts) == (2, 4)
 
@@ -34,7 +36,7 @@ def test_without_a_solution_there_is_no_witness():
 def test_the_expert_acts_without_latency_and_its_actions_are_played_with_it():
     late, seen = replace(scene(), latency=Latency(2)), []
 
-    def passes(shown, _):
+    def passes(shown, *_):
         seen.append(shown)
         return passed()
 
@@ -47,13 +49,40 @@ def test_a_simulator_that_breaks_says_nothing_about_the_scene():
     assert find_witness(scene(), lambda *_: broken, lambda *_: passed(), tries=3).broken
     assert find_witness(scene(), lambda *_: passed(), lambda *_: broken, tries=3).broken
     assert not find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3).broken
-    search = find_witness(scene(), lambda _, grasp: passed() if grasp else broken, lambda *_: passed())
+    search = find_witness(
+        scene(), lambda scene, grasp, solver: passed() if grasp else broken, lambda *_: passed()
+    )
     assert (search.witness is not None, search.broken) == (True, False)
 
 
 def test_a_solution_that_fails_when_played_again_is_none():
     search = find_witness(scene(), lambda *_: passed(), lambda *_: failed(), tries=3)
     assert (search.witness, search.rollouts) == (None, 6)
+
+
+def test_what_the_seeing_expert_solves_too_it_witnesses():
+    search = prove(scene(), lambda *_: passed(), lambda *_: passed())
+    assert search.witness is not None
+    assert (search.witness.solver, search.rollouts) == ("seeing", 4)
+
+
+def test_where_only_the_expert_solves_the_scene_its_actions_stay():
+    search = prove(
+        scene(), lambda *asked: passed() if asked[-1] == "expert" else failed(), lambda *_: passed()
+    )
+    assert search.witness is not None
+    assert (search.witness.solver, search.rollouts) == ("expert", 2 + SEEING_TRIES)
+
+
+def test_where_the_expert_fails_the_seeing_expert_is_not_asked():
+    asked = []
+
+    def fails(*of):
+        asked.append(of[-1])
+        return failed()
+
+    assert prove(scene(), fails, lambda *_: passed()).witness is None
+    assert asked == ["expert"] * TRIES
 
 
 def test_a_player_executes_its_actions_and_then_stays():
@@ -84,7 +113,7 @@ def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
         return players.evaluate([scene])[0]
 
     late = replace(nominal(task), latency=Latency(delay))
-    search = find_witness(late, lambda scene, grasp: experts.evaluate([scene])[0], play)
+    search = find_witness(late, lambda scene, *_: experts.evaluate([scene])[0], play)
     assert search.witness is not None
     assert search.rollouts == 2
     again = play(late, search.witness.actions)

@@ -12,7 +12,7 @@ from vlafuzz import __version__
 from vlafuzz.conditions import place
 from vlafuzz.objects import Catalogue
 from vlafuzz.plugins import source_digest
-from vlafuzz.policies.base import Policy
+from vlafuzz.policies.base import Policy, PolicySpec
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
@@ -22,13 +22,21 @@ def here(name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = Fal
     packages = ("vlafuzz", "mani_skill", "sapien")
     installed = versions()
     return {
-        "spec": json.dumps(asdict(policy.spec), sort_keys=True),
+        "spec": described(policy.spec),
         "source": source_digest(name, policy),
         "catalogue_digest": catalogue.digest,
         "simulator": "/".join(f"{package} {installed.get(package)}" for package in packages),
         "commit": commit(),
         "place": place.here(name, policy.spec, workers=workers),
     }
+
+
+def described(spec: PolicySpec) -> str:
+    """A spec as JSON. Keys are older than ``calibrated``, so they leave it out where it is not asked for."""
+    fields = asdict(spec)
+    if not spec.calibrated:
+        del fields["calibrated"]
+    return json.dumps(fields, sort_keys=True)
 
 
 def versions() -> dict[str, str]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rigs.camera import CameraPose
 from vlafuzz.scene import Scene
 from vlafuzz.tasks.base import State
 
@@ -60,6 +61,7 @@ class PolicySpec:
         state: proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
             gripper's opening, 1 for fully open.
         privileged: the simulator's state and the scene itself: for experts, never for a policy under test.
+        calibrated: the true camera and light, and which objects the instruction means: for the seeing expert.
         execute: actions of a chunk to execute before the next call; None for all of them.
         deterministic: the same observations and seed always give the same actions.
         max_batch: the largest number of observations in one call of ``act``.
@@ -77,6 +79,7 @@ class PolicySpec:
     deterministic: bool = True
     max_batch: int = 1
     provenance: Mapping[str, str] = field(default_factory=dict)
+    calibrated: bool = False
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,15 @@ class Privileged:
 
 
 @dataclass(frozen=True, eq=False)
+class Calibration:
+    """How to read a picture: the camera's true pose, the factor on all lights, and what the targets are."""
+
+    view: CameraPose
+    light: float
+    targets: tuple[ObjectModel, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
@@ -145,6 +157,7 @@ class Observation:
     state: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
     privileged: Privileged | None = None
+    calibration: Calibration | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -164,11 +164,11 @@ class OutlineLocalizer:
         return self._view.back_project(outlines.hand[None], height)[0, :2]
 
     def _sees(self, thing: Silhouette, table: Array) -> bool:
-        contrast = np.abs(_camera_values(thing.colour) - _camera_values(table)).max()
+        contrast = np.abs(camera_values(thing.colour) - camera_values(table)).max()
         return thing.whole >= VISIBLE and bool(contrast > NOISE)
 
     def _unlikeness(self, model: ObjectModel, thing: Silhouette, size_ratio: float) -> float:
-        colour = float(np.linalg.norm(_camera_values(thing.colour) - model.colour))
+        colour = float(np.linalg.norm(camera_values(thing.colour) - model.colour))
         return colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
 
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
@@ -182,7 +182,7 @@ class OutlineLocalizer:
         for pose in model.stable_poses:
             place = self._view.back_project(pixels.mean(axis=0)[None], pose.top / 2)[0, :2]
             for yaw in YAWS:
-                thing = _standing(model, pose, place, yaw)
+                thing = standing(model, pose, place, yaw)
                 expected = np.cov(self._interior(thing).T)
                 error = float(np.abs(seen - expected).sum() / np.trace(expected))
                 if error < best_error:
@@ -205,13 +205,14 @@ class OutlineLocalizer:
         return _fill(np.asarray(cv2.convexHull(uv.astype(np.float32))[:, 0], dtype=np.float64))
 
 
-def _camera_values(colour: Array) -> Array:
+def camera_values(colour: Array) -> Array:
     return np.asarray(np.round(colour * 255) / 255)
 
 
-def _standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float) -> Thing:
+def standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float, floor: float = 0.0) -> Thing:
+    """An object in a stable pose at ``place`` (2,), on a level surface ``floor`` metres high."""
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    return Thing(model, np.array([*place, pose.height]), turn @ rotation_matrix(pose.quaternion))
+    return Thing(model, np.array([*place, pose.height + floor]), turn @ rotation_matrix(pose.quaternion))
 
 
 def _fill(hull: Array) -> Array:

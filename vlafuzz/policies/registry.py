@@ -11,6 +11,7 @@ from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.pinhole import Pinhole
+from vlafuzz.policies.seeing import SeeingExpert
 
 
 def _mini() -> Policy:
@@ -24,6 +25,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "mini": _mini,
     "pinhole": Pinhole,
     "expert": Expert,
+    "seeing": SeeingExpert,
     "random": Random,
     "frozen": Frozen,
 }

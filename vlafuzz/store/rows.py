@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from vlafuzz.errors import StoreError
-from vlafuzz.evidence import Causes, Rate, Witness
+from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
@@ -187,7 +187,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, _ACTION)
-        solver = row["witness_solver"] or "expert"  # the only one of earlier versions
+        solver: Solver = row["witness_solver"] or "expert"  # the only one of earlier versions
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
     return Triaged(
         **{name: row[name] for name in _PLAIN},

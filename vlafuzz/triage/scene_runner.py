@@ -11,12 +11,13 @@ from vlafuzz.conditions import provenance
 from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.evidence import Actions
+from vlafuzz.evidence import Actions, Solver
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.registry import make_policy
+from vlafuzz.policies.seeing import SeeingExpert
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
@@ -51,8 +52,8 @@ class SimulatorSceneRunner:
         name = policy if isinstance(policy, str) else manifest.policy
         self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
         self._manifest = manifest
-        self._expert = Expert()
-        self._player = Player(self._expert.spec)
+        self._solvers: dict[Solver, Expert | SeeingExpert] = {"expert": Expert(), "seeing": SeeingExpert()}
+        self._player = Player(self._solvers["expert"].spec)
         spec = self._policy.spec
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
@@ -64,7 +65,8 @@ class SimulatorSceneRunner:
         self._stills: Stills | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
-        self._policies, self._experts = self._evaluator(self._policy), self._evaluator(self._expert)
+        self._policies = self._evaluator(self._policy)
+        self._experts = {name: self._evaluator(solver) for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
     def _evaluator(
@@ -83,9 +85,9 @@ class SimulatorSceneRunner:
             outcomes += evaluate_safely(self._policies, [scene])
         return outcomes
 
-    def solve(self, scene: Scene, attempt: int) -> Outcome:
-        self._expert.attempt = attempt
-        return evaluate_safely(self._experts, [scene])[0]
+    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        self._solvers[solver].attempt = attempt
+        return evaluate_safely(self._experts[solver], [scene])[0]
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         self._player.actions = actions
@@ -127,7 +129,7 @@ class SimulatorSceneRunner:
             self._stills.close()
         for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
-        for evaluator in (self._policies, self._experts, self._players):
+        for evaluator in (self._policies, *self._experts.values(), self._players):
             evaluator.close()
 
 

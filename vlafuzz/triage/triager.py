@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Actions
+from vlafuzz.evidence import Actions, Solver
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
@@ -18,7 +18,7 @@ from vlafuzz.triage.confirm import MOST, Confirmation, confirm
 from vlafuzz.triage.oracle import BudgetedOracle, Judged
 from vlafuzz.triage.path import deviating
 from vlafuzz.triage.shrink import Shrunk, shrink
-from vlafuzz.triage.witness import Search, find_witness
+from vlafuzz.triage.witness import Search, prove
 
 # Rollouts to shrink and attribute one finding; a stochastic policy takes about five a scene, at most twenty.
 MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 100, 1000
@@ -50,8 +50,8 @@ class SceneRunner(PolicyRunner, Protocol):
     def renew(self) -> None:
         """Give the next scene an environment that has seen no other."""
 
-    def solve(self, scene: Scene, attempt: int) -> Outcome:
-        """One rollout of the expert, in its n-th attempt."""
+    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        """One rollout of the expert or the seeing expert, in its n-th attempt."""
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         """The outcome when the robot executes these actions."""
@@ -144,7 +144,7 @@ class Triager:
         return replace(triaged, bucket="minimal", witness=search.witness)
 
     def _search(self, scene: Scene) -> Search:
-        search = find_witness(scene, self.runner.solve, self.runner.play)
+        search = prove(scene, self.runner.solve, self.runner.play)
         if search.broken:
             raise _BrokenError
         return search

@@ -1,19 +1,21 @@
-"""Witness: proof that a scene can be solved: actions of the expert that solve it when replayed open loop."""
+"""Witness: proof that a scene can be solved: actions of an expert that solve it when replayed open loop."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.evidence import Actions, Witness
+from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Latency, Scene
 
 TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it gives up
+SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
+Play = Callable[[Scene, Actions], Outcome]
 
 
 @dataclass(frozen=True)
@@ -29,24 +31,39 @@ class Search:
     broken: bool = False
 
 
+class Solve(Protocol):
+    """Gives the outcome of an expert's n-th attempt, see ``SceneRunner.solve``."""
+
+    def __call__(self, scene: Scene, attempt: int, solver: Solver = "expert", /) -> Outcome: ...
+
+
+def prove(scene: Scene, solve: Solve, play: Play) -> Search:
+    """Find a witness, of the seeing expert where it solves the scene as well.
+
+    The expert goes first: it is cheap, and fails least. What the seeing expert does from the picture says
+    more: that the picture shows all it takes.
+    """
+    search = find_witness(scene, solve, play)
+    if search.witness is None:
+        return search
+    by_sight = find_witness(scene, solve, play, SEEING_TRIES, "seeing")
+    return Search(by_sight.witness or search.witness, search.rollouts + by_sight.rollouts)
+
+
 def find_witness(
-    scene: Scene,
-    solve: Callable[[Scene, int], Outcome],
-    play: Callable[[Scene, Actions], Outcome],
-    tries: int = TRIES,
+    scene: Scene, solve: Solve, play: Play, tries: int = TRIES, solver: Solver = "expert"
 ) -> Search:
-    """Let the expert solve a scene, with another grasp or direction each time, until a replay succeeds.
+    """Let an expert solve a scene, with another grasp or direction each time, until a replay succeeds.
 
     The expert acts without latency, as it corrects itself at every step. The replay, which does not, has the
     scene's latency.
 
     Args:
-        solve: gives the outcome of the expert's n-th attempt.
         play: gives the outcome of executing actions from the same initial state.
     """
     rollouts, broken, prompt = 0, False, replace(scene, latency=Latency())
     for attempt in range(tries):
-        solved = solve(prompt, attempt)
+        solved = solve(prompt, attempt, solver)
         rollouts += len(solved.rollouts)
         broken |= solved.verdict is Verdict.ERROR
         if solved.verdict is not Verdict.PASSED:
@@ -56,7 +73,7 @@ def find_witness(
         rollouts += len(played.rollouts)
         broken |= played.verdict is Verdict.ERROR
         if played.verdict is Verdict.PASSED:
-            return Search(Witness(actions, played.rollouts[0].states_hash, attempt), rollouts)
+            return Search(Witness(actions, played.rollouts[0].states_hash, attempt, solver), rollouts)
     return Search(None, rollouts, broken)
 
 

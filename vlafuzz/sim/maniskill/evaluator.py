@@ -14,7 +14,15 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
-from vlafuzz.policies.base import EpisodeStart, Knowing, Observation, Policy, PolicySpec, Privileged
+from vlafuzz.policies.base import (
+    Calibration,
+    EpisodeStart,
+    Knowing,
+    Observation,
+    Policy,
+    PolicySpec,
+    Privileged,
+)
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
@@ -77,6 +85,9 @@ class Episode:
             else None,
             privileged=Privileged(scene, env.models, state, env.monitor.success_now)
             if spec.privileged
+            else None,
+            calibration=Calibration(env.view, env.light, env.models[: env.task.targets])
+            if spec.calibrated
             else None,
         )
 

@@ -1,0 +1,121 @@
+"""Fitting: the poses of known objects, found by painting them into a picture of outlines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.objects.model import ObjectModel, StablePose
+from vlafuzz.policies.base import Calibration, Outlines
+from vlafuzz.policies.pinhole import NOISE, camera_values, standing
+from vlafuzz.policies.planning import Thing
+from vlafuzz.rigs.labels import blank, paint
+
+Array = NDArray[np.float64]
+HAND = 255  # label; outlines are counted from 1, 0 is the background
+LEAST = 12  # pixels of an outline that can be recognized
+YAWS = np.radians(np.arange(0, 360, 30))
+STARTS = 3  # poses and yaws that are refined
+STEPS = np.diag([0.008, 0.008, np.radians(12)])  # of x and y, metres, and yaw, radians
+HALVINGS = 5  # of the steps
+
+
+class Guess(NamedTuple):
+    """An object in a stable pose on a level surface at ``floor``, metres; ``shift``: x, y and yaw."""
+
+    model: ObjectModel
+    pose: StablePose
+    floor: float
+    shift: Array
+
+    @property
+    def thing(self) -> Thing:
+        return standing(self.model, self.pose, self.shift[:2], self.shift[2], self.floor)
+
+    def moved(self, by: Array) -> Guess:
+        return self._replace(shift=self.shift + by)
+
+
+class Fit(NamedTuple):
+    """How well an object agrees with an outline, in [0, 1]."""
+
+    agreement: float
+    guess: Guess
+
+
+class Look:
+    """One picture, read through a calibrated camera. ``hand``: boxes ``(8, 3)``, which hide what is behind.
+
+    Attributes:
+        colours: apparent colours by label of the outlines that can be told from the table.
+    """
+
+    def __init__(self, outlines: Outlines, calibration: Calibration, hand: Sequence[Array]) -> None:
+        self._view, self._light = calibration.view, calibration.light
+        self._labels = blank(self._view)
+        paint(self._labels, hand, self._view, HAND)
+        self.colours: dict[int, Array] = {}
+        table = camera_values(outlines.table)
+        for label, thing in enumerate(outlines.things, 1):
+            colour = camera_values(thing.colour)
+            if len(thing.pixels) >= LEAST and np.abs(colour - table).max() > NOISE:
+                u, v = (thing.pixels * self._labels.shape[::-1]).astype(int).T
+                self._labels[v, u] = label
+                self.colours[label] = colour
+
+    def alike(self, model: ObjectModel) -> list[int]:
+        """Labels of the outlines that have the colour of an object in this light."""
+        apparent = camera_values(np.minimum(model.colour * self._light, 1.0))
+        return [label for label, seen in self.colours.items() if np.abs(seen - apparent).max() <= NOISE]
+
+    def agreement(self, thing: Thing, label: int) -> float:
+        """Intersection over union of an object and an outline, where nothing else hides the object."""
+        painted = np.zeros_like(self._labels)
+        parts = [part @ thing.rotation.T + thing.position for part in thing.model.parts]
+        paint(painted, parts, self._view, 1)
+        under = np.bincount(self._labels[painted > 0], minlength=HAND + 1)
+        return float(under[label] / max(np.count_nonzero(self._labels == label) + under[0], 1))
+
+    def fit(self, model: ObjectModel, label: int, floors: Iterable[float] = (0.0,)) -> Fit:
+        """The pose in which an object agrees best with an outline."""
+        guesses = [
+            self._centred(Guess(model, pose, floor, np.array([0.0, 0.0, yaw])), label)
+            for floor in floors
+            for pose in model.stable_poses
+            for yaw in YAWS
+        ]
+        starts = sorted((self._rate(guess, label) for guess in guesses), key=_agreement)[-STARTS:]
+        return max((self._refine(fit, label) for fit in starts), key=_agreement)
+
+    def _rate(self, guess: Guess, label: int) -> Fit:
+        return Fit(self.agreement(guess.thing, label), guess)
+
+    def _centred(self, guess: Guess, label: int) -> Guess:
+        """The object moved so that the middles of the two outlines coincide."""
+        height = guess.pose.height + guess.floor
+        v, u = np.nonzero(self._labels == label)
+        seen = (np.array([[u.mean(), v.mean()]]) + 0.5) / self._labels.shape[::-1]
+        place = self._view.back_project(seen, height)[0] * [1, 1, 0]
+        guess = guess.moved(place)
+        uv, _ = self._view.project(guess.thing.corners)
+        middle = (uv.min(axis=0) + uv.max(axis=0))[None] / 2
+        return guess.moved(place - self._view.back_project(middle, height)[0] * [1, 1, 0])
+
+    def _refine(self, fit: Fit, label: int) -> Fit:
+        """Moved and turned as long as it agrees better, by ever smaller steps."""
+        halved = 0
+        while halved < HALVINGS:
+            steps = (*STEPS / 2**halved, *-STEPS / 2**halved)
+            best = max((self._rate(fit.guess.moved(step), label) for step in steps), key=_agreement)
+            if best.agreement > fit.agreement:
+                fit = best
+            else:
+                halved += 1
+        return fit
+
+
+def _agreement(fit: Fit) -> float:
+    return fit.agreement
