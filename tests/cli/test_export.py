@@ -41,11 +41,11 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.CaptureFixture[str]):
-    assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
+    assert main(["export", "a.db", "--minimal", "--controls", "30", "--out", "tilted"]) == 0
     said = capsys.readouterr().err
     made = read_corpus(Path("tilted"))
-    assert made.name == "tilted"
-    assert f"{len(made.cases)} minimal failures (1 signatures) written to tilted" in said
+    assert (made.name, len(made.controls)) == ("tilted", 30)
+    assert f"{len(made.cases)} minimal failures (1 signatures) and 30 controls written to tilted" in said
     assert load_scenes(Path("tilted/scenes.jsonl")) == [case.scene for case in made.cases]
     manifest = json.loads(Path("tilted/manifest.json").read_text())
     assert manifest["evidence"]["shares"]["minimal"] == {"count": 3, "of": 3} | {
@@ -69,6 +69,8 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
     [
         (["--minimal", "--out", "a.db"], "a.db: exists already"),
         (["--minimal", "--format", "vlatest", "--out", "b"], "--minimal goes with neither --verdict nor"),
+        (["--controls", "9", "--out", "b"], "--controls 9: only a corpus has controls"),
+        (["--minimal", "--controls", "-1", "--out", "b"], "--controls: expected at least 0, got -1"),
         (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),
         (["--format", "vlatest", "--out", "no/such/b"], "no/such/b: cannot be written"),
     ],

@@ -1,10 +1,10 @@
-"""A corpus without a simulator: planted failures with made-up witnesses."""
+"""A corpus without a simulator: planted failures with made-up witnesses, and controls."""
 
 import numpy as np
 
 from tests.doubles import manifest, scene
 from vlafuzz.evidence import Causes, Threshold, Witness
-from vlafuzz.regression.corpus import Case, Corpus, Evidence
+from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.statistics import Share
 
 
@@ -31,7 +31,13 @@ def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> 
     )
 
 
-def make_corpus(*cases: Case, runs: int = 1) -> Corpus:
+def control(number: int) -> Control:
+    """Each fifth is dark; there the policy fails."""
+    dark = number % 5 == 0
+    return Control(scene(light=1 / 32 if dark else 1.5, x=-0.05 + 0.001 * number), passed=not dark)
+
+
+def make_corpus(*cases: Case, runs: int = 1, controls: int = 0) -> Corpus:
     evidence = Evidence(
         findings=9,
         shares={"confirmed": Share.of_counts(8, 9)},
@@ -45,6 +51,7 @@ def make_corpus(*cases: Case, runs: int = 1) -> Corpus:
         name="dark",
         runs=[manifest(seed=number) for number in range(runs)],
         cases=cases or (case(),),
+        controls=tuple(map(control, range(controls))),
         evidence=evidence,
         renderer="llvmpipe",
         versions={"numpy": "2"},

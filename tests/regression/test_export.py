@@ -12,6 +12,7 @@ from tests.triage.runners import PlantedRunner
 from tests.triage.test_pipeline import DARK, TILTED, scenes
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.outcome import Outcome
+from vlafuzz.regression.controls import CONTROL
 from vlafuzz.regression.export import FLAKY, UNSOLVED, export
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Trial
@@ -68,6 +69,32 @@ def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: S
     assert (corpus.name, corpus.renderer, corpus.evidence.left_out) == ("mine", "a renderer", {})
     share = corpus.evidence.shares["minimal"]
     assert (share.count, share.of, corpus.evidence.search_rollouts) == (4, 4, 4)
+
+
+def test_controls_are_random_scenes_with_the_outcome_of_the_policy(store: Store):
+    controls = export(store, runner, name="a", controls=40).controls
+    assert len({control.scene for control in controls}) == 40
+    assert {control.passed for control in controls} == {True, False}
+    assert all(control.passed is not DARK(control.scene) for control in controls)
+    assert not {control.scene for control in controls} & {trial.scene for trial in store.trials(1)}
+    again = export(store, runner, name="a", controls=20).controls
+    assert [control.scene for control in again] == [control.scene for control in controls[:20]]
+
+
+def test_a_control_that_broke_is_replaced_by_another_and_all_have_seeds_of_their_own(store: Store):
+    asked: list[int] = []
+
+    class Shaky(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
+            if numbers[0] < CONTROL:
+                return outcomes
+            asked.extend(numbers)
+            return [Outcome.error("x") if number % 3 == 0 else outcomes.pop() for number in numbers]
+
+    controls = export(store, lambda run: Shaky([DARK]), name="a", run=1, controls=40).controls
+    assert len(controls) == 40 < len(asked)
+    assert asked == list(range(CONTROL, CONTROL + len(asked)))
 
 
 def test_only_one_run_when_so_wished(store: Store):

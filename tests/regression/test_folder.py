@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.doubles import scene
-from tests.regression.corpora import case, make_corpus
+from tests.regression.corpora import case, control, make_corpus
 from vlafuzz.errors import CorpusError
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
 from vlafuzz.regression.corpus import Corpus
@@ -27,10 +27,15 @@ def plain(corpus: Corpus) -> dict[str, object]:
 
 
 @settings(deadline=None, max_examples=25)
-@given(numbers=st.lists(st.integers(0, 500), min_size=1, max_size=6, unique=True), pictures=st.booleans())
-def test_it_reads_back_as_it_was(tmp_path_factory, numbers: list[int], pictures: bool) -> None:
+@given(
+    numbers=st.lists(st.integers(0, 500), min_size=1, max_size=6, unique=True),
+    pictures=st.booleans(),
+    controls=st.integers(0, 9),
+)
+def test_it_reads_back_as_it_was(tmp_path_factory, numbers, pictures: bool, controls: int) -> None:
     thumbnail = b"\x89PNG" if pictures else None
-    written = make_corpus(*(case(number, thumbnail=thumbnail, run=number % 2) for number in numbers), runs=2)
+    cases = (case(number, thumbnail=thumbnail, run=number % 2) for number in numbers)
+    written = make_corpus(*cases, runs=2, controls=controls)
     folder = tmp_path_factory.mktemp("a") / "corpus"
     write_corpus(written, folder)
     assert plain(read_corpus(folder)) == plain(written)
@@ -91,9 +96,26 @@ def test_schema_1_with_other_names_for_policy_and_scene_file_is_read(folder: Pat
     )
 
 
+def test_schema_2_which_had_neither_controls_nor_rates_is_read(folder: Path) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    del manifest["controls"]
+    for row in manifest["cases"]:
+        del row["certified"], row["counterpart_rates"], row["witness"]["solver"]
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 2}))
+    read = read_corpus(folder)
+    assert (read.controls, read.cases[0].certified, read.cases[0].witness.solver) == ((), None, "expert")
+
+
 def test_a_newer_schema_is_told(folder: Path) -> None:
-    change(folder, schema=3, something_new=True)
-    assert complaint(folder) == f"{folder / 'manifest.json'}: schema 3 is newer than 2"
+    change(folder, schema=4, something_new=True)
+    assert complaint(folder) == f"{folder / 'manifest.json'}: schema 4 is newer than 3"
+
+
+def test_a_missing_control_is_told(tmp_path: Path) -> None:
+    write_corpus(make_corpus(controls=3), tmp_path / "b")
+    path = tmp_path / "b" / "controls.jsonl"
+    write_scenes(path, [control(number).scene for number in range(2)])
+    assert complaint(tmp_path / "b") == f"{path}: control 2: no scene with digest {control(2).scene.digest}"
 
 
 def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:

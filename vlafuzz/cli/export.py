@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from vlafuzz.cli.output import Bar, stderr
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, check_number
 
 
 class Wanted(StrEnum):
@@ -42,6 +42,13 @@ def export(
     minimal: Annotated[
         bool, typer.Option("--minimal", help="A corpus: what is left of triaged findings, with proofs.")
     ] = False,
+    controls: Annotated[
+        int | None,
+        typer.Option(
+            help="Random scenes in a corpus, in which `vlafuzz regress` compares policies.",
+            show_default="200",
+        ),
+    ] = None,
     format_: Annotated[
         Format,
         typer.Option(
@@ -52,7 +59,8 @@ def export(
     """Write scenes of a store to a file, or its minimal failures to a folder.
 
     With --minimal every failure is run once more with its witness and its passing counterparts, and only what
-    holds is written. `vlafuzz regress` and `vlafuzz report` read the folder.
+    holds is written. So are the policy's outcomes in random scenes, the controls. `vlafuzz regress` and
+    `vlafuzz report` read the folder.
 
     With --format lerobot the expert's solutions of failed scenes are played once more and written as
     episodes, with the pictures that the policy sees: demonstrations to train it with.
@@ -62,8 +70,11 @@ def export(
             "--minimal goes with neither --verdict nor --format",
             hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
         )
+    if controls is not None and not minimal:
+        raise UsageError(f"--controls {controls}: only a corpus has controls", hint="add --minimal")
     if minimal:
-        _export_corpus(store, out, run)
+        check_number("--controls", controls, 0)
+        _export_corpus(store, out, run, controls)
         return
     from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_demonstrations, write_file
 
@@ -80,26 +91,31 @@ def export(
     _print_left_out(exported.left_out)
 
 
-def _export_corpus(store: Path, out: Path, run: int | None) -> None:
+def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None) -> None:
     """Check the minimal failures once more and write those that hold."""
+    from vlafuzz.regression.controls import CONTROLS, EXPORT
     from vlafuzz.regression.export import export as export_corpus
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.confirm import MOST
     from vlafuzz.triage.scene_runner import runner_of_run
 
     check_new(out)
+    wanted = CONTROLS if controls is None else controls
     with Store.open(store) as opened, Bar() as bar:
         corpus = export_corpus(
             opened,
-            partial(runner_of_run, store, later=MOST, note=Bar.note),  # triage selected by earlier seeds
+            partial(runner_of_run, store, later=EXPORT, note=Bar.note),  # triage selected by earlier seeds
             name=out.name,
             run=run,
-            watch=partial(bar.progress, "minimal findings checked"),
+            controls=wanted,
+            watch=bar,
         )
     write_corpus(corpus, out)
     bugs = len({case.signature for case in corpus.cases})
-    stderr().print(f"{len(corpus.cases)} minimal failures ({bugs} signatures) written to {out}")
+    failures = f"{len(corpus.cases)} minimal failures ({bugs} signatures)"
+    stderr().print(f"{failures} and {len(corpus.controls)} controls written to {out}", soft_wrap=True)
+    if len(corpus.controls) < wanted:
+        stderr().print(f"only {len(corpus.controls)} of {wanted} controls were fair and could be judged")
     _print_left_out(corpus.evidence.left_out)
 
 

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from vlafuzz.evidence import Causes, Witness
+from vlafuzz.evidence import Causes, Rate, Witness
 from vlafuzz.phrasing import describe
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
 
-SCHEMA = 2  # of the folder, described in corpus/README.md
+SCHEMA = 3  # of the folder, described in corpus/README.md
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +24,9 @@ class Facts:
         run: index of the run that found it, in ``Corpus.runs``.
         repeats: rollouts that confirmed it; ``failures`` of them failed.
         rollouts: of the policy, to shrink and attribute the finding.
+        certified: how often the policy fails in the scene and its neighbourhood, by rollouts that had no part
+            in shrinking it; None in corpora of schema 2 and before.
+        counterpart_rates: the same for the counterparts, by operator.
     """
 
     lost_stage: str
@@ -36,6 +39,8 @@ class Facts:
     repeats: int
     failures: int
     rollouts: int
+    certified: Rate | None = None
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +50,7 @@ class Case(Facts):
     Attributes:
         scene: minimal: every operator that is not nominal in it is needed for the policy to fail.
         counterparts: by operator, the scene with this operator reset, in which the policy passes.
-        nominal: the scene with all operators reset, the control.
+        nominal: the scene with all operators reset.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
@@ -63,12 +68,20 @@ class Case(Facts):
         return "; ".join(thresholds.get(name, name) for name in self.operators)
 
 
+@dataclass(frozen=True)
+class Control:
+    """A random scene, which no outcome selected, and whether the corpus's own policy passed in it."""
+
+    scene: Scene
+    passed: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """What triage of the store found, and what the export left out.
 
     Attributes:
-        shares: of the triaged findings: confirmed, flaky, witnessed, unproven, base, minimal.
+        shares: of the triaged findings: confirmed, flaky, edge, witnessed, unproven, base, minimal.
         left_out: number of minimal findings that are not in the corpus, by reason.
         search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
         expert_rollouts: replays of witnesses included.
@@ -90,6 +103,7 @@ class Corpus:
 
     Attributes:
         runs: the runs that found the cases: policy, versions, conditions.
+        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before.
         renderer: what rendered the policy's images when the cases were checked; None for a policy without
             cameras.
         versions: of the packages at that time.
@@ -101,6 +115,7 @@ class Corpus:
     cases: Sequence[Case]
     evidence: Evidence
     renderer: str | None
+    controls: Sequence[Control] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
     created: str = ""
 

@@ -1,10 +1,11 @@
-"""export: the minimal findings of a store as a corpus. Each finding is checked once more."""
+"""export: the minimal findings of a store as a corpus, with controls. Each finding is checked once more."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from itertools import groupby
 from typing import NamedTuple, Protocol
 
@@ -12,7 +13,8 @@ from vlafuzz.conditions import provenance
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.evidence import Witness
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.corpus import Case, Corpus, Evidence
+from vlafuzz.regression.controls import CONTROLS, record
+from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Run, Triaged
@@ -20,6 +22,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.triage.path import nominal
 from vlafuzz.triage.summary import summarise
 from vlafuzz.triage.triager import SceneRunner, repeat
+from vlafuzz.watch import SILENT, Watch
 
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"
@@ -52,9 +55,10 @@ def export(
     *,
     name: str,
     run: int | None = None,
-    watch: Callable[[int, int], None] = lambda done, of: None,
+    controls: int = CONTROLS,
+    watch: Watch = SILENT,
 ) -> Corpus:
-    """The minimal findings of a store that still hold, one case per scene.
+    """The minimal findings of a store that still hold, one case per scene, and the policy's controls.
 
     A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the
     witness solves the scene.
@@ -62,7 +66,7 @@ def export(
     Args:
         runner: makes the scene runner that checks the findings of a run.
         run: only findings that this run found first.
-        watch: called with the number of findings checked, and of all.
+        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``.
 
     Raises:
         UsageError: the store has several tasks or policies.
@@ -73,9 +77,11 @@ def export(
     numbers = sorted({choice.finding.run for choice in chosen})
     _check_alike(store, [runs[number] for number in numbers])
     cases: list[Case] = []
+    recorded: list[Control] = []
     left_out: Counter[str] = Counter()
     renderer, done = None, 0
-    watch(0, len(chosen))
+    checked = partial(watch.progress, "minimal findings checked")
+    checked(0, len(chosen))
     for number, group in groupby(chosen, lambda choice: choice.finding.run):
         with closing(runner(runs[number])) as checker:
             renderer = checker.renderer
@@ -86,7 +92,9 @@ def export(
                 else:
                     left_out[case] += 1
                 done += 1
-                watch(done, len(chosen))
+                checked(done, len(chosen))
+            if number == numbers[0]:
+                recorded = record(checker, runs[number].manifest.seed, controls, watch)
     if not cases:
         reasons = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
         problem = f"{store.path}: no minimal finding holds: {reasons}"
@@ -95,6 +103,7 @@ def export(
         name=name,
         runs=[runs[number].manifest for number in numbers],
         cases=cases,
+        controls=recorded,
         evidence=_evidence(store, left_out),
         renderer=renderer,
         versions=provenance.versions(),
@@ -155,6 +164,8 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
         repeats=confirmation.repeats,
         failures=confirmation.failures,
         rollouts=triaged.shrink_rollouts,
+        certified=triaged.certified,
+        counterpart_rates=triaged.counterpart_rates,
         thumbnail=runner.picture(scene),
     )
 
@@ -162,7 +173,7 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
 def _evidence(store: Store, left_out: Counter[str]) -> Evidence:
     summary = summarise(store)
     counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
-    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "flaky")}
+    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "edge", "flaky")}
     trials = (trial for run in store.runs() for trial in store.trials(run.id))
     return Evidence(
         findings=summary.findings,

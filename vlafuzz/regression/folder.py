@@ -17,12 +17,13 @@ from vlafuzz.errors import CorpusError, SceneError
 from vlafuzz.evidence import Actions, Witness
 from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.regression.corpus import SCHEMA, Case, Corpus, Evidence, Facts
+from vlafuzz.regression.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
+CONTROLS = "controls.jsonl"
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _RENAMED = {"subject": "policy", "given": "scene_file"}  # in schema 2
 # What a corpus or case and its row in the manifest have in common; the other fields are files or digests.
@@ -39,6 +40,16 @@ class _WitnessRow:
     steps: int
     states_hash: str
     attempt: int
+    solver: str = "expert"
+
+
+@dataclass(frozen=True)
+class _ControlRow:
+    """A control, with its scene by digest."""
+
+    __pydantic_config__ = _STRICT
+    scene: str
+    passed: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +77,7 @@ class _Manifest:
     runs: tuple[Manifest, ...]
     evidence: Evidence
     cases: tuple[_CaseRow, ...]
+    controls: tuple[_ControlRow, ...] = ()
 
 
 _ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
@@ -130,12 +142,19 @@ def _write(corpus: Corpus, folder: Path) -> None:
     others = [scene for case in corpus.cases for scene in (*case.counterparts.values(), case.nominal)]
     write_scenes(folder / SCENES, [case.scene for case in corpus.cases])
     write_scenes(folder / COUNTERPARTS, dict.fromkeys(others))
+    if corpus.controls:
+        write_scenes(folder / CONTROLS, [control.scene for control in corpus.controls])
     for case in corpus.cases:
         witness_path(folder, case.scene).write_bytes(_npy(case.witness.actions))
         if case.thumbnail is not None:
             thumbnail_path(folder, case.scene).write_bytes(case.thumbnail)
-    rows, runs = tuple(map(_row, corpus.cases)), tuple(corpus.runs)
-    manifest = _Manifest(schema=SCHEMA, cases=rows, runs=runs, **_fields(corpus, _OF_CORPUS))
+    manifest = _Manifest(
+        schema=SCHEMA,
+        runs=tuple(corpus.runs),
+        cases=tuple(map(_row, corpus.cases)),
+        controls=tuple(_ControlRow(control.scene.digest, control.passed) for control in corpus.controls),
+        **_fields(corpus, _OF_CORPUS),
+    )
     (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
 
 
@@ -145,7 +164,9 @@ def _row(case: Case) -> _CaseRow:
         scene=case.scene.digest,
         counterparts={name: scene.digest for name, scene in case.counterparts.items()},
         nominal=case.nominal.digest,
-        witness=_WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt),
+        witness=_WitnessRow(
+            _digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver
+        ),
         thumbnail=case.thumbnail is not None,
         **_fields(case, _OF_CASE),
     )
@@ -164,13 +185,17 @@ def read_corpus(folder: Path) -> Corpus:
     """
     folder = locate(folder)
     manifest = _read_manifest(folder / MANIFEST)
+    files = (SCENES, COUNTERPARTS, *([CONTROLS] if manifest.controls else []))
     try:
-        scenes = {scene.digest: scene for scene in load_scenes(folder / SCENES)}
-        scenes |= {scene.digest: scene for scene in load_scenes(folder / COUNTERPARTS)}
+        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file)}
     except SceneError as error:
         raise _damaged(error.message) from None
     cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
-    return Corpus(runs=manifest.runs, cases=cases, **_fields(manifest, _OF_CORPUS))
+    controls = tuple(
+        Control(_scene(scenes, row.scene, f"{folder / CONTROLS}: control {number}"), row.passed)
+        for number, row in enumerate(manifest.controls)
+    )
+    return Corpus(runs=manifest.runs, cases=cases, controls=controls, **_fields(manifest, _OF_CORPUS))
 
 
 def _read_manifest(path: Path) -> _Manifest:
@@ -205,9 +230,7 @@ def _upgraded(content: dict[str, Any]) -> dict[str, Any]:
 
 def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene]) -> Case:
     def scene(digest: str, file: str) -> Scene:
-        if digest not in scenes:
-            raise _damaged(f"{folder / file}: case {number}: no scene with digest {digest}")
-        return scenes[digest]
+        return _scene(scenes, digest, f"{folder / file}: case {number}")
 
     failing = scene(row.scene, SCENES)
     try:
@@ -219,10 +242,16 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
         scene=failing,
         counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
         nominal=scene(row.nominal, COUNTERPARTS),
-        witness=Witness(actions, row.witness.states_hash, row.witness.attempt),
+        witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
         thumbnail=_read(thumbnail_path(folder, failing)) if row.thumbnail else None,
         **_fields(row, _OF_CASE),
     )
+
+
+def _scene(scenes: Mapping[str, Scene], digest: str, where: str) -> Scene:
+    if digest not in scenes:
+        raise _damaged(f"{where}: no scene with digest {digest}")
+    return scenes[digest]
 
 
 def _read_actions(path: Path, digest: str) -> Actions:
