@@ -14,7 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.assets import corpus_dir
 from vlafuzz.errors import CorpusError, SceneError
-from vlafuzz.evidence import Actions, Witness
+from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
 from vlafuzz.regression.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
@@ -40,7 +40,7 @@ class _WitnessRow:
     steps: int
     states_hash: str
     attempt: int
-    solver: str = "expert"
+    solver: Solver = "expert"
 
 
 @dataclass(frozen=True)
