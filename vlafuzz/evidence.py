@@ -1,6 +1,6 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal, Self
 
 import numpy as np
@@ -31,18 +31,33 @@ class Rate:
         return cls(failures, rollouts, *sequential_interval(failures, rollouts))
 
 
+Values = tuple[tuple[str, float], ...]  # by their paths in a scene; several of them move together
+
+
 @dataclass(frozen=True)
 class Threshold:
-    """The deviation from nominal at which an operator starts to make the policy fail in the minimal scene.
+    """Where an operator starts to make the policy fail, on the way from the reference to the minimal scene.
+
+    What is younger than the first three fields is empty in earlier stores and corpora.
 
     Attributes:
-        at: the failing values nearest to nominal, by their paths in the scene. Several of them move together.
-        share: position between nominal and the minimal scene, in (0, 1].
+        at: the first values at which the failure rate is above one half.
+        share: position between the reference and the minimal scene, in (0, 1].
+        low: the 95 % interval of where the rate crosses one half begins here, on the side of the reference;
+            it ends at ``high``.
+        direction: in which the operator deviates, as in signatures: ``+yaw``.
+        ranges: first and last values of each range that fails, from ``at`` on; no last values for a range
+            that reaches as far as the operator does.
     """
 
     operator: str
-    at: tuple[tuple[str, float], ...]
+    at: Values
     share: float
+    _: KW_ONLY
+    low: Values = ()
+    high: Values = ()
+    direction: str = ""
+    ranges: tuple[tuple[Values, Values], ...] = ()
 
 
 @dataclass(frozen=True)

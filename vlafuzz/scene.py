@@ -230,10 +230,15 @@ def in_words(path: str, value: float | str) -> str:
     """A value of a scene by its path, with its unit: ``camera.yaw`` as ``yaw 2.5°``."""
     slot, _, name = path.rpartition(".")
     owner = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-    unit = _UNITS.get(name, "")
+    return f"{name}{owner} {amount(path, value)}"
+
+
+def amount(path: str, value: float | str) -> str:
+    """A value without its name: ``2.5°``."""
     if isinstance(value, str):
-        return f"{name}{owner} {value}"
-    return f"{name}{owner} × {value:.3g}" if unit == "×" else f"{name}{owner} {value:g}{unit}"
+        return value
+    unit = _UNITS.get(path.rpartition(".")[2], "")
+    return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit}"
 
 
 def _canonical(value: Any) -> Any:

@@ -10,7 +10,9 @@ from vlafuzz.statistics import Share
 
 def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> Case:
     failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
-    causes = Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.25),), 0.5),))
+    dim = (("light.intensity", 0.25),)
+    threshold = Threshold("light", dim, 0.5, low=dim, high=dim, direction="dark", ranges=((dim, ()),))
+    causes = Causes(("light",), ("light",), (threshold,))
     actions = np.random.default_rng(number).normal(size=(12, 7)).astype(np.float32)
     return Case(
         scene=failing,

@@ -1,3 +1,6 @@
+import json
+import sqlite3
+from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -12,6 +15,8 @@ from vlafuzz.store.store import Store
 
 KEY = manifest().key()
 WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1)
+DIM = (("light.intensity", 0.5),)
+THRESHOLD = Threshold("light", DIM, 0.25, low=DIM, high=DIM, direction="dark", ranges=((DIM, DIM), (DIM, ())))
 MINIMAL = Triaged(
     scene=trial(0, failed()).scene,
     policy_key=KEY,
@@ -22,7 +27,7 @@ MINIMAL = Triaged(
     shrunk=scene(light=0.5),
     lost_stage="grasp",
     operators=("light",),
-    causes=Causes(("light",), ("light",), (Threshold("light", (("light.intensity", 0.5),), 0.25),)),
+    causes=Causes(("light",), ("light",), (THRESHOLD,)),
     counterparts={"light": scene()},
     signature="pick-up|grasp|light",
     witness=WITNESS,
@@ -66,6 +71,15 @@ def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged)
     if got.witness and kept.witness:
         assert got.witness.actions.tobytes() == kept.witness.actions.tobytes()
         assert (got.witness.states_hash, got.witness.attempt) == ("a" * 32, 1)
+
+
+def test_a_threshold_of_an_earlier_version_has_no_interval(tmp_path: Path):
+    path = store(tmp_path / "a.db", MINIMAL)
+    older = json.dumps([{"operator": "light", "at": [["light.intensity", 0.5]], "share": 0.25}])
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE triage SET thresholds = ?", [older])
+    (got,) = read(path)
+    assert got.causes.thresholds == (Threshold("light", DIM, 0.25),)
 
 
 def test_triaging_a_finding_again_replaces_what_was_made_of_it(tmp_path: Path):

@@ -94,6 +94,7 @@ class Path:
 
     Attributes:
         length: number of grid steps of the gene that has farthest to go.
+        end: the last step beyond the scene, in the same direction, at which every gene is in its range.
     """
 
     def __init__(
@@ -107,9 +108,15 @@ class Path:
             if gene.kind != "category"
         }
         self.length = max(map(abs, self._away.values()), default=0)
+        reaches = (
+            _room(gene, self._start[gene.path], away) * self.length // abs(away)
+            for gene, away in self._away.items()
+            if away
+        )
+        self.end = max(min(reaches, default=0), self.length)
 
     def at(self, step: int) -> Scene:
-        """The scene at a number of steps from the reference."""
+        """The scene at a number of steps from the reference, at most ``end``."""
         if step == self.length:
             return self._scene  # off the grid or not
         values = dict(self._values)
@@ -130,3 +137,11 @@ def _steps(gene: Gene, start: float, value: float) -> int:
     if grid.wraps:
         away = (away + grid.size // 2) % grid.size - grid.size // 2
     return away
+
+
+def _room(gene: Gene, start: float, away: int) -> int:
+    """Number of levels from a value to the end of its range in one direction; of angles, to half a turn."""
+    level, size = gene.grid.snap(start), gene.grid.size
+    if gene.grid.wraps:
+        return size // 2
+    return size - 1 - level if away > 0 else level
