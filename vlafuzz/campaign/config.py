@@ -11,7 +11,7 @@ from vlafuzz.campaign.fuzz import PATIENCE, Space
 from vlafuzz.campaign.results import Embed
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
-from vlafuzz.conditions.stored import operators_json, packs_json
+from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number
 from vlafuzz.execute.registry import Place, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
@@ -250,6 +250,7 @@ def _manifest(
         **provenance.here(str(config.policy), policy, space.catalogue, workers=workers),
         scene_file=scene_file,
         min_distance=operators.min_distance,
+        visible=visible_json(operators.visible),
         operators=operators_json(operators),
         operators_digest=operators.digest,
         packs=packs_json(config.packs),

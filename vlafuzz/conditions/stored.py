@@ -10,6 +10,7 @@ from vlafuzz.errors import StoreError
 from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
 from vlafuzz.space import OPERATORS, OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import EXTRAS
+from vlafuzz.validity import Visible
 
 
 def operators_json(operators: OperatorSet) -> str:
@@ -31,12 +32,28 @@ def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
             if name in stored["operators"] or name not in EXTRAS
         }
         operators = {**load_operators().operators, **written}
-        return OperatorSet(source, stored["min_distance"], operators, frozenset(stored["varied"]), {})
+        return OperatorSet(
+            source=source,
+            min_distance=stored["min_distance"],
+            operators=operators,
+            varied=frozenset(stored["varied"]),
+            visible=stored_visible(conditions),
+        )
     except (KeyError, ValueError) as error:
         raise StoreError(
             f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
             hint="use the version that began the run",
         ) from None
+
+
+def visible_json(visible: Visible | None) -> str:
+    """Bounds of visibility as a field of conditions."""
+    return visible.model_dump_json() if visible else ""
+
+
+def stored_visible(conditions: Conditions) -> Visible | None:
+    """The bounds that ``visible_json`` wrote; a ValueError if another version did."""
+    return Visible.model_validate_json(conditions.visible) if conditions.visible else None
 
 
 def packs_json(packs: Iterable[Pack]) -> str:

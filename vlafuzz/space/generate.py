@@ -26,6 +26,7 @@ from vlafuzz.validity.checks import (
     too_close,
 )
 from vlafuzz.validity.footprint import Footprint, footprint
+from vlafuzz.validity.visible import unseen
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
@@ -36,7 +37,7 @@ class SearchSpace(Codec):
     """Every scene that the operators can make of a task, with random generation and repair."""
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that passes the semantic and the geometric checks.
+        """A random scene that passes the checks before settling.
 
         Raises:
             UsageError: the ranges leave no room for the objects.
@@ -47,7 +48,10 @@ class SearchSpace(Codec):
         for _ in range(RESTARTS):
             values = attempt.values(count)
             if values is not None:
-                return self.composer.compose(values)
+                scene = self.composer.compose(values)
+                if not (problem := self._unseen(scene)):
+                    return scene
+                attempt.reason = problem
         box = self.operators.get(TargetPosition).ranges()
         objects = f"{self.task.targets} target(s) and {int(count)} confounder(s)"
         raise UsageError(
@@ -57,14 +61,20 @@ class SearchSpace(Codec):
         )
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene with as little redrawn as it takes to pass these checks; None when there is no room.
+        """The scene with as little redrawn as it takes to have room; None when there is none, or a target is unseen.
 
         Objects are placed in order, targets first, so that confounders give way to targets.
         """
         attempt, values = Attempt(self, rng), self.values(scene)
         slots = self.composer.layout.used(len(scene.confounders))
         kept = all(attempt.keep(slot, values) for slot in slots)
-        return self.composer.compose(values) if kept else None
+        moved = self.composer.compose(values) if kept else None
+        return None if moved is None or self._unseen(moved) else moved
+
+    def _unseen(self, scene: Scene) -> str | None:
+        """Why a target cannot be seen, if that is checked."""
+        visible = self.operators.visible
+        return unseen(scene, self.catalogue, visible) if visible else None
 
     def draw(self, path: str, rng: np.random.Generator) -> float:
         """A random value of a gene; nominal if its operator does not vary."""

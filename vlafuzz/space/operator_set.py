@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError
@@ -18,6 +18,7 @@ from vlafuzz.space.base import Operator, Strict
 from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.text import shortened
+from vlafuzz.validity import Visible
 
 DEFAULT = "tabletop"
 _NO_OPERATORS = ("instructions", "jitter")
@@ -28,6 +29,7 @@ _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 class _TaskPart(Strict):
     min_distance: _Distance | None = None
+    visible: dict[str, Any] | Literal[False] | None = None
     operators: _Raw = Field(default_factory=dict)
 
 
@@ -37,13 +39,14 @@ class _File(_TaskPart):
     tasks: dict[str, _TaskPart] = Field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class OperatorSet:
     """All operators with their ranges, and which of them vary; the others stay nominal.
 
     Attributes:
         source: the file that was read.
         min_distance: between the centres of any two objects, metres.
+        visible: bounds within which the targets count as visible; None where that is not checked.
         tasks: the sets of the tasks whose ranges differ.
     """
 
@@ -51,7 +54,8 @@ class OperatorSet:
     min_distance: float
     operators: Mapping[str, Operator]
     varied: frozenset[str]
-    tasks: Mapping[str, OperatorSet]
+    visible: Visible | None = None
+    tasks: Mapping[str, OperatorSet] = field(default_factory=dict)
 
     def only(self, names: Iterable[str]) -> OperatorSet:
         """The same set with only these operators varying.
@@ -138,10 +142,12 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
 
 
 def _with_extras(file: _File) -> _File:
-    """A file, with the shipped ranges of the extras that it leaves out."""
-    shipped = _read(_find(DEFAULT, beside=None), ()) if EXTRAS - file.operators.keys() else file
+    """A file, with what is younger than the first files as shipped where it leaves it out: extras, ``visible``."""
+    complete = not EXTRAS - file.operators.keys() and file.visible is not None
+    shipped = file if complete else _read(_find(DEFAULT, beside=None), ())
     extras = {name: keys for name, keys in shipped.operators.items() if name in EXTRAS}
-    return file.model_copy(update={"operators": extras | file.operators})
+    visible = shipped.visible if file.visible is None else file.visible
+    return file.model_copy(update={"operators": extras | file.operators, "visible": visible})
 
 
 def _merged(base: _File, file: _File) -> _File:
@@ -152,8 +158,9 @@ def _merged(base: _File, file: _File) -> _File:
 
 def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
     nearest = base.min_distance if over.min_distance is None else over.min_distance
+    visible = base.visible if over.visible is None else over.visible and (base.visible or {}) | over.visible
     changed = {name: base.operators.get(name, {}) | keys for name, keys in over.operators.items()}
-    return _TaskPart(min_distance=nearest, operators=base.operators | changed)
+    return _TaskPart(min_distance=nearest, visible=visible, operators=base.operators | changed)
 
 
 def _make(path: Path, file: _File) -> OperatorSet:
@@ -165,9 +172,9 @@ def _make(path: Path, file: _File) -> OperatorSet:
     vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
     _known(path, "vary", vary, OPERATORS)
     _known(path, "tasks", file.tasks, TASKS)
-    whole = _ranges(path, "operators", file, frozenset(vary))
+    whole = _ranges(path, "", file, frozenset(vary))
     tasks = {
-        name: _ranges(path, f"tasks.{name}.operators", _overlaid(file, part), whole.varied)
+        name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied)
         for name, part in file.tasks.items()
     }
     return replace(whole, tasks=tasks)
@@ -175,13 +182,19 @@ def _make(path: Path, file: _File) -> OperatorSet:
 
 def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> OperatorSet:
     """The set of one task, or of all others."""
-    _known(path, where, part.operators, OPERATORS)
+    _known(path, f"{where}operators", part.operators, OPERATORS)
     operators = {
-        name: _validated(path, f"{where}.{name}", kind, part.operators[name])
+        name: _validated(path, f"{where}operators.{name}", kind, part.operators[name])
         for name, kind in OPERATORS.items()
     }
     assert part.min_distance is not None
-    return OperatorSet(path, part.min_distance, operators, varied, {})
+    return OperatorSet(
+        source=path,
+        min_distance=part.min_distance,
+        operators=operators,
+        varied=varied,
+        visible=_validated(path, f"{where}visible", Visible, part.visible) if part.visible else None,
+    )
 
 
 def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -> None:
@@ -190,7 +203,7 @@ def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -
             raise CatalogueError(f"{path}: {where}: unknown name {name!r}", hint=suggestion(name, known))
 
 
-S = TypeVar("S", bound=Strict)
+S = TypeVar("S", bound=BaseModel)
 
 
 def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:

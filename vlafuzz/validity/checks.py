@@ -17,8 +17,9 @@ from vlafuzz.scene import Backdrop, Camera, Placement, Scene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.footprint import Footprint, apart, extents, footprint, solid
+from vlafuzz.validity.visible import Visible, unseen
 
-CHECKS = ("semantic", "geometry", "settling", "solved")
+CHECKS = ("semantic", "geometry", "unseen", "settling", "solved")
 OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
 MARGIN = 0.004  # clearance on each side of an object inside a container, metres
 DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
@@ -34,9 +35,26 @@ class Rejection:
     reason: str
 
 
-def check_static(scene: Scene, catalogue: Catalogue, min_distance: float) -> Rejection | None:
-    """Run the checks that need no simulator, cheapest first. ``min_distance``: of centres, metres."""
-    return check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)
+def check_static(
+    scene: Scene,
+    catalogue: Catalogue,
+    min_distance: float,
+    visible: Visible | None = None,
+    *,
+    outlines: bool = False,
+) -> Rejection | None:
+    """Run the checks that need no simulator, cheapest first.
+
+    Args:
+        min_distance: of centres, metres.
+        visible: bounds within which the targets count as visible; None to skip that check.
+        outlines: whether the policy gets outlines in flat colours instead of pictures.
+    """
+    rejection = check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)
+    if rejection or visible is None:
+        return rejection
+    problem = unseen(scene, catalogue, visible, outlines=outlines)
+    return Rejection("unseen", problem) if problem else None
 
 
 def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.hulls import outline
-from vlafuzz.objects.model import ObjectModel
+from vlafuzz.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.scene import Placement, Scene
 
 Array = NDArray[np.float64]
@@ -40,6 +40,17 @@ def solid(placement: Placement, model: ObjectModel) -> Array:
     """``(m, 3)`` hull vertices of an object where it is placed."""
     points = _standing(model, placement.rest, placement.quaternion) * placement.scale
     return np.column_stack([points[:, :2] @ _turn(placement).T + _centre(placement, model), points[:, 2]])
+
+
+def pose_of(placement: Placement, model: ObjectModel) -> tuple[Array, Array]:
+    """Rotation ``(3, 3)`` and position ``(3,)`` of an object where it is placed; ``model`` in its final size."""
+    if placement.quaternion is not None:
+        turn = model.turned(placement.quaternion)
+        return turn, np.array([*_centre(placement, model), -float((model.vertices @ turn[2]).min())])
+    pose = model.stable_pose(placement.rest)
+    about = np.eye(3)
+    about[:2, :2] = _turn(placement)
+    return about @ rotation_matrix(pose.quaternion), np.array([placement.x, placement.y, pose.height])
 
 
 def apart(a: Footprint, b: Footprint) -> bool:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.clients.wire import UNANSWERED, with_retries
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.stored import stored_visible
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome, Rollout
@@ -147,6 +148,7 @@ class ManiSkillEvaluator:
         self._conditions, self._task = conditions, task_named(conditions.task)
         self._policy, self._catalogue, self.seed = policy, catalogue, conditions.seed
         self._checked, self._recording = checked, recording
+        self._visible = stored_visible(conditions)
         self._env: TabletopEnv | None = None
         if isinstance(policy, Knowing):
             policy.know(catalogue)
@@ -158,7 +160,9 @@ class ManiSkillEvaluator:
         """Why a scene is not fair; None if it is."""
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
-        rejection = check_static(scene, self._catalogue, self._conditions.min_distance)
+        distance, spec = self._conditions.min_distance, self._policy.spec
+        flat = spec.silhouettes and not spec.cameras
+        rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
         return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
 
     def begin(self, scene: Scene, seed: int) -> Episode:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.base import Outlines, Silhouette
+from vlafuzz.rigs.backdrops import COLOUR
 from vlafuzz.rigs.camera import CameraPose
 from vlafuzz.rigs.hand import hand_boxes
 from vlafuzz.rigs.labels import area_alone, blank, paint
-from vlafuzz.sim.maniskill.table import COLOUR
 from vlafuzz.tasks.base import State
 
 Array = NDArray[np.float64]

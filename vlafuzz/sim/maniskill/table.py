@@ -7,15 +7,21 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
+from vlafuzz.rigs.backdrops import (
+    COLOUR,
+    FLOOR_COLOUR,
+    PAINTS,
+    WALL,
+    WALL_COLOUR,
+    Colour,
+    planks,
+    shade,
+)
 from vlafuzz.rigs.rig import Table
 from vlafuzz.scene import Backdrop
 from vlafuzz.sim.maniskill.rendering import render_system
 
-COLOUR = (0.52, 0.44, 0.36)  # mean colour of the table top
-WALL_COLOUR = (0.55, 0.58, 0.56)
-WALL = -1.6  # x, behind the robot, metres
 FRICTION = 0.6
-_PLANKS = 7  # across the depth of the table
 
 
 def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
@@ -72,16 +78,6 @@ def texture(picture: NDArray[np.uint8]) -> sapien.render.RenderTexture2D:
     )
 
 
-def planks(size: int = 256) -> NDArray[np.float64]:
-    """``(size, size)`` shades of planks with grain."""
-    rng = np.random.default_rng(3)
-    tone = rng.normal(0.0, 0.045, _PLANKS).repeat(-(-size // _PLANKS))[:size, None]
-    along = np.cumsum(rng.normal(0.0, 1.0, (size, size)), axis=1)
-    grain = (along - along.mean(axis=1, keepdims=True)) / along.std() * 0.02 + rng.normal(0, 0.02, (size, 1))
-    seams = np.where(np.arange(size) % (-(-size // _PLANKS)) < 2, -0.16, 0.0)[:, None]
-    return np.asarray(1.0 + tone + grain + seams)
-
-
 def shaded(colour: Sequence[float], shade: NDArray[np.float64]) -> NDArray[np.uint8]:
     """An sRGB image in shades of a colour that is its mean (linear, like all colours of the catalogue)."""
     return _bytes(np.array(colour) * (shade / shade.mean())[..., None])
@@ -93,24 +89,11 @@ def _tiles(size: int = 128) -> NDArray[np.uint8]:
     shade = 1.0 + rng.normal(0, 0.04, (8, 8)).repeat(cells, axis=0).repeat(cells, axis=1)
     joint = np.arange(size) % cells < 1
     shade[joint], shade[:, joint] = 0.75, 0.75
-    return _bytes(np.array([0.30, 0.31, 0.33]) * shade[..., None])
+    return _bytes(np.array(FLOOR_COLOUR) * shade[..., None])
 
 
 def _bytes(linear: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.round(np.clip(linear, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
-
-
-Colour = tuple[float, float, float]
-PAINTS: dict[str, Colour] = {  # linear, like all colours of the catalogue
-    "oak": COLOUR,
-    "sage": WALL_COLOUR,
-    "white": (0.80, 0.80, 0.76),
-    "grey": (0.32, 0.32, 0.32),
-    "black": (0.05, 0.05, 0.06),
-    "red": (0.42, 0.12, 0.10),
-    "green": (0.16, 0.33, 0.18),
-    "blue": (0.12, 0.22, 0.40),
-}
 
 
 class BackdropPainter:
@@ -136,21 +119,6 @@ class BackdropPainter:
             wall.base_color = [*PAINTS[backdrop.wall], 1.0]
         self.backdrop = backdrop
         return PAINTS[backdrop.colour]
-
-
-def shade(pattern: str, size: int = 256) -> NDArray[np.float64]:
-    """``(size, size)`` shades of a pattern, about 1."""
-    if pattern == "planks":
-        return planks(size)
-    row, column = np.indices((size, size)) * 16 // size
-    if pattern == "checker":
-        return np.where((row + column) % 2, 1.3, 0.7)
-    if pattern == "stripes":
-        return np.where(row % 2, 1.3, 0.7)
-    if pattern == "speckle":
-        spots = np.random.default_rng(11).random((size // 4, size // 4)) < 0.15
-        return np.where(spots, 0.5, 1.1).repeat(4, axis=0).repeat(4, axis=1)
-    return np.ones((size, size))
 
 
 def _material(entity: sapien.Entity) -> sapien.render.RenderMaterial:

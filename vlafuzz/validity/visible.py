@@ -1,0 +1,73 @@
+"""Whether a person could see the targets in the policy's first picture."""
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rigs.backdrops import PAINTS
+from vlafuzz.scene import Scene
+from vlafuzz.validity.picture import Picture
+
+LEAST = 0.1  # share of what is seen of a target that is apart: the rim of a plate is enough to find it
+Share = Annotated[float, Field(ge=0, le=1)]
+Levels = Annotated[float, Field(ge=0, le=255)]
+
+
+class Visible(BaseModel):
+    """Bounds within which a target counts as visible.
+
+    Attributes:
+        inside: least share of its outline inside the picture.
+        unhidden: least share of that outline that neither robot nor objects hide.
+        area: least share of the picture that what is seen of it covers, and of what is apart of it.
+        apart: least difference from its surroundings, of 255 grey levels.
+        apart_in_outlines: the same for policies that get outlines in flat colours instead of pictures.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    inside: Share
+    unhidden: Share
+    area: Share
+    apart: Levels
+    apart_in_outlines: Levels
+
+
+def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: bool = False) -> str | None:
+    """Why a person could not see a target of a scene that passes the other checks; None if they all are seen.
+
+    ``outlines``: whether the policy gets outlines in flat colours instead of pictures.
+    """
+    return next(_problems(scene, catalogue, bounds, outlines), None)
+
+
+def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, outlines: bool) -> Iterator[str]:
+    picture = Picture(scene, catalogue)
+    for index, placement in enumerate(scene.targets):
+        model, seen = catalogue[placement.object], picture.hidden(index)
+        if seen.inside < bounds.inside:
+            yield f"{model.spoken}: {seen.inside:.0%} of it is in the picture; {bounds.inside:.0%} are needed"
+        if seen.unhidden < bounds.unhidden:
+            most = f"at most {1 - bounds.unhidden:.0%} may be hidden"
+            yield f"{model.spoken}: {seen.by} hides {1 - seen.unhidden:.0%} of it; {most}"
+        if seen.area < bounds.area:
+            yield f"{model.spoken}: it covers {seen.area:.3%} of the picture; {bounds.area:.3%} are needed"
+        if outlines:
+            apart, around, needed = _flat(scene, model), "the table's outline", bounds.apart_in_outlines
+        else:
+            share = min(max(bounds.area / seen.area, LEAST), 1.0) if seen.area else 1.0
+            needed = max(bounds.apart, scene.noise.grain)
+            apart, around = picture.apart(index, share)
+        if apart < needed:
+            light = f"under light × {scene.light.intensity:.3g}"
+            yield f"{model.spoken}: {apart:.0f}/255 apart from {around} {light}; {needed:g}/255 are needed"
+
+
+def _flat(scene: Scene, model: ObjectModel) -> float:
+    """The difference between an object's colour and the table's in outlines."""
+    both = np.array([model.colour, PAINTS[scene.backdrop.colour]]) * scene.light.intensity
+    thing, table = np.round(np.minimum(both, 1.0) * 255)
+    return float(np.abs(thing - table).max())
