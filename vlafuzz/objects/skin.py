@@ -1,19 +1,16 @@
-"""Skin: points spread over an object's surface with their normals and colours, to see it without a renderer."""
+"""Skin: points spread over an object's surface, with their normals and colours."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.objects.hulls import triangles
 from vlafuzz.objects.model import ObjectModel
-
-if TYPE_CHECKING:
-    from trimesh import Trimesh
 
 Array = NDArray[np.float64]
 POINTS = 400  # of which the camera sees less than half
@@ -48,17 +45,17 @@ def skin(model: ObjectModel) -> Skin:
 def _textured(model: ObjectModel) -> Skin:
     import trimesh
 
-    mesh: Trimesh = trimesh.load_scene(model.visual).to_geometry()
+    mesh: Any = trimesh.load_scene(model.visual).to_geometry()
     points, face, weights = _spread(mesh.vertices[mesh.faces])
     corners = mesh.faces[face]
     normals = (mesh.vertex_normals[corners] * weights[..., None]).sum(axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     u, v = (mesh.visual.uv[corners] * weights[..., None]).sum(axis=1).T
     material = mesh.visual.material
     texture = np.asarray(material.baseColorTexture.convert("RGB")) / 255
     height, width = texture.shape[:2]
     row, column = ((1 - v) * height).astype(int) % height, (u * width).astype(int) % width
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Skin(points, normals, texture[row, column] ** 2.2, float(material.roughnessFactor))
+    return Skin(points, normals, texture[row, column] ** 2.2, material.roughnessFactor)
 
 
 def _spread(corners: Array) -> tuple[Array, NDArray[np.int64], Array]:

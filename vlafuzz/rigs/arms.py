@@ -17,6 +17,7 @@ from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import InitialPose
 
 Array = NDArray[np.float64]
+_NOTHING = (0.0, 0.0, 0.0)
 
 
 def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
@@ -38,8 +39,8 @@ def _bodies(
     joints[:arm_joints] += np.radians(astuple(pose)[:arm_joints])
     turns, places, shown = list[Array](), list[Array](), list[Array]()
     for link in _links()[robot]:
-        turn = Rotation.from_euler("xyz", link["rpy"]).as_matrix()
-        place = np.array(link["xyz"], dtype=np.float64)
+        turn = Rotation.from_euler("xyz", link.get("rpy", _NOTHING)).as_matrix()
+        place = np.array(link.get("xyz", _NOTHING), dtype=np.float64)
         if "slide" in link:
             place = place + turn @ np.array(link["slide"]) * joints[link["joint"]]
         if "turn" in link:

@@ -1,4 +1,4 @@
-"""Colours and patterns of table top, wall and floor. Colours are linear, like all colours of the catalogue."""
+"""Colours and patterns of table top, wall and floor. Colours are linear."""
 
 from functools import cache
 
@@ -52,4 +52,5 @@ def shade(pattern: str, size: int = 256) -> NDArray[np.float64]:
 def tones(pattern: str) -> tuple[float, ...]:
     """The shades of which most of a pattern consists, relative to its mean."""
     shades = shade(pattern)
-    return tuple(sorted({round(float(tone), 3) for tone in np.quantile(shades / shades.mean(), [0.1, 0.5, 0.9])}))
+    common = np.quantile(shades / shades.mean(), [0.1, 0.5, 0.9]).round(3)
+    return tuple(np.unique(common).tolist())

@@ -36,7 +36,8 @@ def polygons(parts: Sequence[Array], view: CameraPose) -> list[Polygon]:
     ends = list(accumulate(map(len, parts)))
     spans = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
     near = np.minimum.reduceat(depth, [0, *ends[:-1]]) <= NEAREST
-    return [_NONE if beside else cv2.convexHull(points[span]) for beside, span in zip(near, spans, strict=True)]
+    drawn = zip(spans, near, strict=True)
+    return [_NONE if too_near else cv2.convexHull(points[span]) for span, too_near in drawn]
 
 
 def fill(picture: Labels, outlines: Sequence[Polygon], label: int) -> None:

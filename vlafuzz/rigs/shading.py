@@ -1,4 +1,4 @@
-"""What a camera shows of a lit surface: the formulas of SAPIEN's shader, then exposure and saturation at 255."""
+"""What a camera shows of a lit surface: SAPIEN's shader, then saturation at 255."""
 
 from functools import lru_cache
 
@@ -13,7 +13,9 @@ FRESNEL = 0.04  # what a material of glTF reflects head on
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def shown(albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, gloss: Array | None = None) -> Array:
+def shown(
+    albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, gloss: Array | None = None
+) -> Array:
     """Pixel values (n, 3) in [0, 255] of surfaces of linear ``albedo`` (n, 3) under light × ``intensity``.
 
     Args:
@@ -29,7 +31,7 @@ def shown(albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, g
 
 
 def glossy(normals: Array, to_camera: Array, roughness: float, lights: Lights) -> Array:
-    """``(n,)`` light of the lamps that surfaces reflect into the camera: the shader's GGX with Schlick's Fresnel.
+    """``(n,)`` light of the lamps that surfaces reflect into the camera, by the shader's GGX.
 
     ``normals`` and ``to_camera``: (n, 3), of length 1.
     """

@@ -61,9 +61,10 @@ class SearchSpace(Codec):
         )
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene with as little redrawn as it takes to have room; None when there is none, or a target is unseen.
+        """The scene with as little redrawn as it takes to pass these checks; None when there is no room.
 
-        Objects are placed in order, targets first, so that confounders give way to targets.
+        Objects are placed in order, targets first, so that confounders give way to targets. A scene whose
+        targets cannot be seen is not repaired: None.
         """
         attempt, values = Attempt(self, rng), self.values(scene)
         slots = self.composer.layout.used(len(scene.confounders))

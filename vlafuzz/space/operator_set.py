@@ -142,7 +142,7 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
 
 
 def _with_extras(file: _File) -> _File:
-    """A file, with what is younger than the first files as shipped where it leaves it out: extras, ``visible``."""
+    """A file, with the shipped extras and bounds of visibility where it leaves them out."""
     complete = not EXTRAS - file.operators.keys() and file.visible is not None
     shipped = file if complete else _read(_find(DEFAULT, beside=None), ())
     extras = {name: keys for name, keys in shipped.operators.items() if name in EXTRAS}

@@ -43,7 +43,7 @@ def solid(placement: Placement, model: ObjectModel) -> Array:
 
 
 def pose_of(placement: Placement, model: ObjectModel) -> tuple[Array, Array]:
-    """Rotation ``(3, 3)`` and position ``(3,)`` of an object where it is placed; ``model`` in its final size."""
+    """Rotation ``(3, 3)`` and position ``(3,)`` of an object, scaled already, where it is placed."""
     if placement.quaternion is not None:
         turn = model.turned(placement.quaternion)
         return turn, np.array([*_centre(placement, model), -float((model.vertices @ turn[2]).min())])

@@ -113,7 +113,7 @@ class Picture:
         return shown(albedo[kept], normals, lights, self._scene.light.intensity, gloss)
 
     def _surroundings(self, index: int) -> Iterator[tuple[str, Array, int]]:
-        """What is around an object: name, ``(k, 3)`` pixel values, pixels of the outline that border on it."""
+        """What borders on an object: name, ``(k, 3)`` pixel values, and along how many pixels."""
         uv, _ = self._view.project(np.concatenate(self._parts[index]))
         height, width = self._labels.shape
         low, high = uv.min(axis=0) * [width, height] - REACH, uv.max(axis=0) * [width, height] + REACH

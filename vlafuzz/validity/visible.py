@@ -41,10 +41,10 @@ def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: boo
 
     ``outlines``: whether the policy gets outlines in flat colours instead of pictures.
     """
-    return next(_problems(scene, catalogue, bounds, outlines), None)
+    return next(_problems(scene, catalogue, bounds, outlines=outlines), None)
 
 
-def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, outlines: bool) -> Iterator[str]:
+def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: bool) -> Iterator[str]:
     picture = Picture(scene, catalogue)
     for index, placement in enumerate(scene.targets):
         model, seen = catalogue[placement.object], picture.hidden(index)
@@ -56,7 +56,7 @@ def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, outlines: boo
         if seen.area < bounds.area:
             yield f"{model.spoken}: it covers {seen.area:.3%} of the picture; {bounds.area:.3%} are needed"
         if outlines:
-            apart, around, needed = _flat(scene, model), "the table's outline", bounds.apart_in_outlines
+            apart, around, needed = _flat(scene, model), "the table", bounds.apart_in_outlines
         else:
             share = min(max(bounds.area / seen.area, LEAST), 1.0) if seen.area else 1.0
             needed = max(bounds.apart, scene.noise.grain)
