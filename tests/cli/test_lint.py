@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Light, Placement, Scene
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
 CROWDED = Scene(
@@ -50,6 +51,18 @@ def test_verbose_names_file_and_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = scenes(tmp_path, FAIR, CROWDED)
     assert main(["lint", "--static", "--verbose", str(path)]) == 1
     assert f"{path}:2: geometry: apple and orange: 0.100 m between" in capsys.readouterr().out
+
+
+def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = scenes(tmp_path, FAIR, replace(FAIR, light=Light(0.0001)))
+    assert main(["lint", "--static", "--json", str(path)]) == 1
+    printed = capsys.readouterr()
+    (row,) = json.loads(printed.out)
+    assert (row["valid"], row["unseen"]) == (1, 1)
+    assert row["rejections"][0]["reason"].startswith("apple: ")
+    assert "12/255 apart from its surroundings" in " ".join(printed.err.split())
 
 
 def test_min_distance_can_be_chosen(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
     message = capsys.readouterr()
     assert len(json.loads(message.out)["standings"]) < 5
     for said in (message.err, (folder / "rq2.md").read_text()):
-        assert "pick-up, 4 confounders: pick-up: no room for" in " ".join(said.split())
+        assert "pick-up, 4 confounders: pick-up: no scene of" in " ".join(said.split())
 
 
 def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(

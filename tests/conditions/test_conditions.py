@@ -67,6 +67,12 @@ def test_a_key_without_the_seed_is_shared_by_repetitions_and_nothing_else():
     assert replace(BEGUN, repeats=2).key(seeded=False) != BEGUN.key(seeded=False)
 
 
+def test_a_key_without_bounds_of_visibility_is_as_old_as_before_them():
+    assert BEGUN.visible == ""
+    assert "visible" not in BEGUN.values(Role.SIMULATION)
+    assert replace(BEGUN, visible="{}").key() != BEGUN.key()
+
+
 def test_differences_are_named_by_where_their_values_come_from():
     other = replace(BEGUN, robot="google", seed=4, min_distance=0.1, commit="1")
     assert BEGUN.differences(other) == ("robot", "seed", "min_distance", "commit")

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from tests.sim.meddling import ANOTHER, AT_START, NOMINAL, Meddled, evaluate, is_lifted, lets_go_at
-from tests.sim.scenes import STILL, nominal, put
+from tests.sim.scenes import STILL, nominal, pick_up, put
+from vlafuzz.conditions.stored import visible_json
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.scene import Placement, Scene
+from vlafuzz.space import load_operators
 from vlafuzz.tasks.tabletop import TASKS
 
 
@@ -77,6 +80,17 @@ def test_a_scene_that_is_solved_from_the_start_is_invalid():
     cubes = (Placement("green_cube", "flat", 0.0, 0.0), Placement("yellow_cube", "flat", 0.0, 0.06))
     (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), min_distance=0.0)
     assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "solved")
+
+
+def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
+    """Under this light, table and spoon are both white in outlines, but not in a rendered picture."""
+    bright = pick_up(put("spoon", -0.05, 0.0), light=6.0)
+    visible = visible_json(load_operators().visible)
+    (outcome,) = evaluate(Pinhole(), bright, visible=visible)
+    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "unseen")
+    assert outcome.detail == "spoon: 0/255 apart from the table under light × 6; 4/255 are needed"
+    assert evaluate(Frozen(), bright, visible=visible)[0].verdict is Verdict.FAILED
+    assert evaluate(Pinhole(), bright)[0].verdict is not Verdict.INVALID
 
 
 def test_unchecked_scenes_are_run_as_they_are():

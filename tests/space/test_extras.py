@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import operators_json, stored_operators
+from vlafuzz.conditions.stored import operators_json, stored_operators, visible_json
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import EXTRAS as PARTS
@@ -98,6 +98,16 @@ def test_stored_operators_are_read_back_whether_an_extra_varies_or_not(name: str
         assert stored.operators == operators.operators
 
 
+def test_bounds_of_visibility_are_read_back_and_missing_in_older_stores() -> None:
+    operators = load_operators()
+    kept = Conditions(
+        task="pick-up", operators=operators_json(operators), visible=visible_json(operators.visible)
+    )
+    assert stored_operators(Path("here.db"), kept).visible == operators.visible
+    assert stored_operators(Path("here.db"), replace(kept, visible="")).visible is None
+    assert visible_json(load_operators("paper").visible) == ""
+
+
 @pytest.mark.parametrize(("robot", "joints"), [("panda", 7), ("widowx", 6), ("google", 7)])
 def test_a_robot_has_a_gene_for_each_joint_of_its_arm(robot: str, joints: int) -> None:
     one = SearchSpace(
@@ -116,7 +126,7 @@ def test_a_file_without_extras_gets_the_shipped_ranges_and_varies_none(tmp_path:
     path = tmp_path / "mine.yaml"
     path.write_text(json.dumps({"min_distance": 0.15, "operators": plain}))
     mine = load_operators(path)
-    assert mine.operators == operators.operators
+    assert (mine.operators, mine.visible) == (operators.operators, operators.visible)
     assert not mine.varied & EXTRAS
 
 

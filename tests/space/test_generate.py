@@ -3,6 +3,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from math import dist
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,7 +31,8 @@ def sampled(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[
 def test_samples_are_fair_and_on_the_grid(ranges: str, task: str) -> None:
     space, scenes = sampled(ranges, task)
     for scene in scenes:
-        assert check_static(scene, CATALOGUE, space.operators.min_distance) is None
+        bounds = space.operators.min_distance, space.operators.visible
+        assert check_static(scene, CATALOGUE, *bounds) is None
         assert space.decode(space.encode(scene)) == scene
 
 
@@ -93,3 +95,12 @@ def test_a_box_that_is_too_small_is_an_error_with_box_count_and_distance() -> No
     for part in ("move-near", "2 target(s) and 3 confounder(s)", "0.7 m apart", "x -0.2 to 0.12 m"):
         assert part in caught.value.message
     assert "min_distance" in (caught.value.hint or "")
+
+
+def test_ranges_in_which_nothing_is_seen_are_an_error_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "dark.yaml"
+    night = "{low: 0.00001, high: 0.0001, step: 0.05, nominal: 0.0001}"
+    path.write_text(f"extends: tabletop\noperators: {{light: {{intensity: {night}}}}}")
+    with pytest.raises(UsageError, match="255 apart from the table under light") as caught:
+        SearchSpace(load_operators(path), CATALOGUE, "pick-up").sample(np.random.default_rng(0))
+    assert "visible" in (caught.value.hint or "")

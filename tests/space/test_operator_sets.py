@@ -104,11 +104,28 @@ def test_a_file_extends_another_and_keeps_the_keys_it_leaves_out(tmp_path: Path)
     assert mine.in_task("put-in").get(ConfounderPosition) == theirs
 
 
+def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_path: Path) -> None:
+    shipped = load_operators().visible
+    assert shipped is not None
+    tasks = "tasks: {put-in: {visible: false}, put-on: {visible: {area: 0.1}}}"
+    mine = load_operators(write(tmp_path, f"extends: tabletop\nvisible: {{apart: 20}}\n{tasks}"))
+    assert mine.visible == shipped.model_copy(update={"apart": 20})
+    assert mine.in_task("put-in").visible is None
+    assert mine.in_task("put-on").visible == shipped.model_copy(update={"apart": 20, "area": 0.1})
+    assert load_operators("google").visible == load_operators("widowx").visible == shipped
+    assert load_operators("paper").visible is None
+    assert load_operators("paper-rq1").in_task("put-in").visible is None
+
+
 @pytest.mark.parametrize(
     ("text", "says", "hint"),
     [
         ("operators: {light: {}}", "min_distance: missing", "extends"),
         ("min_distance: 0.1\noperators: {light: {}}", "operators.target-type: missing", "extends"),
+        ("extends: tabletop\nvisible: {apat: 9}", "visible.apat: unknown key", "did you mean 'apart'?"),
+        ("extends: tabletop\nvisible: {area: 2}", "visible.area: input should be less than or equal", None),
+        ("extends: tabletop\nvisible: 5", "visible: input should be a valid dictionary, got 5", None),
+        ("extends: paper\nvisible: {apart: 9}", "visible.inside: field required", None),
         ("extends: tabletop\nvarry: [light]", "varry: unknown key", "did you mean 'vary'?"),
         ("extends: tabletop\nvary: [ligt]", "vary: unknown name 'ligt'", "did you mean 'light'?"),
         (

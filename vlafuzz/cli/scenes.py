@@ -97,7 +97,7 @@ def lint(
         bool | None,
         typer.Option(
             "--static/--settle",
-            help="Only what needs no simulator, semantics and geometry; or all.",
+            help="Only what needs no simulator: semantics, geometry and visibility; or all.",
             show_default="all; for VLATest's files --static, unless --placement is given",
         ),
     ] = None,
@@ -113,8 +113,9 @@ def lint(
 ) -> None:
     """Check whether the scenes of a file are fair.
 
-    Checks: semantic, geometry, settling (a second of physics), not already solved. The exit code is 1 when a
-    scene fails a check or a line is broken.
+    Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling
+    (a second of physics), not already solved. The exit code is 1 when a scene fails a check or a line is
+    broken.
 
     For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m,
     and in which footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the
@@ -123,7 +124,8 @@ def lint(
     """
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
-    keep = load_operators().min_distance if min_distance is None else min_distance
+    defaults = load_operators()
+    keep = defaults.min_distance if min_distance is None else min_distance
     put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
     if static and placement:
         raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
@@ -135,8 +137,10 @@ def lint(
             source = read_scene_file(path, catalogue, frame.value)
             if not (source.lines or source.left_out):
                 raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-            judged.append(lint_file(source, catalogue, keep, None if quick else put, bar))
+            placed = None if quick else put
+            judged.append(lint_file(source, catalogue, keep, defaults.visible, placement=placed, watch=bar))
     _print(judged, json=json, verbose=verbose)
+    stderr().print(f"a target is seen with {defaults.visible}")
     if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if any(file.problems for file in judged):

@@ -13,7 +13,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.rigs.robots import RIGS
 from vlafuzz.scene import Scene
 from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import CHECKS, check_static
+from vlafuzz.validity import CHECKS, Visible, check_static
 from vlafuzz.validity.footprint import Crowding, crowding, is_known, share, share_closer, share_overlapping
 from vlafuzz.watch import SILENT, Watch
 
@@ -66,6 +66,8 @@ def lint(
     source: SceneFile,
     catalogue: Catalogue,
     min_distance: float,
+    visible: Visible | None = None,
+    *,
     placement: str | None = None,
     watch: Watch = SILENT,
 ) -> Verdicts:
@@ -73,6 +75,7 @@ def lint(
 
     Args:
         min_distance: to keep between the centres of any two objects, metres.
+        visible: bounds within which the targets count as visible; None to skip that check.
         placement: how objects are placed before they settle; None to skip settling.
     """
     path, problems, crowded = source.path, list[Problem](), list[Crowding | None]()
@@ -83,7 +86,7 @@ def lint(
             problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
             continue
         crowded.append(crowding(scene, catalogue))
-        if rejection := check_static(scene, catalogue, min_distance):
+        if rejection := check_static(scene, catalogue, min_distance, visible):
             problems.append(Problem(number, rejection.check, rejection.reason))
         if _can_settle(scene, catalogue):
             known.append((number, scene))

@@ -30,7 +30,7 @@ from vlafuzz.validity.visible import unseen
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
-HINT = "widen the positions, or lower min_distance or confounder-count, in your own --operators file"
+HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
 
 
 class SearchSpace(Codec):
@@ -47,15 +47,16 @@ class SearchSpace(Codec):
         attempt = Attempt(self, rng)
         for _ in range(RESTARTS):
             values = attempt.values(count)
-            if values is not None:
-                scene = self.composer.compose(values)
-                if not (problem := self._unseen(scene)):
-                    return scene
-                attempt.reason = problem
+            if values is None:
+                continue
+            scene = self.composer.compose(values)
+            if not (problem := self._unseen(scene)):
+                return scene
+            attempt.reason = problem
         box = self.operators.get(TargetPosition).ranges()
         objects = f"{self.task.targets} target(s) and {int(count)} confounder(s)"
         raise UsageError(
-            f"{self.task.name}: no room for {objects}, {self.operators.min_distance:g} m apart, in {box}; "
+            f"{self.task.name}: no scene of {objects}, {self.operators.min_distance:g} m apart, in {box}; "
             f"the last of {RESTARTS} attempts: {attempt.reason}",
             hint=HINT,
         )

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, Field, ValidationError
@@ -29,7 +29,7 @@ _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 class _TaskPart(Strict):
     min_distance: _Distance | None = None
-    visible: dict[str, Any] | Literal[False] | None = None
+    visible: Any = None  # bounds; False for no such check
     operators: _Raw = Field(default_factory=dict)
 
 
@@ -158,7 +158,9 @@ def _merged(base: _File, file: _File) -> _File:
 
 def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
     nearest = base.min_distance if over.min_distance is None else over.min_distance
-    visible = base.visible if over.visible is None else over.visible and (base.visible or {}) | over.visible
+    visible = base.visible if over.visible is None else over.visible
+    if isinstance(visible, dict) and isinstance(base.visible, dict):
+        visible = base.visible | visible
     changed = {name: base.operators.get(name, {}) | keys for name, keys in over.operators.items()}
     return _TaskPart(min_distance=nearest, visible=visible, operators=base.operators | changed)
 
@@ -193,7 +195,7 @@ def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> 
         min_distance=part.min_distance,
         operators=operators,
         varied=varied,
-        visible=_validated(path, f"{where}visible", Visible, part.visible) if part.visible else None,
+        visible=None if part.visible is False else _validated(path, f"{where}visible", Visible, part.visible),
     )
 
 

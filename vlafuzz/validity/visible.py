@@ -35,6 +35,11 @@ class Visible(BaseModel):
     apart: Levels
     apart_in_outlines: Levels
 
+    def __str__(self) -> str:
+        """The bounds in words, without those for outlines."""
+        outline = f"{self.inside:.0%} of its outline in the picture, {self.unhidden:.0%} of that not hidden"
+        return f"{outline}, {self.area:.2%} of the picture and {self.apart:g}/255 apart from its surroundings"
+
 
 def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: bool = False) -> str | None:
     """Why a person could not see a target of a scene that passes the other checks; None if they all are seen.

@@ -1,0 +1,107 @@
+"""A target that nobody could see in the policy's first picture makes a scene unfair."""
+
+from dataclasses import replace
+
+import pytest
+
+from vlafuzz.objects import load_catalogue
+from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
+from vlafuzz.space import load_operators
+from vlafuzz.validity import check_static
+from vlafuzz.validity.visible import unseen
+
+CATALOGUE = load_catalogue()
+BOUNDS = load_operators().visible
+assert BOUNDS is not None
+NOMINAL = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
+SPOON = replace(NOMINAL, targets=(Placement("spoon", "lying", 0.0, 0.0),))
+
+
+def reason(scene: Scene, **flags: bool) -> str:
+    return unseen(scene, CATALOGUE, BOUNDS, **flags) or ""
+
+
+def can(x: float, y: float) -> Placement:
+    return Placement("coke_can", "standing", x, y)
+
+
+@pytest.mark.parametrize("light", [0.05, 0.3, 1.0, 3.0, 20.0])
+def test_an_apple_is_seen_by_the_light_of_the_default_range(light: float) -> None:
+    assert reason(replace(NOMINAL, light=Light(light))) == ""
+
+
+def test_darkness_hides_everything() -> None:
+    dark = replace(NOMINAL, light=Light(0.0002))
+    assert reason(dark).startswith("apple: ")
+    assert reason(dark).endswith("/255 apart from the table under light × 0.0002; 12/255 are needed")
+
+
+def test_glare_hides_what_is_not_colourful() -> None:
+    assert reason(SPOON) == ""
+    assert "apart from the table under light × 20; " in reason(replace(SPOON, light=Light(20.0)))
+
+
+def test_what_has_the_table_s_colour_is_hidden_by_it() -> None:
+    black = replace(SPOON, light=Light(0.05), backdrop=Backdrop("plain", "grey"))
+    assert "apart from the table" in reason(black)
+    assert reason(replace(black, backdrop=Backdrop("plain", "white"))) == ""
+
+
+def test_a_thin_rim_is_enough_to_find_a_plate() -> None:
+    plate = replace(NOMINAL, targets=(Placement("plate", "flat", 0.0, 0.0),), light=Light(14.0))
+    assert reason(plate) == ""
+
+
+def test_an_object_behind_another_is_hidden_by_it() -> None:
+    cube = Placement("green_cube", "flat", -0.1, 0.0)
+    hidden = replace(NOMINAL, targets=(cube,), confounders=(can(-0.03, 0.0),))
+    assert reason(hidden).startswith("green cube: coke can hides ")
+    assert reason(replace(hidden, confounders=(can(-0.03, 0.1),))) == ""
+
+
+def test_an_object_behind_the_hand_is_hidden_until_the_arm_is_turned_away() -> None:
+    behind = replace(NOMINAL, targets=(can(-0.2, 0.0),), initial_pose=InitialPose(j2=8.0))
+    assert reason(behind).startswith("coke can: the robot hides ")
+    assert reason(replace(behind, initial_pose=InitialPose(j1=30.0, j2=8.0))) == ""
+
+
+def test_an_object_outside_the_picture_is_not_seen() -> None:
+    away = replace(NOMINAL, camera=Camera(yaw=60.0))
+    assert reason(away) == "apple: 0% of it is in the picture; 50% are needed"
+
+
+def test_a_tiny_object_is_not_seen() -> None:
+    tiny = replace(NOMINAL, targets=(replace(NOMINAL.targets[0], scale=0.1),))
+    assert reason(tiny).endswith("% of the picture; 0.050% are needed")
+    assert "it covers 0.0" in reason(tiny)
+
+
+def test_grain_needs_more_contrast() -> None:
+    dim = replace(SPOON, light=Light(0.08))
+    assert reason(dim) == ""
+    assert reason(replace(dim, noise=Noise(grain=25.0))).endswith("; 25/255 are needed")
+
+
+def test_every_target_counts_and_no_confounder_does() -> None:
+    bright = replace(SPOON, light=Light(20.0))
+    apple, spoon = NOMINAL.targets[0], replace(SPOON.targets[0], y=0.2)
+    assert reason(replace(bright, targets=(apple, spoon))).startswith("spoon: ")
+    assert reason(replace(bright, targets=(apple,), confounders=(spoon,))) == ""
+
+
+def test_outlines_have_flat_colours() -> None:
+    bright = replace(SPOON, light=Light(4.0))
+    assert reason(bright) == ""
+    assert reason(bright, outlines=True).endswith(" under light × 4; 4/255 are needed")
+
+
+def test_it_is_checked_after_geometry_and_only_with_bounds() -> None:
+    dark = replace(NOMINAL, light=Light(0.0002))
+    rejection = check_static(dark, CATALOGUE, 0.15, BOUNDS)
+    assert rejection is not None
+    assert (rejection.check, rejection.reason) == ("unseen", reason(dark))
+    assert check_static(dark, CATALOGUE, 0.15) is None
+    off = replace(dark, targets=(replace(NOMINAL.targets[0], x=0.5),))
+    rejection = check_static(off, CATALOGUE, 0.15, BOUNDS)
+    assert rejection is not None
+    assert rejection.check == "geometry"
