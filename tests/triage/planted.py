@@ -9,9 +9,13 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.jitter import Jitter
 from vlafuzz.space.operators import EXTRAS, OPERATORS
-from vlafuzz.triage.oracle import BudgetedOracle, Judged
+from vlafuzz.triage.certify import Shrunk, certify
+from vlafuzz.triage.oracle import Judged, Oracle
 from vlafuzz.triage.path import GROUPS
+from vlafuzz.triage.reference import Reference
+from vlafuzz.triage.shrink import shrink
 from vlafuzz.validity import check_static
 
 STAGES = ("grasp", "lift", "success")
@@ -64,7 +68,7 @@ class Planted:
     asked: list[Scene] = field(default_factory=list)
     rollouts: int = 0
 
-    def __call__(self, scenes: Sequence[Scene]) -> list[Judged]:
+    def __call__(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
         self.asked += scenes
         return [self.judged(scene) for scene in scenes]
 
@@ -79,8 +83,15 @@ class Planted:
     def fails(self, scene: Scene) -> bool:
         return all(condition(scene) for condition in self.conditions)
 
-    def oracle(self, scene: Scene, most: int = 200) -> BudgetedOracle:
-        return BudgetedOracle(self, STAGES, (scene, Judged(Verdict.FAILED, self.lost, 1)), budget=most)
+    def oracle(self, most: int = 300, jitter: Jitter | None = None) -> Oracle:
+        oracle = Oracle(self, STAGES, jitter, budget=most, lead=1)
+        oracle.count_up_to(self.lost)
+        return oracle
+
+    def shrunk(self, scene: Scene, oracle: Oracle | None = None) -> Shrunk:
+        """What is left of a scene, certified."""
+        oracle = oracle or self.oracle()
+        return certify(shrink(scene, oracle, self.space), oracle, self.space, Reference(None, STAGES))
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

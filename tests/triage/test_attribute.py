@@ -3,19 +3,18 @@ from itertools import combinations
 import pytest
 
 from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
-from vlafuzz.evidence import Causes
+from vlafuzz.evidence import Causes, Rate
 from vlafuzz.outcome import Verdict
 from vlafuzz.phrasing import describe
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.oracle import BudgetedOracle, Judged
-from vlafuzz.triage.shrink import Shrunk, shrink
+from vlafuzz.triage.certify import Shrunk
+from vlafuzz.triage.oracle import Judged, Oracle
 
 
 def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
     judge = Planted(conditions)
-    found = judge.finding(seed)
-    oracle = judge.oracle(found)
-    return attribute(shrink(found, oracle, SPACE), oracle, SPACE), judge
+    oracle = judge.oracle()
+    return attribute(judge.shrunk(judge.finding(seed), oracle), oracle, SPACE), judge
 
 
 @pytest.mark.parametrize(
@@ -44,13 +43,13 @@ def test_there_is_no_threshold_beside_what_is_not_fair():
     planted = Planted([dark])
     scene = planted.finding(0)
 
-    def judge(scenes):
+    def judge(scenes, numbers):
         return [
-            Judged(Verdict.INVALID) if not planted.fails(each) else planted.judged(each) for each in scenes
+            planted.judged(shown) if planted.fails(shown) else Judged(Verdict.INVALID) for shown in scenes
         ]
 
-    oracle = BudgetedOracle(judge, STAGES, (scene, Judged(Verdict.FAILED, "grasp", 1)), budget=200)
-    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",))
+    oracle = Oracle(judge, STAGES, None, budget=200, lead=1)
+    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5))
     assert attribute(shrunk, oracle, SPACE).thresholds == ()
 
 

@@ -10,7 +10,6 @@ from vlafuzz.phrasing import describe
 from vlafuzz.report.deviations import deviations
 from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.shrink import shrink
 
 NO_NOISE = "blur 0 px, jpeg 100"
 CHECKERED = "table checker, wall red", "table planks, wall sage"
@@ -28,8 +27,8 @@ FAILS_FROM = {
 def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(name, beside):
     judge = Planted([EXTRA_CONDITIONS[name], *[LIGHT for _ in beside]], space=WITH_EXTRAS)
     finding = judge.finding(1)
-    oracle = judge.oracle(finding)
-    shrunk = shrink(finding, oracle, WITH_EXTRAS)
+    oracle = judge.oracle()
+    shrunk = judge.shrunk(finding, oracle)
     causes = attribute(shrunk, oracle, WITH_EXTRAS)
     assert set(shrunk.operators) == set(causes.necessary) == {name, *beside}
     assert causes.sufficient == (() if beside else (name,))

@@ -15,9 +15,12 @@ from vlafuzz.phrasing import describe
 from vlafuzz.policies.base import ActionChunk
 from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.store import Store
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.oracle import BudgetedOracle, Judged
+from vlafuzz.triage.certify import certify
+from vlafuzz.triage.oracle import Judged, Oracle
+from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Player
 
@@ -64,11 +67,12 @@ def triaged(evaluator, conditions, seed):
         if judged.verdict is Verdict.FAILED:
             break
 
-    def judge(scenes):
+    def roll(scenes, numbers):
         return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
 
-    oracle = BudgetedOracle(judge, STAGES, (found, judged), budget=100)
-    shrunk = shrink(found, oracle, SPACE)
+    oracle = Oracle(roll, STAGES, load_jitter(), budget=200, lead=1)
+    oracle.count_up_to(judged.lost)
+    shrunk = certify(shrink(found, oracle, SPACE), oracle, SPACE, Reference(None, STAGES))
     causes = attribute(shrunk, oracle, SPACE)
     return set(shrunk.operators), set(causes.necessary), causes.thresholds, oracle.spent
 
@@ -81,12 +85,14 @@ def test_planted_operators_are_found_by_rollouts(evaluator, operators):
     conditions = [CONDITIONS[name][0] for name in operators]
     left, necessary, _, rollouts = triaged(evaluator, conditions, seed=1)
     assert left == necessary == set(operators)
-    assert rollouts <= 60
+    assert rollouts <= 100
 
 
 def test_a_threshold_is_where_it_was_planted(evaluator):
     _, _, (threshold,), _ = triaged(evaluator, CONDITIONS["camera-orientation"][:1], seed=2)
-    assert describe(threshold) == "camera-orientation: fails from yaw 2.6° on"
+    ((path, value),) = threshold.at
+    assert path == "camera.yaw"
+    assert abs(value - 2.55) < 0.1
 
 
 def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
@@ -98,9 +104,8 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     with Store.open(tmp_path / "a.db") as store:
         (found,) = store.triaged()
     assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
-    assert [describe(threshold) for threshold in found.causes.thresholds] == [
-        "camera-orientation: fails from yaw 2.6° on"
-    ]
+    (threshold,) = found.causes.thresholds
+    assert describe(threshold).startswith("camera-orientation: fails from yaw 2.")
     player = Player(Expert().spec)
     player.actions = found.witness.actions
     fresh = ManiSkillEvaluator(
@@ -113,13 +118,13 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_of_35_planted_cases_at_least_95_per_cent_are_found_in_40_rollouts(evaluator):
+def test_of_35_planted_cases_at_least_95_per_cent_are_found_in_70_rollouts(evaluator):
     found = [triaged(evaluator, conditions, seed) for seed, (_, conditions) in enumerate(CASES)]
     right = [
         left == necessary == set(case[0]) for case, (left, necessary, *_) in zip(CASES, found, strict=True)
     ]
     assert np.mean(right) >= 0.95
-    assert median(rollouts for *_, rollouts in found) <= 40
+    assert median(rollouts for *_, rollouts in found) <= 70
 
 
 @pytest.mark.slow

@@ -19,11 +19,13 @@ from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.triage.oracle import Answer
 from vlafuzz.triage.path import nominal
 from vlafuzz.triage.summary import summarise
 from vlafuzz.triage.triager import SceneRunner, repeat
 from vlafuzz.watch import SILENT, Watch
 
+FIRST = 1_000_000  # number of the first rollout: far from those of triage
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
@@ -137,13 +139,13 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
     scene, triaged = chosen.shrunk, chosen.triaged
     lost = triaged.lost_stage
     runner.renew()
-    confirmation, judged = repeat(runner, scene)
-    if not confirmation.confirmed or judged.lost is None or lost is None:
+    answer, rate, loses = repeat(runner, scene, FIRST)
+    if answer is not Answer.FAILS or loses is None or lost is None:
         return FLAKY
-    if runner.stages.index(judged.lost) > runner.stages.index(lost):
+    if runner.stages.index(loses) > runner.stages.index(lost):
         return LATER
     for operator, counterpart in triaged.counterparts.items():
-        if repeat(runner, counterpart)[1].verdict is not Verdict.PASSED:
+        if repeat(runner, counterpart, FIRST)[0] is not Answer.PASSES:
             return f"without {operator} it no longer passes"
     replayed = runner.play(scene, chosen.witness.actions)
     if replayed.verdict is not Verdict.PASSED:
@@ -151,18 +153,18 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
     control = nominal(runner.space, scene)
     return Case(
         scene=scene,
-        lost_stage=judged.lost,
+        lost_stage=loses,
         signature=triaged.signature or "",
         operators=triaged.operators,
         causes=triaged.causes,
         counterparts=triaged.counterparts,
         nominal=control,
-        nominal_passes=repeat(runner, control)[1].verdict is Verdict.PASSED,
+        nominal_passes=repeat(runner, control, FIRST)[0] is Answer.PASSES,
         witness=replace(chosen.witness, states_hash=replayed.rollouts[0].states_hash),
         found=triaged.scene.digest,
         run=run,
-        repeats=confirmation.repeats,
-        failures=confirmation.failures,
+        repeats=rate.rollouts,
+        failures=rate.failures,
         rollouts=triaged.shrink_rollouts,
         certified=triaged.certified,
         counterpart_rates=triaged.counterpart_rates,

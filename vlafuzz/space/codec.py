@@ -41,6 +41,9 @@ class Codec:
         self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
         self._embedding = SceneEmbedding(self.genes)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.operators, self.catalogue, self.task.name, self.rig.robot)
+
     @property
     def dim(self) -> int:
         return len(self.genes)

@@ -123,6 +123,14 @@ class Store:
         for row in self._select(query, run):
             yield rows.to_trial(row, self._rollouts(row["id"]))
 
+    def passing(self, run: int) -> list[Scene]:
+        """The scenes in which the policy passed in a run, each once."""
+        query = (
+            "SELECT json FROM scene WHERE digest IN"
+            " (SELECT scene FROM trial WHERE run = ? AND verdict = 'passed') ORDER BY digest"
+        )
+        return [Scene.from_json(row["json"]) for row in self._select(query, run)]
+
     def count(self, run: int) -> int:
         """Number of trials of a run."""
         (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)

@@ -1,22 +1,22 @@
 """Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
 
 from vlafuzz.evidence import Causes, Threshold
-from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.triage.oracle import BudgetedOracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, PathToNominal, free_genes
-from vlafuzz.triage.shrink import BEYOND, Shrunk
+from vlafuzz.triage.certify import Shrunk
+from vlafuzz.triage.oracle import Answer, Oracle
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+from vlafuzz.triage.shrink import BEYOND
 
 SHARES = 32  # steps of a path along which several values move together
 
 
-def attribute(shrunk: Shrunk, oracle: BudgetedOracle, space: SearchSpace) -> Causes:
+def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace) -> Causes:
     """The causes of a shrunk failure, from the oracle that it was shrunk with."""
     left = shrunk.operators
-    alone = {name: _alone(space, shrunk.scene, name) for name in left}
+    alone = {name: _alone(space, shrunk, name) for name in left}
     failing = oracle.fails(list(alone.values()))
-    thresholds = [_threshold(shrunk.scene, name, oracle, space) for name in left if name != CONFOUNDERS]
+    thresholds = [_threshold(shrunk, name, oracle, space) for name in left if name != CONFOUNDERS]
     return Causes(
         tuple(shrunk.counterparts),
         tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
@@ -24,14 +24,18 @@ def attribute(shrunk: Shrunk, oracle: BudgetedOracle, space: SearchSpace) -> Cau
     )
 
 
-def _alone(space: SearchSpace, scene: Scene, name: str) -> Scene:
+def _alone(space: SearchSpace, shrunk: Shrunk, name: str) -> Scene:
     others = [operator for group, operators in GROUPS.items() if group != name for operator in operators]
-    return space.reset(scene, others)
+    return space.reset(shrunk.scene, others, shrunk.reference)
 
 
-def _threshold(scene: Scene, name: str, oracle: BudgetedOracle, space: SearchSpace) -> Threshold | None:
-    genes = [gene for gene in free_genes(space, scene, GROUPS[name]) if gene.kind != "category"]
-    path = PathToNominal(space, scene, genes)
+def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: SearchSpace) -> Threshold | None:
+    genes = [
+        gene
+        for gene in free_genes(space, shrunk.scene, GROUPS[name], shrunk.reference)
+        if gene.kind != "category"
+    ]
+    path = Path(space, shrunk.scene, genes, shrunk.reference)
     first = _first_failing(path, oracle, parts=path.length if len(genes) == 1 else SHARES)
     if first is None:
         return None
@@ -39,7 +43,7 @@ def _threshold(scene: Scene, name: str, oracle: BudgetedOracle, space: SearchSpa
     return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / path.length)
 
 
-def _first_failing(path: PathToNominal, oracle: BudgetedOracle, parts: int) -> int | None:
+def _first_failing(path: Path, oracle: Oracle, parts: int) -> int | None:
     """The least step that fails, by bisection; None unless the step before it is seen to pass."""
     if path.length == 0:
         return None
@@ -63,4 +67,4 @@ def _first_failing(path: PathToNominal, oracle: BudgetedOracle, parts: int) -> i
         else:
             passes = middle
     before = oracle.known(path.at(step(passes)))
-    return step(fails) if before is not None and before.verdict is Verdict.PASSED else None
+    return step(fails) if before is Answer.PASSES else None

@@ -1,20 +1,33 @@
-"""BudgetedOracle: whether candidate scenes still fail, each rolled out once, within a limit on rollouts."""
+"""Oracle: how often a policy fails in the neighbourhood of scenes, within a limit on rollouts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
 from typing import NamedTuple
 
+from vlafuzz.evidence import Rate
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
+from vlafuzz.space.jitter import Jitter
+
+CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
+UNFAIR = 4  # jittered scenes of which not one is fair, after which the scene is not
+BROKEN = 3  # crashes after which a scene counts as crashed
+LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
+MOST = 20  # rollouts to answer for a scene
+FEWEST, MOST_TO_CERTIFY = 5, 150  # rollouts to certify one; fewer than five leave no bound beyond one half
+ONE_HALF = 0.5
 
 
 class Judged(NamedTuple):
-    """The verdict of a scene, over all its repeats.
+    """The verdict of one rollout.
 
     Attributes:
-        lost: the stage that was lost, if it failed; None where it only fails at times.
-        rollouts: rollouts that it took.
+        lost: the stage that was lost, if it failed.
+        rollouts: that it took: none where the scene is not fair.
         unanswered: the policy did not answer.
     """
 
@@ -30,67 +43,215 @@ class Judged(NamedTuple):
         return Judged(outcome.verdict, outcome.lost_stage, spent, outcome.unanswered)
 
 
-Judge = Callable[[Sequence[Scene]], Sequence[Judged]]
+Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]
 
 
-class BudgetedOracle:
-    """Answers whether scenes still fail, at the stage that the finding lost or at an earlier one.
+class Answer(Enum):
+    """What a policy mostly does in a scene's neighbourhood; the values complete "the scene …"."""
+
+    FAILS = "fails"
+    PASSES = "passes"
+    UNCLEAR = "fails at times"
+    UNFAIR = "is not fair"
+    BROKEN = "crashed"
+    UNTRIED = "was not tried"
+
+
+class Certificate(NamedTuple):
+    """An answer for a scene, with the failure rate that it rests on."""
+
+    answer: Answer
+    rate: Rate
+
+
+@dataclass(eq=False)
+class Tally:
+    """Rollouts in the neighbourhood of a scene.
+
+    Attributes:
+        next: number of the next rollout, which its jitter and its seed depend on.
+        lost: failures by the stage that was lost.
+        rollouts: that passed or failed.
+    """
+
+    scene: Scene
+    next: int = 0
+    lost: Counter[str] = field(default_factory=Counter)
+    rollouts: int = 0
+    unfair: int = 0
+    broken: int = 0
+
+    @property
+    def problem(self) -> Answer | None:
+        """Why nothing can be said about the scene."""
+        if self.broken >= BROKEN:
+            return Answer.BROKEN
+        if self.rollouts:
+            return None
+        return Answer.UNFAIR if self.unfair >= UNFAIR else Answer.UNTRIED
+
+    def take(self) -> int:
+        """The number for a rollout; the next one has another."""
+        self.next += 1
+        return self.next - 1
+
+    def add(self, judged: Judged) -> None:
+        """Count a rollout."""
+        self.unfair += judged.verdict is Verdict.INVALID
+        self.broken += judged.verdict is Verdict.ERROR
+        self.rollouts += judged.verdict >= Verdict.PASSED
+        if judged.lost is not None:
+            self.lost[judged.lost] += 1
+
+    def failures(self, stages: Iterable[str]) -> int:
+        """Rollouts that lost one of these stages."""
+        return sum(self.lost[stage] for stage in stages)
+
+
+class Oracle:
+    """Answers with rollouts in jittered scenes. Each has another jitter and seed, so none repeats another.
 
     Args:
-        judge: gives one answer a scene.
-        finding: the failing scene and its verdict.
+        roll: rolls the policy out, each scene with the seed of its number.
+        stages: of the task, in order.
+        jitter: None to repeat exactly the same scenes.
         budget: rollouts that may be spent.
-        rollouts_a_scene: the most that one scene takes.
+        lead: failures more than passes, or the reverse, that make an answer.
+        first: number of each scene's first rollout.
+
+    Attributes:
+        counted: the stages whose loss is a failure, by default all.
+        spent: rollouts so far.
+        exhausted: whether the budget cut an answer short.
     """
 
     def __init__(
         self,
-        judge: Judge,
+        roll: Roll,
         stages: Sequence[str],
-        finding: tuple[Scene, Judged],
+        jitter: Jitter | None,
         *,
         budget: int,
-        rollouts_a_scene: int = 1,
+        lead: int = LEAD,
+        first: int = 0,
     ) -> None:
-        scene, judged = finding
-        assert judged.lost is not None, "a finding failed"
-        self._judge, self._stages, self._budget = judge, list(stages), budget
-        self._rollouts_a_scene = rollouts_a_scene
-        self._last = self._stages.index(judged.lost)
-        self._known: dict[Scene, Judged] = {scene: judged}
-        self.spent = 0
-        self.exhausted = False
+        self._roll, self._jitter, self.lead, self.budget = roll, jitter, lead, budget
+        self._first, self._tallies = first, dict[tuple[Scene, int], Tally]()
+        self.stages = self.counted = tuple(stages)
+        self.spent, self.exhausted = 0, False
 
     @property
     def room(self) -> int:
-        """Number of scenes for which the budget is certain to suffice."""
-        return (self._budget - self.spent) // self._rollouts_a_scene
+        """Rollouts that are left."""
+        return max(self.budget - self.spent, 0)
 
-    def ask(self, scenes: Sequence[Scene], keep: int = 0) -> list[Judged | None]:
-        """The verdict of each; None where the budget, less what ``keep`` scenes may take, is spent."""
-        fresh = [scene for scene in dict.fromkeys(scenes) if scene not in self._known]
-        while fresh and (room := self.room - keep) > 0:
-            chunk, fresh = fresh[:room], fresh[room:]
-            for scene, judged in zip(chunk, self._judge(chunk), strict=True):
-                self._known[scene] = judged
-                self.spent += judged.rollouts
-        self.exhausted = self.exhausted or bool(fresh)
-        return [self._known.get(scene) for scene in scenes]
+    def count_up_to(self, lost: str) -> None:
+        """Count as failures only those at this stage or an earlier one."""
+        self.counted = self.stages[: self.stages.index(lost) + 1]
 
-    def fails(self, scenes: Sequence[Scene], keep: int = 0) -> list[bool]:
+    def answers(
+        self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, lead: int | None = None
+    ) -> list[Answer]:
+        """What the policy mostly does in each: cheap answers. ``stages``: those whose loss counts here."""
+
+        def needed(tally: Tally) -> int:
+            ahead = 2 * tally.failures(stages or self.counted) - tally.rollouts
+            return min(max((lead or self.lead) - abs(ahead), 0), MOST - tally.rollouts)
+
+        self._draw_until([self._tally(scene) for scene in scenes], needed)
+        return [self.known(scene, stages, lead=lead) or Answer.UNTRIED for scene in scenes]
+
+    def fails(self, scenes: Sequence[Scene]) -> list[bool]:
         """Whether each still fails. A scene that is unfair, crashed or was not tried does not."""
-        return [self._still(judged) for judged in self.ask(scenes, keep)]
+        return [answer is Answer.FAILS for answer in self.answers(scenes)]
 
-    def known(self, scene: Scene) -> Judged | None:
-        """The verdict of a scene, if it was asked for."""
-        return self._known.get(scene)
+    def known(
+        self, scene: Scene, stages: Sequence[str] | None = None, *, lead: int | None = None
+    ) -> Answer | None:
+        """The answer for a scene, if the rollouts so far give one."""
+        tally = self._tally(scene)
+        if tally.problem:
+            return None if tally.problem is Answer.UNTRIED else tally.problem
+        ahead = 2 * tally.failures(stages or self.counted) - tally.rollouts
+        if abs(ahead) >= (lead or self.lead):
+            return Answer.FAILS if ahead > 0 else Answer.PASSES
+        return Answer.UNCLEAR if tally.rollouts >= MOST else None
 
-    def lost(self, scene: Scene) -> str:
-        """The stage that is lost in a scene which is known to fail."""
-        lost = self._known[scene].lost
-        assert lost is not None, "it is known to fail"
-        return lost
+    def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
+        """Of the rollouts that gave a scene's answer."""
+        tally = self._tally(scene)
+        return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
 
-    def _still(self, judged: Judged | None) -> bool:
-        lost = judged.lost if judged else None
-        return lost is not None and self._stages.index(lost) <= self._last
+    def certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
+        """What the policy does in each, by rollouts that had no part in any answer.
+
+        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below.
+        """
+
+        def rate(tally: Tally) -> Rate:
+            return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
+
+        def needed(tally: Tally) -> int:
+            if tally.rollouts < FEWEST:
+                return FEWEST - tally.rollouts
+            return int(_side(rate(tally)) is Answer.UNCLEAR and tally.rollouts < MOST_TO_CERTIFY)
+
+        tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
+        self._draw_until(tallies, needed)
+        return [Certificate(tally.problem or _side(rate(tally)), rate(tally)) for tally in tallies]
+
+    def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
+        """The stage that is mostly lost in a scene which is known to fail."""
+        counts = self._tally(scene).lost + self._tally(scene, CERTIFYING).lost
+        return max(stages or self.counted, key=lambda stage: counts[stage])
+
+    def sample(self, scenes: Sequence[Scene]) -> list[bool | None]:
+        """Whether one more rollout in each fails; None where it cannot be judged, or the budget is spent.
+
+        A scene that is given several times has as many rollouts.
+        """
+        tallies = [self._tally(scene) for scene in scenes]
+        judged: list[Judged | None] = [*self._draw(tallies[: self.room])]
+        judged += [None] * (len(scenes) - len(judged))
+        self.exhausted = self.exhausted or len(tallies) > self.room
+        return [
+            answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
+            for answer in judged
+        ]
+
+    def _tally(self, scene: Scene, first: int = 0) -> Tally:
+        return self._tallies.setdefault((scene, first), Tally(scene, self._first + first))
+
+    def _draw_until(self, tallies: Sequence[Tally], needed: Callable[[Tally], int]) -> None:
+        """Roll out, in batches, until no scene needs more rollouts or the budget is spent."""
+        distinct = list(dict.fromkeys(tallies))
+        while wanted := [
+            tally
+            for tally in distinct
+            if tally.problem in (None, Answer.UNTRIED)
+            for _ in range(needed(tally))
+        ]:
+            if not self.room:
+                self.exhausted = True
+                return
+            self._draw(wanted[: self.room])
+
+    def _draw(self, tallies: Sequence[Tally]) -> Sequence[Judged]:
+        """One rollout for each, in one batch."""
+        numbers = [tally.take() for tally in tallies]
+        scenes = [self._near(tally.scene, n) for tally, n in zip(tallies, numbers, strict=True)]
+        judged = self._roll(scenes, numbers)
+        for tally, answer in zip(tallies, judged, strict=True):
+            tally.add(answer)
+            self.spent += answer.rollouts
+        return judged
+
+    def _near(self, scene: Scene, number: int) -> Scene:
+        return self._jitter.apply(scene, number) if self._jitter else scene
+
+
+def _side(rate: Rate) -> Answer:
+    """On which side of one half a rate is."""
+    if rate.low > ONE_HALF:
+        return Answer.FAILS
+    return Answer.PASSES if rate.high < ONE_HALF else Answer.UNCLEAR

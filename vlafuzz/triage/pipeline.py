@@ -2,18 +2,15 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
-from functools import partial
 from itertools import count, groupby
-from multiprocessing import get_context
 from typing import NamedTuple
 
-from vlafuzz.errors import SimulatorError
-from vlafuzz.execute.processes import single_threaded
+from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.triage.pool import Make, PooledRunner, process_pool
 from vlafuzz.triage.triager import SceneRunner, Triager
 
 
@@ -27,7 +24,7 @@ class Progress(NamedTuple):
 
 def triage(
     store: Store,
-    runner: Callable[[Run], SceneRunner],
+    runner: Make,
     *,
     findings: Sequence[Finding] | None = None,
     max_rollouts: int | None = None,
@@ -43,7 +40,7 @@ def triage(
     Args:
         runner: makes a scene runner for the findings of a run; picklable where there are several workers.
         findings: by default all of the store.
-        max_rollouts: of the policy, to shrink and attribute one finding; None for 100, or 1000 for a
+        max_rollouts: of the policy, to shrink and attribute one finding; None for 200, or 1000 for a
             stochastic policy.
         limit: the most findings to triage.
         watch: called after every finding.
@@ -60,11 +57,13 @@ def triage(
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     runs = {run.id: run for run in store.runs()}
-    jobs = [(runs[finding.run], finding) for finding in todo]
-    make = partial(_triager, runner, max_rollouts)
+    jobs = [
+        Job(runs[number], list(several), max_rollouts, store.passing(number))
+        for number, several in groupby(todo, lambda finding: finding.run)
+    ]
     unjudged, rollouts = 0, 0
     watch(Progress(0, len(todo), 0))
-    results = _here(make, jobs) if workers == 1 else _in_processes(make, jobs, workers)
+    results = _here(runner, jobs) if workers == 1 else _in_processes(runner, jobs, workers)
     for number, triaged in enumerate(results, start=1):
         if triaged is None:
             unjudged += 1
@@ -75,49 +74,40 @@ def triage(
     return unjudged
 
 
-Jobs = Sequence[tuple[Run, Finding]]
-Make = Callable[[Run], Triager]
+class Job(NamedTuple):
+    """The findings of one run that are to be triaged; the last two fields are those of ``Triager``."""
+
+    run: Run
+    findings: Sequence[Finding]
+    max_rollouts: int | None
+    passing: Sequence[Scene]
+
+    def triager(self, runner: SceneRunner) -> Triager:
+        return Triager(runner, self.max_rollouts, self.passing)
 
 
-def _triager(runner: Callable[[Run], SceneRunner], max_rollouts: int | None, run: Run) -> Triager:
-    return Triager(runner(run), max_rollouts)
-
-
-def _here(make: Make, jobs: Jobs) -> Iterator[Triaged | None]:
+def _here(make: Make, jobs: Sequence[Job]) -> Iterator[Triaged | None]:
     """Triage in this process, run by run."""
-    for run, findings in groupby(jobs, lambda job: job[0]):
-        triager = make(run)
-        with closing(triager.runner):
-            for _, finding in findings:
-                yield triager.triage(finding)
+    for job in jobs:
+        with closing(make(job.run)) as runner:
+            yield from map(job.triager(runner).triage, job.findings)
 
 
-def _in_processes(make: Make, jobs: Jobs, workers: int) -> Iterator[Triaged | None]:
-    """Triage in several processes; results come in the order in which they are done."""
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
-    try:
-        with single_threaded():
-            done = [pool.submit(_work, make, run, finding) for run, finding in jobs]
-        for future in as_completed(done):
-            yield future.result()
-    except BrokenProcessPool:
-        hint = "repeat the command to continue, perhaps with fewer --workers"
-        raise SimulatorError("a worker died; finished findings are stored", hint=hint) from None
-    finally:
-        pool.shutdown(cancel_futures=True)
+def _in_processes(make: Make, jobs: Sequence[Job], workers: int) -> Iterator[Triaged | None]:
+    """Triage as many findings at a time as there are workers, whose rollouts all workers share.
 
-
-_triagers: dict[int, Triager] = {}  # of a worker process, by run
-
-
-def _work(make: Make, run: Run, finding: Finding) -> Triaged | None:
-    """Triage one finding in a worker process, which keeps the scene runner of the run before."""
-    if run.id not in _triagers:
-        for triager in _triagers.values():
-            triager.runner.close()
-        _triagers.clear()
-        _triagers[run.id] = make(run)
-    return _triagers[run.id].triage(finding)
+    Results come in the order in which they are done.
+    """
+    with process_pool(workers) as pool:
+        threads = ThreadPoolExecutor(workers)
+        try:
+            for job in jobs:
+                triager = job.triager(PooledRunner(pool, make, job.run))
+                for future in as_completed([threads.submit(triager.triage, row) for row in job.findings]):
+                    yield future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # else the threads wait for it
+            threads.shutdown(cancel_futures=True)
 
 
 def _cells_first(findings: Sequence[Finding]) -> list[Finding]:

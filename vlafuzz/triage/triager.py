@@ -1,27 +1,29 @@
-"""Triager: confirms, witnesses, shrinks and attributes one finding. It imports no simulator."""
+"""Triager: confirms, witnesses, shrinks, certifies and attributes a finding. It imports no simulator."""
 
 import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Actions, Solver
+from vlafuzz.evidence import Actions, Rate, Solver
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
+from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.confirm import MOST, Confirmation, confirm
-from vlafuzz.triage.oracle import BudgetedOracle, Judged
+from vlafuzz.triage.certify import Shrunk, certify
+from vlafuzz.triage.oracle import LEAD, MOST, UNFAIR, Answer, Judged, Oracle
 from vlafuzz.triage.path import deviating
-from vlafuzz.triage.shrink import Shrunk, shrink
+from vlafuzz.triage.reference import find_reference
+from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Search, prove
 
-# Rollouts to shrink and attribute one finding; a stochastic policy takes about five a scene, at most twenty.
-MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 100, 1000
+# Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
+MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
+TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
 
 
 class PolicyRunner(Protocol):
@@ -63,9 +65,18 @@ class _BrokenError(Exception):
 
 @dataclass
 class Triager:
+    """Works through the findings of one run.
+
+    Attributes:
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
+        passing: scenes in which the policy has passed.
+        rolled: verdicts by scene and number, which findings share; only ``roll`` changes it.
+    """
+
     runner: SceneRunner
-    max_rollouts: int | None
-    known: dict[Scene, Judged] = field(default_factory=dict)
+    max_rollouts: int | None = None
+    passing: Sequence[Scene] = ()
+    rolled: dict[tuple[Scene, int], Judged] = field(default_factory=dict)
 
     def triage(self, finding: Finding) -> Triaged | None:
         """The finding after triage; None where policy or simulator broke."""
@@ -74,61 +85,102 @@ class Triager:
         except _BrokenError:
             return None
 
+    def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        """One rollout in each scene; those known from another finding cost nothing."""
+        keys = list(zip(scenes, numbers, strict=True))
+        fresh = [key for key in keys if key not in self.rolled]
+        outcomes = self.runner.evaluate([scene for scene, _ in fresh], [number for _, number in fresh])
+        judged = dict(zip(fresh, map(Judged.of, outcomes), strict=True))
+        if any(answer.unanswered for answer in judged.values()):
+            raise _BrokenError
+        answers = [judged.get(key) or self.rolled[key] for key in keys]
+        self.rolled |= {
+            key: answer._replace(rollouts=0)
+            for key, answer in judged.items()
+            if answer.verdict is not Verdict.ERROR
+        }
+        return answers
+
     def _triage(self, finding: Finding) -> Triaged:
         began = time.monotonic()
         self.runner.renew()
-        confirmation, judged = repeat(self.runner, finding.scene)
-        if not (confirmation.confirmed or confirmation.refuted or confirmation.repeats == MOST):
+        scene = finding.scene
+        oracle = self._oracle(load_jitter())
+        answer = oracle.answers([scene], lead=LEAD)[0]
+        if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
             raise _BrokenError
+        rate = oracle.rate(scene)
         triaged = Triaged(
-            scene=finding.scene,
+            scene=scene,
             policy_key=finding.policy_key,
             bucket="flaky",
-            repeats=confirmation.repeats,
-            failures=confirmation.failures,
-            deviating=self._deviating(finding.scene) or (),
-            policy_rollouts=judged.rollouts,
-            detail=f"{confirmation.failures} of {confirmation.repeats} repeats failed",
+            repeats=rate.rollouts,
+            failures=rate.failures,
+            rate=rate,
+            deviating=self._deviating(scene) or (),
+            policy_rollouts=oracle.spent,
+            detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
-        if confirmation.confirmed:
-            triaged = self._prove(triaged, judged)
+        triaged = self._prove(triaged, oracle) if answer is Answer.FAILS else self._at_edge(triaged)
         return replace(triaged, seconds=time.monotonic() - began)
 
-    def _prove(self, triaged: Triaged, judged: Judged) -> Triaged:
-        """Witness, shrink and attribute a confirmed failure."""
+    def _oracle(self, jitter: Jitter | None) -> Oracle:
+        lead = 1 if self.runner.deterministic else LEAD
+        return Oracle(self.roll, self.runner.stages, jitter, budget=MOST + UNFAIR, lead=lead)
+
+    def _at_edge(self, triaged: Triaged) -> Triaged:
+        """A scene that does not mostly fail in its neighbourhood may still do so as it is."""
+        exactly = self._oracle(None)
+        fails = exactly.fails([triaged.scene])[0]
+        triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + exactly.spent)
+        if not fails:
+            return triaged
+        around = f"in its neighbourhood {triaged.failures} of {triaged.repeats} rollouts fail"
+        return replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
+
+    def _prove(self, triaged: Triaged, oracle: Oracle) -> Triaged:
+        """Witness, shrink, certify and attribute a confirmed failure."""
         search = self._search(triaged.scene)
-        triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=judged.lost, detail="")
+        lost = oracle.lost(triaged.scene)
+        triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=lost, detail="")
         if search.witness is None:
             return replace(triaged, bucket="unproven", detail="the expert fails, too")
         triaged = replace(triaged, bucket="witnessed", witness=search.witness)
         if self._deviating(triaged.scene) is None:
             return replace(triaged, detail="not shrunk: it has a value that no operator gives")
-        return self._shrink(triaged, judged)
+        oracle.count_up_to(lost)
+        before = oracle.spent
+        triaged = self._shrink(triaged, oracle)
+        spent = oracle.spent - before
+        return replace(triaged, shrink_rollouts=spent, policy_rollouts=triaged.policy_rollouts + spent)
 
-    def _shrink(self, triaged: Triaged, judged: Judged) -> Triaged:
-        runner = self.runner
-        oracle = BudgetedOracle(
-            self._judge,
-            runner.stages,
-            (triaged.scene, judged),
-            budget=self.max_rollouts or (MAX_ROLLOUTS if runner.deterministic else MAX_OF_STOCHASTIC),
-            rollouts_a_scene=1 if runner.deterministic else MOST,
-        )
-        shrunk = shrink(triaged.scene, oracle, runner.space)
-        if not shrunk.base:
-            triaged = replace(triaged, causes=attribute(shrunk, oracle, runner.space))
+    def _shrink(self, triaged: Triaged, oracle: Oracle) -> Triaged:
+        space, confirmed = self.runner.space, oracle.spent
+        most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
+        oracle.budget = confirmed + round(most * TO_SHRINK)
+        reference = find_reference(triaged.scene, oracle, space, self.passing)
+        if reference is None:
+            nominal = space.nominal(like=triaged.scene)
+            lost = oracle.lost(nominal)
+            name = signature(triaged.scene.task, lost, ())
+            triaged = replace(triaged, bucket="base", shrunk=nominal, lost_stage=lost, signature=name)
+            return replace(triaged, detail="even the nominal scene of the same objects fails")
+        way = shrink(triaged.scene, oracle, space, reference.scene)
+        oracle.budget = confirmed + round(most * TO_CERTIFY)
+        shrunk = certify(way, oracle, space, reference)
+        oracle.budget = confirmed + most
         triaged = replace(
             triaged,
             shrunk=shrunk.scene,
             lost_stage=shrunk.lost,
             operators=shrunk.operators,
+            causes=attribute(shrunk, oracle, space),
+            certified=shrunk.rate,
             counterparts=shrunk.counterparts,
+            counterpart_rates=shrunk.rates,
+            reference=shrunk.reference,
             signature=signature(triaged.scene.task, shrunk.lost, shrunk.operators),
-            shrink_rollouts=oracle.spent,
-            policy_rollouts=triaged.policy_rollouts + oracle.spent,
         )
-        if shrunk.base:
-            return replace(triaged, bucket="base", detail="even the nominal scene of the same objects fails")
         if not shrunk.minimal:
             return replace(triaged, detail=_why_not(shrunk))
         return self._crown(triaged, shrunk.scene)
@@ -149,24 +201,6 @@ class Triager:
             raise _BrokenError
         return search
 
-    def _judge(self, scenes: Sequence[Scene]) -> list[Judged]:
-        """The verdicts of candidates; those known from another finding cost nothing."""
-        fresh = [scene for scene in scenes if scene not in self.known]
-        if self.runner.deterministic:
-            judged = [Judged.of(outcome) for outcome in self.runner.evaluate(fresh, [0] * len(fresh))]
-        else:
-            judged = [repeat(self.runner, scene)[1] for scene in fresh]
-        if any(verdict.unanswered for verdict in judged):
-            raise _BrokenError
-        answers = dict(zip(fresh, judged, strict=True))
-        verdicts = [answers.get(scene) or self.known[scene] for scene in scenes]
-        self.known |= {
-            scene: answer._replace(rollouts=0)
-            for scene, answer in answers.items()
-            if answer.verdict is not Verdict.ERROR
-        }
-        return verdicts
-
     def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
         """The operators that are not nominal; None for a scene with a value that no operator gives."""
         space = self.runner.space
@@ -176,27 +210,21 @@ class Triager:
             return None
 
 
-def repeat(runner: SceneRunner, scene: Scene) -> tuple[Confirmation, Judged]:
-    """Whether a scene fails again, and the verdict that its repeats mostly have."""
-    seen: list[Judged] = []
+def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, Rate, str | None]:
+    """What the policy mostly does around a scene, how often it fails, and the stage that it loses.
 
-    def once(number: int) -> Verdict:
-        seen.append(Judged.of(runner.evaluate([scene], [number])[0]))
-        return seen[-1].verdict
-
-    confirmation = confirm(once, deterministic=runner.deterministic)
-    rollouts = sum(judged.rollouts for judged in seen)
-    lost = Counter(judged.lost for judged in seen if judged.lost is not None)
-    if confirmation.confirmed:
-        return confirmation, Judged(Verdict.FAILED, lost.most_common(1)[0][0], rollouts)
-    if confirmation.refuted:
-        return confirmation, Judged(Verdict.PASSED, None, rollouts)
-    verdict = Verdict.FAILED if confirmation.failures else seen[-1].verdict  # at times
-    return confirmation, Judged(verdict, None, rollouts, seen[-1].unanswered)
+    Args:
+        first: number of the first rollout.
+    """
+    triager = Triager(runner)
+    oracle = Oracle(triager.roll, runner.stages, load_jitter(), budget=MOST + UNFAIR, first=first)
+    answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
+    return answer, rate, oracle.lost(scene) if rate.failures else None
 
 
 def _why_not(shrunk: Shrunk) -> str:
     """Why a shrunk scene is not shown to be minimal."""
-    if not shrunk.complete:
-        return "the limit on rollouts cut shrinking short"
+    if not shrunk.firm:
+        rate = shrunk.rate
+        return f"what is left of it is not shown to fail mostly: {rate.failures} of {rate.rollouts} rollouts"
     return "; ".join(f"without {name} the scene {outcome}" for name, outcome in shrunk.unresolved.items())

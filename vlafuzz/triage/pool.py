@@ -1,0 +1,91 @@
+"""PooledRunner: a scene runner whose rollouts are spread over processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+from vlafuzz.errors import SimulatorError
+from vlafuzz.evidence import Actions, Solver
+from vlafuzz.execute.processes import single_threaded
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Run
+from vlafuzz.triage.triager import SceneRunner
+
+Make = Callable[[Run], SceneRunner]
+
+
+@contextmanager
+def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes with one thread each; a SimulatorError where one of them dies."""
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    try:
+        with single_threaded():
+            yield pool
+    except BrokenProcessPool:
+        hint = "repeat the command to continue, perhaps with fewer --workers"
+        raise SimulatorError("a worker died; finished findings are stored", hint=hint) from None
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+class PooledRunner:
+    """A ``SceneRunner`` for the findings of a run. Threads may share it: batches of several findings mix.
+
+    Args:
+        make: makes the scene runner of a run, once in every process; picklable.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor, make: Make, run: Run) -> None:
+        self._pool, self._make, self._run = pool, make, run
+        self.space, self.stages, self.deterministic = pool.submit(_about, make, run).result()
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        rolled = [
+            self._submit("evaluate", [scene], [number]) for scene, number in zip(scenes, numbers, strict=True)
+        ]
+        return [outcome for future in rolled for outcome in future.result()]
+
+    def renew(self) -> None:
+        """Nothing: several findings share the environments, which keep nothing of earlier scenes."""
+
+    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        outcome: Outcome = self._submit("solve", scene, attempt, solver).result()
+        return outcome
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        outcome: Outcome = self._submit("play", scene, actions).result()
+        return outcome
+
+    def close(self) -> None:
+        """Nothing: the pool's owner closes it."""
+
+    def _submit(self, method: str, *arguments: Any) -> Future[Any]:
+        return self._pool.submit(_call, self._make, self._run, method, arguments)
+
+
+_runners: dict[int, SceneRunner] = {}  # of a worker process, by run
+
+
+def _runner(make: Make, run: Run) -> SceneRunner:
+    """The scene runner of a worker process, which keeps that of the last run only."""
+    if run.id not in _runners:
+        for runner in _runners.values():
+            runner.close()
+        _runners.clear()
+        _runners[run.id] = make(run)
+    return _runners[run.id]
+
+
+def _about(make: Make, run: Run) -> tuple[Any, ...]:
+    runner = _runner(make, run)
+    return runner.space, runner.stages, runner.deterministic
+
+
+def _call(make: Make, run: Run, method: str, arguments: tuple[Any, ...]) -> Any:
+    return getattr(_runner(make, run), method)(*arguments)
