@@ -1,21 +1,25 @@
-"""``vlafuzz regress`` on a corpus of thirty planted failures."""
+"""``vlafuzz regress`` on a corpus of thirty planted failures and forty controls."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
 
+from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
+from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression.folder import write_corpus
+from vlafuzz.space import load_operators
 from vlafuzz.triage import scene_runner as runner
 
 RULES = {
     "idle": lambda shown: shown.light.intensity >= 0.5,  # as recorded
-    "pinhole": lambda shown: shown.light.intensity >= 0.5 and shown.targets[0].x < -0.03,
+    "pinhole": lambda shown: shown.light.intensity >= 0.5 and shown.targets[0].x < -0.035,
     "expert": lambda shown: True,
 }
 MADE: list[RuleRunner] = []
@@ -33,7 +37,7 @@ def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
     monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(RULES))
-    write_corpus(make_corpus(*map(case, range(30))), tmp_path / "dark")
+    write_corpus(make_corpus(*map(case, range(30)), controls=40), tmp_path / "dark")
     return tmp_path / "dark"
 
 
@@ -44,48 +48,52 @@ def regress(*arguments: str) -> int:
 def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 5)
+    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 6)
+    assert printed["groups"]["control"]["policy"]["count"] == 32
+    assert printed["difference"]["of_failure_rates"] == 0
     assert printed["groups"]["failing"]["standings"]["fails"] == 30
     assert printed["groups"]["counterpart"]["standings"]["passes"] == 29
-    assert printed["groups"]["nominal"]["policy"]["count"] == 1
+    assert printed["groups"]["nominal"]["policy"]["count"] == 3
     assert [made.closed for made in MADE] == [1]
 
 
-def test_a_worse_one_is_exit_code_1_and_says_which_scenes(capsys: pytest.CaptureFixture[str]):
+def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
+    capsys: pytest.CaptureFixture[str],
+):
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
-    assert "pinhole is worse than idle as recorded: 5 worse and 0 better" in captured.out
-    assert captured.out.count(" without light") == 5
-    assert "60 scenes, at most 60 rollouts, about 13 s at the corpus's own speed" in captured.err
+    assert "pinhole is worse than idle as recorded: 6 worse and 0 better of 23 controls" in captured.out
+    assert "too large, as the test stopped there" in captured.out
+    assert "40 controls and 60 other scenes, at most 220 rollouts, about 49 s" in captured.err
+    assert regress("pinhole", "--whole") == 1
+    captured = capsys.readouterr()
+    assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
+    assert captured.out.count(" without light") == 25
 
 
 def test_one_that_solves_the_failures_is_fine(capsys: pytest.CaptureFixture[str]):
     assert regress("expert") == 0
-    assert "solved: only the policy passes" in capsys.readouterr().out
+    assert "fixed: the baseline fails" in capsys.readouterr().out
 
 
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--baseline", "expert", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
-    assert printed["verdict"].startswith("idle is worse than expert: 7 worse and 0 better")
+    assert printed["verdict"].startswith("idle is worse than expert: 6 worse and 0 better")
     assert MADE[0].calls == MADE[1].calls
     assert [made.closed for made in MADE] == [1, 1]
 
 
-def test_a_stochastic_policy_gets_the_corpus_own_as_its_baseline(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_for_a_corpus_without_controls_some_are_drawn_and_its_own_policy_is_rolled_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    def make(source, run, policy):
-        MADE.append(RuleRunner(RULES[policy], run, deterministic=False))
-        return MADE[-1]
-
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
-    assert regress("idle", "--max-rollouts", "80") == 0
+    run = manifest(operators=operators_json(load_operators()))
+    write_corpus(replace(make_corpus(), runs=[run]), tmp_path / "old")
+    assert main(["regress", "old", "--policy", "expert", "--json"]) == 0
     captured = capsys.readouterr()
-    assert "note: a stochastic policy cannot be compared fairly with recorded outcomes" in captured.err
-    assert "idle is rolled out, too" in captured.err
-    assert "at most 160 rollouts" in captured.err
-    assert len(MADE) == 2
+    assert "the corpus has no controls; 200 are drawn, and idle is rolled out, too" in captured.err
+    assert (json.loads(captured.out)["controls"], len(MADE)) == (200, 2)
+    assert MADE[0].calls == MADE[1].calls
 
 
 def test_other_conditions_than_the_corpus_are_said(
@@ -104,7 +112,7 @@ def test_other_conditions_than_the_corpus_are_said(
 
 def test_junit_is_written(capsys: pytest.CaptureFixture[str]):
     assert regress("pinhole", "--junit", "a.xml") == 1
-    assert Xml.parse("a.xml").getroot().attrib["failures"] == "5"
+    assert Xml.parse("a.xml").getroot().attrib["failures"] == "1"
     assert "written: a.xml" in capsys.readouterr().err
 
 
@@ -118,10 +126,8 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))
     assert regress("idle", "--json") == 3
     captured = capsys.readouterr()
-    assert (
-        "error: cannot tell: only 0 of 10 rollouts could be judged: policy: connect: no answer"
-        in captured.err
-    )
+    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 6 or more: policy: connect"
+    assert told in captured.err
     assert json.loads(captured.out)["stopped"] == "unjudged"
 
 

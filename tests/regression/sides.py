@@ -19,25 +19,30 @@ NO_VERDICT = {
 PASSED, FAILED = Answer.of(passed()), Answer.of(failed())
 
 
-def probes(failing: int = 20, others: int = 40) -> list[Probe]:
-    """Failing scenes, and controls that passed; the target's x holds the number of the scene."""
+def probes(controls: int = 60, selected: int = 0) -> list[Probe]:
+    """Controls, each fifth of which failed; then failing scenes and as many counterparts.
 
-    def probe(number: int, group: Group) -> Probe:
-        return Probe(scene(x=number / 1000), group, f"{group} {number}", 0, passed=group != "failing")
+    The target's x holds the number of the scene.
+    """
 
-    controls = [
-        probe(failing + number, "counterpart" if number % 2 else "nominal") for number in range(others)
+    def probe(number: int, group: Group, passed: bool) -> Probe:
+        return Probe(scene(x=number / 1000), group, f"{group} {number}", 0, passed)
+
+    random = [probe(number, "control", passed=number % 5 > 0) for number in range(controls)]
+    groups: list[tuple[Group, bool]] = [("failing", False), ("counterpart", True)]
+    others = [
+        probe(controls + number + selected * index, group, passed)
+        for index, (group, passed) in enumerate(groups)
+        for number in range(selected)
     ]
-    return [probe(number, "failing") for number in range(failing)] + controls
+    return random + others
 
 
 class Planned:
     """Answers by a rule, and records its calls: a scene's number and the repeat."""
 
-    def __init__(
-        self, rule: Callable[[int, int], Verdict | bool], *, name: str = "new", deterministic: bool = True
-    ) -> None:
-        self.name, self.deterministic, self._rule = name, deterministic, rule
+    def __init__(self, rule: Callable[[int, int], Verdict | bool], *, name: str = "new") -> None:
+        self.name, self._rule = name, rule
         self.calls: list[tuple[int, int]] = []
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
@@ -51,13 +56,14 @@ class Planned:
 
 def flaky(rate: float, rng: np.random.Generator, name: str = "flaky") -> Planned:
     """Fails at random, whatever the seed."""
-    return Planned(lambda number, repeat: bool(rng.random() >= rate), name=name, deterministic=False)
+    return Planned(lambda number, repeat: bool(rng.random() >= rate), name=name)
 
 
 class RuleRunner:
     """A runner whose policy passes in the scenes that a rule names; records seeds."""
 
     changed: tuple[str, ...] = ()
+    elsewhere = ""
     renderer: str | None = None
 
     def __init__(self, rule: Callable[[Scene], bool], run: Manifest, *, deterministic: bool = True) -> None:

@@ -25,15 +25,21 @@ def command(
     alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
     max_rollouts: Annotated[
         int | None,
-        typer.Option(help="Most rollouts of the policy.", show_default="one a scene; stochastic: five"),
+        typer.Option(
+            help="Most rollouts of the policy, controls first.",
+            show_default="one a control, three in each other scene",
+        ),
     ] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML, a test case a scene.")] = None,
+    whole: Annotated[bool, typer.Option("--whole", help="Do not stop at an alarm: run everything.")] = False,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Check whether a policy got worse: exit code 1 if it did.
+    """Check whether a policy got worse: exit code 1 if it fails more often than the baseline.
 
-    The policy runs in the failing scenes of a corpus and, as controls, their counterparts and nominal scenes.
-    All scenes are paired with the baseline's; a sequential test decides, and ends as soon as it can.
+    Both are compared in the controls of a corpus, random scenes that no outcome selected; a sequential test
+    decides, and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run,
+    jittered, to show what is fixed and what is broken. They raise no alarm: they were selected by what the
+    corpus's own policy does.
     """
     _check(policy, baseline, alpha, max_rollouts, junit)
     from vlafuzz.regression.folder import read_corpus
@@ -44,7 +50,14 @@ def command(
     exported = read_corpus(corpus)
     with Bar() as bar:
         compared = compare_policies(
-            corpus, exported, policy, baseline, alpha=alpha, max_rollouts=max_rollouts, watch=bar
+            corpus,
+            exported,
+            policy,
+            baseline,
+            alpha=alpha,
+            max_rollouts=max_rollouts,
+            whole=whole,
+            watch=bar,
         )
     if junit:
         write_junit(compared, junit)
@@ -57,8 +70,9 @@ def command(
         raise typer.Exit(1)
     if not compared.tells:
         details = (scene.detail for scene in compared.compared if scene.standing in ("error", "invalid"))
-        broken = next(details, "")
-        raise PrerequisiteError(f"{compared.verdict}: {broken}", hint="`vlafuzz doctor` checks this machine")
+        broken = next((f": {detail}" for detail in details if detail), "")
+        hint = "`vlafuzz doctor` checks this machine; were the rollouts too few, give more --max-rollouts"
+        raise PrerequisiteError(compared.verdict + broken, hint=hint)
 
 
 def _check(
@@ -78,9 +92,11 @@ def _check(
 
 
 def _print(compared: Comparison, corpus: Corpus) -> None:
-    from vlafuzz.regression.tables import tables
+    from vlafuzz.regression.tables import difference, tables
 
     for title, rows in tables(compared, corpus).items():
         print_rows(rows, title=title)
-    stopped = f"stopped after {compared.tried} pairs: " if compared.stopped in ("worse", "hopeless") else ""
+    if between := difference(compared):
+        stdout().print(between, soft_wrap=True)
+    stopped = f"stopped after {compared.tried} controls: " if compared.stopped == "worse" else ""
     stdout().print(f"{stopped}{compared.verdict}", soft_wrap=True)

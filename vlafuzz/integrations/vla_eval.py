@@ -111,7 +111,7 @@ class CorpusBenchmark(StepBenchmark):
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Build a fair scene; the n-th episode adds n to the seed, as repeats of `vlafuzz regress` do."""
+        """Build a fair scene; the n-th episode adds n to the seed."""
         probe = self._probes[task["name"]]
         run = self._corpus.runs[probe.run]
         task["seed"] = run.seed + task.get("episode_idx", 0)  # the runner sends the task after this

@@ -1,7 +1,6 @@
-"""A comparison as JUnit XML, which continuous integration shows per scene."""
+"""A comparison as JUnit XML, which continuous integration shows."""
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -12,17 +11,17 @@ from vlafuzz.regression.pairs import GROUPS, Compared, Group
 from vlafuzz.regression.regress import Comparison
 
 _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, section 2.2
-# JUnit's element for a standing; a scene that passes has none.
-_SKIPPED = dict.fromkeys(("invalid", "fails", "not run"), "skipped")
-_ELEMENTS = {"worse": "failure", "error": "error", **_SKIPPED}
+# JUnit's element for a standing in a scene that is no control; one that passes has none.
+_SKIPPED = dict.fromkeys(("invalid", "fails", "worse", "not run"), "skipped")
+_ELEMENTS = {"error": "error", **_SKIPPED}
 _COUNTS = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
-    """Write atomically: a scene is a test case, its group the class.
+    """Write atomically: a scene is a test case, its group the class; all controls are one.
 
-    A scene fails if the policy passes less often than the baseline, and is skipped if the baseline fails,
-    too. One such scene raises no alarm yet; the overall verdict is a property.
+    Only an alarm is a failure, that of the controls. Another scene in which the policy fails is skipped, with
+    a message; there, failures raise no alarm.
     """
     try:
         with replacing(path) as unfinished:
@@ -33,20 +32,32 @@ def write_junit(comparison: Comparison, path: Path) -> None:
 
 
 def _report(comparison: Comparison) -> Xml.Element:
-    report = Xml.Element("testsuites", _counts(comparison.compared), name="vlafuzz regress")
-    report.extend(_suite(comparison, group) for group in GROUPS)
+    suites = [_suite(comparison, group) for group in GROUPS]
+    cases = [case for suite in suites for case in suite.findall("testcase")]
+    report = Xml.Element("testsuites", _counts(cases), name="vlafuzz regress")
+    report.extend(suites)
     Xml.indent(report)
     return report
 
 
 def _suite(comparison: Comparison, group: Group) -> Xml.Element:
-    scenes = comparison.of(group)
-    suite = Xml.Element("testsuite", _counts(scenes), name=group)
+    cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
+    suite = Xml.Element("testsuite", _counts(cases), name=group)
     properties = Xml.SubElement(suite, "properties")
     for name in ("policy", "baseline", "verdict"):
         Xml.SubElement(properties, "property", name=name, value=_clean(getattr(comparison, name)))
-    suite.extend(map(_case, scenes))
+    suite.extend(cases)
     return suite
+
+
+def _verdict(comparison: Comparison) -> Xml.Element:
+    seconds = sum(control.seconds for control in comparison.of("control"))
+    name = _clean(f"fails no more often than {comparison.baseline}")
+    case = Xml.Element("testcase", classname="control", name=name, time=f"{seconds:.3f}")
+    if comparison.alarm or not comparison.tells:
+        element = "failure" if comparison.alarm else "error"
+        Xml.SubElement(case, element, message=_clean(comparison.verdict))
+    return case
 
 
 def _case(scene: Compared) -> Xml.Element:
@@ -66,7 +77,7 @@ def _message(scene: Compared) -> str:
     judged = len(scene.judged)
     counts = f"passed {scene.policy_passed} of {judged}, the baseline {scene.baseline_passed} of {judged}"
     messages = {
-        "worse": counts,
+        "worse": f"broken: {counts}",
         "fails": f"the baseline fails, too: {counts}",
         "not run": "not run: the comparison stopped before",
     }
@@ -74,10 +85,10 @@ def _message(scene: Compared) -> str:
     return messages.get(scene.standing, scene.standing) + detail
 
 
-def _counts(scenes: Sequence[Compared]) -> dict[str, str]:
-    kinds = Counter(_ELEMENTS.get(scene.standing) for scene in scenes)
-    counts = {name: str(kinds[element]) for element, name in _COUNTS.items()}
-    return {"tests": str(len(scenes)), **counts, "time": f"{sum(scene.seconds for scene in scenes):.3f}"}
+def _counts(cases: Sequence[Xml.Element]) -> dict[str, str]:
+    counts = {name: str(sum(case.find(kind) is not None for case in cases)) for kind, name in _COUNTS.items()}
+    seconds = sum(float(case.attrib["time"]) for case in cases)
+    return {"tests": str(len(cases)), **counts, "time": f"{seconds:.3f}"}
 
 
 def _clean(text: str) -> str:

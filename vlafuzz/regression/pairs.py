@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -11,8 +11,8 @@ from vlafuzz.regression.corpus import Corpus
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 
-Group = Literal["failing", "counterpart", "nominal"]
-GROUPS: tuple[Group, ...] = ("failing", "counterpart", "nominal")
+Group = Literal["control", "failing", "counterpart", "nominal"]
+GROUPS: tuple[Group, ...] = ("control", "failing", "counterpart", "nominal")
 Standing = Literal["worse", "better", "passes", "fails", "error", "invalid", "not run"]
 
 
@@ -21,27 +21,30 @@ class Probe:
     """A scene that is run again.
 
     Attributes:
-        group: the minimal ``failing`` scene of a case; its ``counterpart``, with one operator reset;
-            or its ``nominal`` scene.
+        group: a random ``control``; the minimal ``failing`` scene of a case; its ``counterpart``, with one
+            operator reset; or its ``nominal`` scene.
         what: the case, in a few words.
         run: index of the run whose conditions apply, in ``Corpus.runs``.
-        passed: whether the corpus's own policy passed, as recorded.
+        passed: whether the corpus's own policy passed, as recorded; None where that was not recorded.
     """
 
     scene: Scene
     group: Group
     what: str
     run: int
-    passed: bool
+    passed: bool | None
 
 
 def probes(corpus: Corpus) -> list[Probe]:
-    """Every scene of a corpus once.
+    """Every scene of a corpus once, controls first.
 
-    In a failing scene, a policy can only improve on the one that failed there; in the others it can get
-    worse. The counterpart of a case with one operator is its nominal scene, and counts as nominal.
+    The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can
+    only improve, and where it passed only get worse. The counterpart of a case with one operator is its
+    nominal scene, and counts as nominal.
     """
     by_scene: dict[Scene, Probe] = {}
+    for control in corpus.controls:
+        by_scene.setdefault(control.scene, Probe(control.scene, "control", "random", 0, control.passed))
     for case in corpus.cases:
         by_scene.setdefault(case.scene, Probe(case.scene, "failing", case.title, case.run, passed=False))
     for case in corpus.cases:
@@ -79,7 +82,7 @@ class Answer(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """The answers of baseline and policy in one scene, with the same seed."""
+    """The answers of baseline and policy in one scene."""
 
     baseline: Answer
     policy: Answer
@@ -105,7 +108,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """A probe with its pairs: one if both policies are deterministic, else several with different seeds."""
+    """A probe with its pairs: one of a control, of other scenes several with different jitters and seeds."""
 
     probe: Probe
     pairs: tuple[Pair, ...] = ()
@@ -124,16 +127,16 @@ class Compared:
 
     @property
     def standing(self) -> Standing:
-        """The policy against the baseline: ``passes`` or ``fails`` if both passed equally often."""
+        """The policy against the baseline, each by what it mostly does."""
         if not self.pairs:
             return "not run"
         if not self.judged:
             answers = [answer.verdict for pair in self.pairs for answer in pair]
             return "error" if Verdict.ERROR in answers else "invalid"
-        gained = self.policy_passed - self.baseline_passed
-        if gained:
-            return "better" if gained > 0 else "worse"
-        return "passes" if 2 * self.policy_passed > len(self.judged) else "fails"
+        passes = 2 * self.policy_passed > len(self.judged)
+        if passes is (2 * self.baseline_passed > len(self.judged)):
+            return "passes" if passes else "fails"
+        return "better" if passes else "worse"
 
     @property
     def detail(self) -> str:
@@ -149,7 +152,11 @@ class Compared:
 
 @dataclass(frozen=True)
 class Tally:
-    """Counts over the judged pairs of a group: passes of baseline and policy, and discordant pairs."""
+    """Counts over the judged pairs of some scenes: passes of baseline and policy.
+
+    Attributes:
+        worse: scenes in which the baseline passes and the policy fails; ``better``: the other way round.
+    """
 
     baseline: Share
     policy: Share
@@ -157,11 +164,12 @@ class Tally:
     better: int
 
     @staticmethod
-    def of(compared: Iterable[Compared]) -> Tally:
-        pairs = [pair for probe in compared for pair in probe.judged]
+    def of(compared: Sequence[Compared]) -> Tally:
+        """The pairs of one scene may be alike, and count for less than those of as many scenes."""
+        pairs = [(number, pair) for number, scene in enumerate(compared) for pair in scene.judged]
         return Tally(
-            Share.of_counts(sum(pair.baseline.passed for pair in pairs), len(pairs)),
-            Share.of_counts(sum(pair.policy.passed for pair in pairs), len(pairs)),
-            sum(pair.worse for pair in pairs),
-            sum(pair.better for pair in pairs),
+            Share.grouped([(number, pair.baseline.passed) for number, pair in pairs]),
+            Share.grouped([(number, pair.policy.passed) for number, pair in pairs]),
+            sum(scene.standing == "worse" for scene in compared),
+            sum(scene.standing == "better" for scene in compared),
         )

@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+from vlafuzz.conditions.stored import stored_space
 from vlafuzz.regression import regress
+from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
@@ -21,31 +23,42 @@ def compare_policies(
     *,
     alpha: float = 0.05,
     max_rollouts: int | None = None,
+    whole: bool = False,
     watch: Watch = SILENT,
 ) -> Comparison:
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
 
-    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy; a stochastic one is
-    rolled out instead. ``folder`` is that of the corpus, for messages.
+    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
+    controls some are drawn, and that policy is rolled out, too. ``folder`` is the corpus's, for messages.
     """
 
     def progress(now: regress.Progress) -> None:
         watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
 
     scenes = probes(corpus)
+    if not corpus.controls:
+        scenes = [*_controls(folder, corpus.runs[0]), *scenes]
+        baseline = baseline or corpus.policy
+        watch.note(
+            f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
+            "`vlafuzz export` writes corpora with controls"
+        )
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, policy, watch)))
-        if baseline is None and not (new.deterministic and regress.records_hold(corpus)):
-            baseline = corpus.policy
-            watch.note(
-                "note: a stochastic policy cannot be compared fairly with recorded outcomes, which were "
-                f"selected; {baseline} is rolled out, too, as the baseline"
-            )
         old: Side = Recorded(f"{corpus.policy} as recorded")
         if baseline is not None:
             old = stack.enter_context(closing(_rerun(folder, corpus, baseline, watch)))
-        watch.note(_estimate(corpus, scenes, new, old, max_rollouts))
-        return regress.compare(scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, watch=progress)
+        watch.note(_estimate(corpus, scenes, old, max_rollouts))
+        return regress.compare(
+            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, watch=progress
+        )
+
+
+def _controls(folder: Path, run: Manifest) -> list[Probe]:
+    """Controls without recorded outcomes."""
+    space = stored_space(folder, run)
+    scenes = [draw(space, run.seed, number) for number in range(CONTROLS)]
+    return [Probe(scene, "control", "random", 0, passed=None) for scene in scenes]
 
 
 def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
@@ -75,11 +88,12 @@ def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
     return rerun
 
 
-def _estimate(corpus: Corpus, scenes: Sequence[Probe], new: Side, old: Side, most: int | None) -> str:
+def _estimate(corpus: Corpus, scenes: Sequence[Probe], old: Side, most: int | None) -> str:
     """A forecast at the speed of the corpus's own rollouts."""
     sides = 1 if isinstance(old, Recorded) else 2
-    rollouts = sides * regress.most_rollouts(scenes, new, old, most)
+    rollouts = sides * regress.most_rollouts(scenes, most)
     evidence = corpus.evidence
     known = evidence.triage_rollouts + evidence.expert_rollouts
     took = f", about {rollouts * evidence.seconds / known:.0f} s at the corpus's own speed" if known else ""
-    return f"{len(scenes)} scenes, at most {rollouts} rollouts{took}"
+    controls = sum(probe.group == "control" for probe in scenes)
+    return f"{controls} controls and {len(scenes) - controls} other scenes, at most {rollouts} rollouts{took}"

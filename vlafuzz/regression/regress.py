@@ -1,32 +1,32 @@
-"""regress: compare two policies in the scenes of a corpus until the new one is shown to be worse.
+"""regress: compare two policies until the new one is shown to be worse: to fail more often.
 
-The null hypothesis is that the policies are exchangeable. Failed controls raise an alarm, and so do failures
-in all scenes taken together: see ``SignTest``.
+The claim is about the rates over all scenes that the operators make, jittered. The evidence for it are the
+controls of a corpus: random scenes that no outcome selected, one rollout of each policy in each. Of policies
+with equal rates each is then as often the worse one, however different they are (see ``SignTest``), and
+recorded outcomes of the baseline are as good as new ones.
 
-Recorded outcomes were selected: a scene is in the corpus because a policy failed in it, its counterpart
-because it passed. A flaky policy regresses to its mean in both, and compared with such records would look
-better or worse depending on the number of each. So records serve as the baseline only if both policies are
-deterministic; else both policies are rolled out in the same scenes with the same seeds, and nothing is
-selected by outcome.
+The other scenes of a corpus were selected by outcomes of its own policy, which failed in the failing ones and
+passed in their counterparts. There any other policy regresses to its mean: of equal skill, it passes some of
+the former and fails some of the latter. They are run and shown, but never raise an alarm.
 """
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Literal, NamedTuple, Protocol
 
-import numpy as np
-
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.controls import REGRESS
 from vlafuzz.regression.e_process import SignTest
 from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
+from vlafuzz.space.jitter import load_jitter
+from vlafuzz.statistics import Interval, newcombe
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.triager import PolicyRunner
 
-REPEATS = 5  # of each scene at most, by default, if a policy is stochastic
+REPEATS = 3  # of each scene that is no control
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
-Stopped = Literal["worse", "hopeless", "unjudged", "done"]
+Stopped = Literal["worse", "unjudged", "done"]
 
 
 class Side(Protocol):
@@ -34,10 +34,6 @@ class Side(Protocol):
 
     @property
     def name(self) -> str: ...
-
-    @property
-    def deterministic(self) -> bool:
-        """Whether every repeat gives the same answer."""
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """The result of the n-th rollout in a scene."""
@@ -48,10 +44,11 @@ class Recorded:
     """A baseline without rollouts: the corpus's records of its own policy."""
 
     name: str
-    deterministic: bool = True
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """The recorded verdict."""
+        if probe.passed is None:
+            return Answer(Verdict.ERROR, detail="no outcome is recorded")
         return Answer(Verdict.PASSED if probe.passed else Verdict.FAILED)
 
 
@@ -67,25 +64,21 @@ class Rerun:
         self.name, self._runs = name, runs
         distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
         self._runners = {key: make(run) for key, run in distinct.items()}
-        self.deterministic = all(runner.deterministic for runner in self._runners.values())
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """One rollout; the first has the seed of the recorded one."""
-        run = self._runs[probe.run]
-        return Answer.of(self._runners[run.key(seeded=False)].evaluate([probe.scene], [run.seed + repeat])[0])
+        """One rollout, jittered (controls are already), with a seed that neither triage nor export uses."""
+        run, number = self._runs[probe.run], REGRESS + repeat
+        scene = probe.scene if probe.group == "control" else load_jitter().apply(probe.scene, number)
+        runner = self._runners[run.key(seeded=False)]
+        return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
 
     def close(self) -> None:
         for runner in self._runners.values():
             runner.close()
 
 
-def records_hold(corpus: Corpus) -> bool:
-    """Whether the corpus's own policy is deterministic, so that its records can be reproduced."""
-    return all(run.repeats == 1 and json.loads(run.spec).get("deterministic", True) for run in corpus.runs)
-
-
 class Progress(NamedTuple):
-    """State of a comparison: pairs done, of at most ``most``, and the discordant ones."""
+    """State of a comparison: pairs done, of at most ``most``, and the controls that differ."""
 
     done: int
     most: int
@@ -99,15 +92,16 @@ class Comparison:
 
     Attributes:
         alpha: bound on the probability of a false alarm.
-        needed: number of further broken controls that would raise an alarm.
+        fewest: number of controls that an alarm takes at least; ``needed``: further broken ones that would
+            raise an alarm.
         p_value: valid at any stopping time.
-        stopped: ``worse``: an alarm; ``hopeless``: no alarm was possible any more; ``unjudged``: no rollout
-            could be judged; or ``done``.
+        stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; or ``done``.
     """
 
     policy: str
     baseline: str
     alpha: float
+    fewest: int
     needed: int
     p_value: float
     stopped: Stopped
@@ -119,18 +113,33 @@ class Comparison:
         return self.p_value <= self.alpha
 
     @property
-    def total(self) -> Tally:
-        return Tally.of(self.compared)
+    def controls(self) -> Tally:
+        return self.tally("control")
 
     @property
     def tried(self) -> int:
-        """Pairs, judged or not."""
-        return sum(len(compared.pairs) for compared in self.compared)
+        """Controls that were run, judged or not."""
+        return sum(bool(control.pairs) for control in self.of("control"))
 
     @property
     def tells(self) -> bool:
-        """Whether there is a verdict: an alarm, or no alarm with at least half of the pairs judged."""
-        return self.alarm or 2 * self.total.baseline.of >= max(self.tried, 1)
+        """Whether there is a verdict: an alarm, or enough controls for one, at least half of them judged."""
+        judged = self.controls.policy.of
+        return self.alarm or (judged >= self.fewest and 2 * judged >= self.tried)
+
+    @property
+    def difference(self) -> Interval | None:
+        """95 % interval of policy's minus baseline's failure rate over controls; None if none was judged.
+
+        After an alarm it is too far up, since the test stopped where the difference was large.
+        """
+        baseline, policy = self.controls.baseline, self.controls.policy
+        return newcombe(baseline.count, baseline.of, policy.count, policy.of) if policy.of else None
+
+    @property
+    def lost(self) -> float:
+        """Policy's minus baseline's failure rate over the judged controls."""
+        return self.controls.baseline.share - self.controls.policy.share
 
     def of(self, group: Group) -> list[Compared]:
         return [compared for compared in self.compared if compared.probe.group == group]
@@ -141,10 +150,13 @@ class Comparison:
     @property
     def verdict(self) -> str:
         """The result in one sentence."""
-        total, p = self.total, f"p = {self.p_value:.2g}, alpha = {self.alpha:g}"
+        controls, p = self.controls, f"p = {self.p_value:.2g}, alpha = {self.alpha:g}"
+        if not self.of("control"):
+            return "cannot tell: the corpus has no controls, scenes that no outcome selected"
         if not self.tells:
-            return f"cannot tell: only {total.baseline.of} of {self.tried} rollouts could be judged"
-        counts = f"{total.worse} worse and {total.better} better of {total.baseline.of} pairs ({p})"
+            enough = f"an alarm takes {self.fewest} or more"
+            return f"cannot tell: {controls.policy.of} of {self.tried} controls could be judged; {enough}"
+        counts = f"{controls.worse} worse and {controls.better} better of {controls.policy.of} controls ({p})"
         if self.alarm:
             return f"{self.policy} is worse than {self.baseline}: {counts}"
         shown = f"{self.policy} is not shown to be worse than {self.baseline}"
@@ -158,39 +170,38 @@ def compare(
     *,
     alpha: float = 0.05,
     max_rollouts: int | None = None,
+    whole: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Comparison:
-    """Roll out both, scene by scene, in a shuffled order that is always the same.
+    """Roll out both in every control once, then some times in each of the other scenes, round by round.
 
-    Two deterministic sides need one round; otherwise there are more, with new seeds. The first round ends
-    early only at an alarm, since every scene is of interest; later rounds also end if no alarm is possible
-    any more.
+    Repeats in one control would not be independent evidence, so there are none.
 
     Args:
-        max_rollouts: of the policy; None for one per scene, or five if a side is stochastic.
+        max_rollouts: of the policy; None for all of these.
+        whole: do not stop at an alarm.
         watch: called after every pair.
     """
-    most = most_rollouts(probes, policy, baseline, max_rollouts)
+    most = most_rollouts(probes, max_rollouts)
     pairs: list[list[Pair]] = [[] for _ in probes]
     test, judged = SignTest(alpha), 0
+    fewest = test.needed
     stopped: Stopped = "done"
-    for done, (index, repeat) in enumerate(_order(len(probes), most)):
-        if repeat and test.hopeless(most - done):
-            stopped = "hopeless"
-            break
+    for done, (index, repeat) in enumerate(islice(_order(probes), most), start=1):
         pair = Pair(baseline.answer(probes[index], repeat), policy.answer(probes[index], repeat))
         pairs[index].append(pair)
         judged += pair.judged
-        if pair.discordant:
-            test.see(worse=pair.worse, control=probes[index].group != "failing")
-        watch(Progress(done + 1, most, test.worse, test.better))
-        if test.alarm or (done + 1 >= PATIENCE and not judged):
+        if pair.discordant and probes[index].group == "control":
+            test.see(worse=pair.worse)
+        watch(Progress(done, most, test.worse, test.better))
+        if (test.alarm and not whole) or (done >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break
     return Comparison(
         policy=policy.name,
         baseline=baseline.name,
         alpha=alpha,
+        fewest=fewest,
         needed=test.needed,
         p_value=test.p_value,
         stopped=stopped,
@@ -198,15 +209,15 @@ def compare(
     )
 
 
-def most_rollouts(probes: Sequence[Probe], policy: Side, baseline: Side, bound: int | None) -> int:
-    """How many rollouts of the policy are useful, at most ``bound``."""
-    once = policy.deterministic and baseline.deterministic
-    useful = len(probes) if once else bound or len(probes) * REPEATS
-    return min(useful, bound or useful)
+def most_rollouts(probes: Sequence[Probe], bound: int | None) -> int:
+    """How many rollouts of each policy there are, at most ``bound``."""
+    rollouts = sum(1 if probe.group == "control" else REPEATS for probe in probes)
+    return min(rollouts, bound or rollouts)
 
 
-def _order(scenes: int, most: int) -> Iterator[tuple[int, int]]:
-    """Indices of scenes with the number of the repeat, round by round."""
-    shuffled = [int(index) for index in np.random.default_rng(0).permutation(scenes)]
-    for number in range(most if scenes else 0):
-        yield shuffled[number % scenes], number // scenes
+def _order(probes: Sequence[Probe]) -> Iterator[tuple[int, int]]:
+    """Indices of scenes with the number of the repeat."""
+    controls = [index for index, probe in enumerate(probes) if probe.group == "control"]
+    others = [index for index, probe in enumerate(probes) if probe.group != "control"]
+    yield from ((index, 0) for index in controls)
+    yield from ((index, repeat) for repeat in range(REPEATS) for index in others)

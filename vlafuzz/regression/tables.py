@@ -4,18 +4,19 @@ from dataclasses import asdict
 from typing import Any
 
 from vlafuzz.regression.corpus import Corpus
-from vlafuzz.regression.pairs import Compared, Group, Tally
+from vlafuzz.regression.pairs import Compared, Group
 from vlafuzz.regression.regress import Comparison
-from vlafuzz.text import Row, count_of
+from vlafuzz.text import Row, points
 
 _GROUPS: dict[Group, str] = {
+    "control": "controls",
     "failing": "failing scenes",
     "counterpart": "counterparts",
     "nominal": "nominal scenes",
 }
 _STANDINGS = {
-    "better": "solved: only the policy passes",
-    "worse": "broken: only the baseline passes",
+    "better": "fixed: the baseline fails, the policy passes",
+    "worse": "broken: the baseline passes, the policy fails",
     "passes": "both pass",
     "fails": "both fail",
     "error": "errors: a policy or the simulator broke",
@@ -26,27 +27,39 @@ _STANDINGS = {
 
 def tables(compared: Comparison, corpus: Corpus) -> dict[str, list[Row]]:
     """The rows of every table, by title."""
-    groups = [_row(name, compared.tally(group), len(compared.of(group))) for group, name in _GROUPS.items()]
     standings: list[Row] = [
         {"scenes": title} | {name: _count(compared.of(group), standing) for group, name in _GROUPS.items()}
         for standing, title in _STANDINGS.items()
     ]
-    worse = [_scene(scene) for scene in compared.compared if scene.standing == "worse"]
+    selected = [scene for scene in compared.compared if scene.probe.group != "control"]
+    broken = [_scene(scene) for scene in selected if scene.standing == "worse"]
     return {
-        corpus.name: [*groups, _row("all", compared.total, len(compared.compared))],
+        corpus.name: [_row(compared, group) for group in _GROUPS],
         "how the policy stands": standings,
-        **({"got worse": worse} if worse else {}),
+        **({"broken, which raises no alarm": broken} if broken else {}),
     }
 
 
-def _row(group: str, tally: Tally, scenes: int) -> Row:
+def difference(compared: Comparison) -> str:
+    """The difference of the failure rates in a sentence; empty where no control was judged."""
+    between = compared.difference
+    if between is None:
+        return ""
+    span = f"{points(between.low)} to {points(between.high)}"
+    early = "; too large, as the test stopped there: see --whole" if compared.stopped == "worse" else ""
+    return f"failure rate over controls: {points(compared.lost)} points ({span}){early}"
+
+
+def _row(compared: Comparison, group: Group) -> Row:
+    scenes, tally = compared.of(group), compared.tally(group)
     return {
-        "group": group,
-        "scenes": scenes,
-        "baseline passed": count_of(**asdict(tally.baseline)),
-        "policy passed": count_of(**asdict(tally.policy)),
-        "worse": tally.worse,
-        "better": tally.better,
+        "group": _GROUPS[group],
+        "scenes": len(scenes),
+        "rollouts": tally.policy.of,
+        "baseline passes": str(tally.baseline),
+        "policy passes": str(tally.policy),
+        "broken": tally.worse,
+        "fixed": tally.better,
     }
 
 
@@ -68,15 +81,15 @@ def _scene(scene: Compared) -> Row:
 
 def document(compared: Comparison, corpus: Corpus) -> dict[str, Any]:
     """The JSON of ``regress --json``."""
-    total = compared.total
     names = ("policy", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
+    between = compared.difference
     return {
         "corpus": corpus.name,
         **{name: getattr(compared, name) for name in names},
-        "pairs": compared.tried,
-        "judged": total.baseline.of,
+        "controls": compared.tried,
+        "judged": compared.controls.policy.of,
+        "difference": between and {"of_failure_rates": compared.lost, **between._asdict()},
         "groups": {group: _group(compared, group) for group in _GROUPS},
-        "total": asdict(total),
         "scenes": [_scene(scene) | {"standing": scene.standing} for scene in compared.compared],
     }
 
