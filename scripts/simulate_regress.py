@@ -1,0 +1,171 @@
+#!/usr/bin/env python
+"""False alarms and power of `vlafuzz regress`, with simulated policies whose failure rates are known.
+
+Every corpus has failing scenes and counterparts, selected by the outcomes of its own policy, and controls as
+`vlafuzz export` records them. It is compared with policies that fail equally often, and with worse ones, by
+the same code as on the command line; only policies and simulator are made up. A policy passes in a scene and
+its neighbourhood with a probability that has a given distribution over scenes: independent of the baseline's,
+or (related) equal to the baseline's in nine of ten scenes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vlafuzz.assets import corpus_dir
+from vlafuzz.conditions.stored import stored_space
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.regression.controls import CONTROLS, record
+from vlafuzz.regression.corpus import Case, Corpus
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.pairs import probes
+from vlafuzz.regression.regress import Recorded, Rerun, compare
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.jitter import load_jitter
+from vlafuzz.statistics import wilson
+from vlafuzz.triage.path import nominal
+from vlafuzz.watch import SILENT
+
+TEMPLATE = corpus_dir() / "mini-pick-up"
+CASES, REPEATS = 3, 5
+OWN = 0.1  # share of scenes in which a related policy differs
+LOSSES = (0.1, 0.2, 0.3)
+
+# Probability of passing, by a number that is uniform over scenes; and its mean.
+KINDS: dict[str, tuple[Callable[[float], float], float]] = {
+    "stochastic, 0.3 to 0.7": (lambda u: 0.3 + 0.4 * u, 0.5),
+    "stochastic, uniform": (lambda u: u, 0.5),
+    "stochastic, bimodal": (lambda u: 0.95 if u < 0.5 else 0.05, 0.5),
+    "deterministic, skill 0.3": (lambda u: float(u < 0.3), 0.3),
+    "deterministic, skill 0.5": (lambda u: float(u < 0.5), 0.5),
+    "deterministic, skill 0.7": (lambda u: float(u < 0.7), 0.7),
+}
+
+
+class Policy:
+    """A runner whose policy passes with known probabilities.
+
+    Args:
+        name: of which all probabilities are a function.
+        related: a policy that it agrees with in most scenes.
+        loss: of the mean probability.
+    """
+
+    deterministic = True
+
+    def __init__(
+        self, kind: str, name: str, space: SearchSpace, *, related: str | None = None, loss: float = 0.0
+    ) -> None:
+        (self._rate, mean), self._name, self._related = KINDS[kind], name, related or name
+        self.space, self._kept = space, 1 - loss / mean
+        self._certain = kind.startswith("deterministic")
+        self._rng = np.random.default_rng(int.from_bytes(hashlib.blake2b(name.encode()).digest()[:8], "big"))
+
+    def passes(self, scene: Scene) -> bool:
+        target = scene.targets[0]
+        place = f"{target.object} {target.x:.2f} {target.y:.2f} {target.yaw // 20:.0f}"
+        own = _uniform(f"{self._name} differs in {place}") < OWN
+        rate = self._rate(_uniform(f"{self._name if own else self._related} in {place}"))
+        if self._certain:
+            return rate > 0.5 and _uniform(f"{self._name} keeps {place}") < self._kept
+        return bool(self._rng.random() < rate * self._kept)
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        verdicts = [Verdict.PASSED if self.passes(scene) else Verdict.FAILED for scene in scenes]
+        return [Outcome(verdict=verdict) for verdict in verdicts]
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def _uniform(text: str) -> float:
+    """A number in [0, 1) that looks random, the same for the same text."""
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=6).digest(), "big") / 2**48
+
+
+@dataclass(frozen=True)
+class Maker:
+    """Makes corpora with the conditions and the kind of cases of a shipped one."""
+
+    template: Corpus
+    space: SearchSpace
+
+    def corpus(self, policy: Policy, seed: int) -> Corpus:
+        controls = record(policy, seed, CONTROLS, SILENT)
+        return replace(self.template, cases=self._cases(policy, seed), controls=controls)
+
+    def _cases(self, policy: Policy, seed: int) -> list[Case]:
+        """Scenes that mostly fail, and pass with their target at its nominal place."""
+        rng, cases = np.random.default_rng([seed, 1]), list[Case]()
+        for _ in range(100 * CASES):
+            scene = self.space.sample(rng)
+            counterpart = self.space.reset(scene, ["target-position"])
+            if self._passes(policy, scene) or not self._passes(policy, counterpart):
+                continue
+            control = nominal(self.space, scene)
+            case = replace(self.template.cases[0], scene=scene, counterparts={"target-position": counterpart})
+            passes = self._passes(policy, control)
+            cases.append(replace(case, nominal=control, nominal_passes=passes))
+            if len(cases) == CASES:
+                break
+        return cases
+
+    def _passes(self, policy: Policy, scene: Scene) -> bool:
+        around = [load_jitter().apply(scene, number) for number in range(REPEATS)]
+        return 2 * sum(policy.passes(jittered) for jittered in around) > REPEATS
+
+
+def simulate(kind: str, corpora: int, maker: Maker) -> Counter[str]:
+    """Number of alarms by comparison."""
+    alarms: Counter[str] = Counter()
+    for seed in range(corpora):
+        name = f"baseline {seed}"
+        baseline = Policy(kind, name, maker.space)
+        corpus = maker.corpus(baseline, seed)
+        scenes, recorded = probes(corpus), Recorded("recorded")
+        again = Rerun("baseline", corpus.runs, lambda run, baseline=baseline: baseline)
+        for related, loss in [(related, loss) for related in (None, name) for loss in (0.0, *LOSSES)]:
+            new = Policy(kind, f"new {related} {loss} {seed}", maker.space, related=related, loss=loss)
+            side = Rerun("new", corpus.runs, lambda run, new=new: new)
+            label = f"{'related' if related else 'independent'}, {100 * loss:.0f} points"
+            alarms[label] += compare(scenes, side, recorded).alarm
+            if not loss:
+                alarms[f"{label}, both run anew"] += compare(scenes, side, again).alarm
+        if seed % 20 == 19:
+            print(f"{kind}: {seed + 1} of {corpora} corpora", file=sys.stderr, flush=True)
+    return alarms
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--corpora", type=int, default=400, help="of each kind")
+    parser.add_argument("--out", type=Path, help="JSON file for the figures")
+    options = parser.parse_args()
+    template = read_corpus(TEMPLATE)
+    maker = Maker(template, stored_space(TEMPLATE, template.runs[0]))
+    rows = []
+    for kind in KINDS:
+        alarms = simulate(kind, options.corpora, maker)
+        for comparison in sorted(alarms):
+            low, high = wilson(alarms[comparison], options.corpora)
+            rows.append({"kind": kind, "comparison": comparison, "alarms": alarms[comparison]})
+            share = f"{alarms[comparison] / options.corpora:6.1%} ({low:.1%}-{high:.1%})"
+            print(f"{kind:28}{comparison:40}{share}", flush=True)
+    if options.out:
+        options.out.write_text(json.dumps({"corpora": options.corpora, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
