@@ -12,7 +12,7 @@ from tests.regression.sides import Planned, RuleRunner, flaky, probes
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.controls import REGRESS
 from vlafuzz.regression.pairs import probes as probes_of
-from vlafuzz.regression.regress import Progress, Recorded, Rerun, compare
+from vlafuzz.regression.regress import REPEATS, Progress, Recorded, Rerun, compare
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import wilson
 
@@ -169,34 +169,55 @@ def test_a_nominal_scene_that_failed_is_recorded_as_such():
     assert not nominal.passed
 
 
-def test_seeds_are_those_of_neither_triage_nor_export_and_one_runner_serves_all_runs_alike():
+@pytest.fixture
+def rerun() -> tuple[Rerun, list[RuleRunner]]:
+    """A policy in the scenes of two runs with seeds 0 and 1, and the runners that it makes."""
     runners: list[RuleRunner] = []
 
     def runner(run):
         runners.append(RuleRunner(lambda shown: True, run))
         return runners[-1]
 
-    corpus = make_corpus(case(1), case(2, run=1), runs=2)
-    rerun = Rerun("new", [replace(run, seed=run.seed + 5) for run in corpus.runs], runner)
-    for probe in probes_of(corpus)[:2]:
-        assert rerun.answer(probe, 0).passed
-        rerun.answer(probe, 3)
-    rerun.close()
+    return Rerun("new", [manifest(), manifest(seed=1)], runner), runners
+
+
+def test_one_runner_serves_all_runs_under_the_same_conditions(rerun):
+    side, runners = rerun
+    for probe in probes_of(make_corpus(case(1), case(2, run=1), runs=2)):
+        assert side.answer(probe, 0).passed
+    side.close()
     assert len(runners) == runners[0].closed == 1
-    assert [seed - REGRESS for _, seed in runners[0].calls] == [5, 8, 6, 9]
 
 
-def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repeat():
-    runner = RuleRunner(lambda shown: True, manifest())
-    rerun = Rerun("new", [manifest()], lambda run: runner)
+def test_every_rollout_has_a_seed_of_its_own_that_neither_triage_nor_export_uses(rerun):
+    side, (runner, *_) = rerun
+    for probe in probes_of(make_corpus(case(1), case(2), controls=40)):
+        for repeat in range(1 if probe.group == "control" else REPEATS):
+            side.answer(probe, repeat)
+    seeds = [seed for _, seed in runner.calls]
+    assert len(set(seeds)) == len(seeds) == 40 + 5 * REPEATS
+    assert min(seeds) >= REGRESS
+
+
+def test_a_run_adds_its_seed(rerun):
+    side, (runner, *_) = rerun
+    probe = probes_of(make_corpus())[0]
+    side.answer(probe, 0)
+    side.answer(replace(probe, run=1), 0)
+    (_, first), (_, second) = runner.calls
+    assert second - first == 1
+
+
+def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repeat(rerun):
+    side, (runner, *_) = rerun
     control, failing = probes_of(make_corpus(controls=1))[:2]
-    rerun.answer(control, 0)
+    side.answer(control, 0)
     for repeat in range(2):
-        rerun.answer(failing, repeat)
-    shown = [scene for scene, _ in runner.calls]
-    around = [load_jitter().apply(failing.scene, REGRESS + repeat) for repeat in range(2)]
-    assert shown == [control.scene, *around]
-    assert len({*shown, failing.scene}) == 4
+        side.answer(failing, repeat)
+    (shown, _), *around = runner.calls
+    assert shown == control.scene
+    assert [scene for scene, _ in around] == [load_jitter().apply(failing.scene, seed) for _, seed in around]
+    assert len({failing.scene, *(scene for scene, _ in around)}) == 3
 
 
 def test_runs_under_other_conditions_get_runners_of_their_own():

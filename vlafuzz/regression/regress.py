@@ -25,6 +25,7 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.triage.triager import PolicyRunner
 
 REPEATS = 3  # of each scene that is no control
+_DIGITS = 6  # of a scene's digest, for the seeds
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "unjudged", "done"]
 
@@ -66,8 +67,12 @@ class Rerun:
         self._runners = {key: make(run) for key, run in distinct.items()}
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """One rollout, jittered (controls are already), with a seed that neither triage nor export uses."""
-        run, number = self._runs[probe.run], REGRESS + repeat
+        """One rollout, jittered (controls are already), with a seed that neither triage nor export uses.
+
+        Each scene has seeds of its own: a policy may draw the same numbers in all rollouts with one seed.
+        """
+        run, digits = self._runs[probe.run], probe.scene.digest[:_DIGITS]
+        number = REGRESS + REPEATS * int(digits, 16) + repeat
         scene = probe.scene if probe.group == "control" else load_jitter().apply(probe.scene, number)
         runner = self._runners[run.key(seeded=False)]
         return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
