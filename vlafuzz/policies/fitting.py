@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +19,11 @@ Array = NDArray[np.float64]
 HAND = 255  # label; outlines are counted from 1, 0 is the background
 LEAST = 12  # pixels of an outline that can be recognized
 YAWS = np.radians(np.arange(0, 360, 30))
-STARTS = 3  # poses and yaws that are refined
-STEPS = np.diag([0.008, 0.008, np.radians(12)])  # of x and y, metres, and yaw, radians
-HALVINGS = 5  # of the steps
+# To all sides by metres, and around by radians
+STEPS = [np.array(s) * [0.032, 0.032, np.radians(24)] for s in product((-1, 0, 1), repeat=3) if any(s)]
+HALVINGS = 7  # of the steps
+STARTS = 3  # yaws of a pose that are refined, at most
+GOOD = 0.98  # agreement above which no better pose is looked for
 
 
 class Guess(NamedTuple):
@@ -44,6 +47,10 @@ class Fit(NamedTuple):
 
     agreement: float
     guess: Guess
+
+    @property
+    def thing(self) -> Thing:
+        return self.guess.thing
 
 
 class Look:
@@ -80,15 +87,16 @@ class Look:
         return float(under[label] / max(np.count_nonzero(self._labels == label) + under[0], 1))
 
     def fit(self, model: ObjectModel, label: int, floors: Iterable[float] = (0.0,)) -> Fit:
-        """The pose in which an object agrees best with an outline."""
-        guesses = [
-            self._centred(Guess(model, pose, floor, np.array([0.0, 0.0, yaw])), label)
-            for floor in floors
-            for pose in model.stable_poses
-            for yaw in YAWS
-        ]
-        starts = sorted((self._rate(guess, label) for guess in guesses), key=_agreement)[-STARTS:]
-        return max((self._refine(fit, label) for fit in starts), key=_agreement)
+        """The pose in which an object agrees best with an outline; the first of those that agree well."""
+        fits = []
+        for pose, floor in product(model.stable_poses, floors):
+            guesses = (Guess(model, pose, floor, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
+            starts = [self._rate(self._centred(guess, label), label) for guess in guesses]
+            for start in sorted(starts, key=agreement, reverse=True)[:STARTS]:
+                fits.append(self._refine(start, label))
+                if fits[-1].agreement > GOOD:
+                    return fits[-1]
+        return max(fits, key=agreement)
 
     def _rate(self, guess: Guess, label: int) -> Fit:
         return Fit(self.agreement(guess.thing, label), guess)
@@ -107,15 +115,12 @@ class Look:
     def _refine(self, fit: Fit, label: int) -> Fit:
         """Moved and turned as long as it agrees better, by ever smaller steps."""
         halved = 0
-        while halved < HALVINGS:
-            steps = (*STEPS / 2**halved, *-STEPS / 2**halved)
-            best = max((self._rate(fit.guess.moved(step), label) for step in steps), key=_agreement)
-            if best.agreement > fit.agreement:
-                fit = best
-            else:
-                halved += 1
+        while halved < HALVINGS and fit.agreement <= GOOD:
+            tries = (self._rate(fit.guess.moved(step / 2**halved), label) for step in STEPS)
+            better = next((tried for tried in tries if tried.agreement > fit.agreement), None)
+            fit, halved = better or fit, halved + (better is None)
         return fit
 
 
-def _agreement(fit: Fit) -> float:
+def agreement(fit: Fit) -> float:
     return fit.agreement

@@ -19,7 +19,7 @@ from vlafuzz.policies.base import (
     PolicySpec,
 )
 from vlafuzz.policies.expert import GRASPS, LEANS
-from vlafuzz.policies.fitting import Fit, Look
+from vlafuzz.policies.fitting import Fit, Look, agreement
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.pinhole import GRIPPED, RAISED
 from vlafuzz.policies.planning import Thing
@@ -27,7 +27,7 @@ from vlafuzz.rigs.hand import hand_boxes
 from vlafuzz.rigs.robots import rig
 
 Array = NDArray[np.float64]
-STILL = 0.85  # agreement with an outline above which an object is where it was
+STILL = 0.93  # share of its agreement with an outline above which an object is where it was
 SAME = 0.5  # agreement above which an outline is that of a target
 
 
@@ -70,9 +70,9 @@ class _Episode:
         self._models, self._rig = models, rig(start.robot)
         lean = LEANS[attempt // GRASPS]
         self._controller = PickPlaceController(start.task, self._rig, attempt=attempt % GRASPS, lean=lean)
-        self._targets: dict[int, Thing] = {}  # by their number in the instruction
+        self._targets: dict[int, Fit] = {}  # by their number in the instruction
         self._others: tuple[Thing, ...] = ()
-        self._surveyed: tuple[int, int] | None = None
+        self._surveyed = (-1, 0)
         self._closed = False
 
     def act(self, observation: Observation) -> Array:
@@ -88,8 +88,8 @@ class _Episode:
         if len(self._targets) < len(calibration.targets):
             return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
         belief = Belief(
-            a=self._targets[0],
-            b=self._targets.get(1),
+            a=self._targets[0].thing,
+            b=self._targets[1].thing if 1 in self._targets else None,
             others=self._others,
             tcp=tcp,
             tcp_rotation=rotation,
@@ -105,22 +105,23 @@ class _Episode:
             if number == 0 and self._closed:
                 continue
             labels, known = look.alike(model), self._targets.get(number)
-            if known and any(look.agreement(known, label) > STILL for label in labels):
+            if known and any(
+                look.agreement(known.thing, label) > STILL * known.agreement for label in labels
+            ):
                 continue
             if labels:
-                fits = [look.fit(model, label) for label in labels]
-                self._targets[number] = max(fits, key=lambda fit: fit.agreement).guess.thing
+                self._targets[number] = max((look.fit(model, label) for label in labels), key=agreement)
 
     def _survey(self, look: Look) -> None:
-        """Identify the other objects by colour and shape: at first, and when things may have changed."""
-        now = (len(look.colours), self._controller.attempt)
-        if now == self._surveyed:
+        """Identify the other objects by colour and shape, in every attempt and when there is more to see."""
+        now = (self._controller.attempt, len(look.colours))
+        if self._closed or now <= self._surveyed:
             return
         self._surveyed = now
         others: dict[int, Fit] = {}
         for model in self._models:
             for label in look.alike(model):
-                if not any(look.agreement(target, label) > SAME for target in self._targets.values()):
+                if not any(look.agreement(fit.thing, label) > SAME for fit in self._targets.values()):
                     fits = [look.fit(model, label), *([others[label]] if label in others else [])]
-                    others[label] = max(fits, key=lambda fit: fit.agreement)
-        self._others = tuple(fit.guess.thing for fit in others.values())
+                    others[label] = max(fits, key=agreement)
+        self._others = tuple(fit.thing for fit in others.values())
