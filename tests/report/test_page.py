@@ -60,6 +60,7 @@ def test_each_failure_has_a_card_with_two_films_that_say_what_they_are(page: Pag
     assert sum("idle fails" in (button["aria-label"] or "") for button in films) == 6
     assert "the witness solves it" in page.text
     assert "fails from yaw 2." in page.text
+    assert "solved by the seeing expert, by what the camera shows" in page.text
 
 
 def test_filters_offer_what_the_cards_have(page: Page):

@@ -36,7 +36,8 @@ def test_verdicts_stages_and_evidence_are_counted_with_what_they_are_shares_of(t
     verdicts, funnel, evidence = triaged.charts
     assert counts(verdicts) == {"failed": (6, 8), "passed": (2, 8), "invalid": (0, 8), "error": (0, 8)}
     assert counts(funnel) == {"grasp": (2, 8), "lift": (2, 8), "success": (2, 8)}
-    expected = {"confirmed": 6, "witnessed": 6, "minimal": 6, "base": 0, "unproven": 0, "flaky": 0}
+    expected = {"confirmed": 6, "witnessed": 6, "by sight": 6, "minimal": 6}
+    expected |= dict.fromkeys(("base", "unproven", "edge", "flaky"), 0)
     assert counts(evidence) == {name: (count, 6) for name, count in expected.items()}
 
 
@@ -54,6 +55,7 @@ def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
     assert (only.fails_from or "").startswith("fails from yaw 2.")
     assert card.role("camera-orientation") == "necessary, sufficient alone"
     assert card.witness is not None
+    assert card.witness.solver == "seeing"
     assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --policy idle")
 
 

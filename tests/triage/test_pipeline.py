@@ -277,6 +277,7 @@ def test_a_harvest_counts_it(store):
     triage(opened, lambda run: PlantedRunner([lambda scene: TILTED(scene) or DARK(scene)]), limit=3)
     got = summarise(opened)
     assert (got.findings, got.triaged, got.confirmed, got.witnessed, got.distinct_cells) == (4, 3, 3, 3, 4)
+    assert got.by_sight == 3
     assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "edge": 0, "flaky": 0}
     assert got.distinct_signatures == len(got.signatures) <= 2
     assert got.deviating_after == 1 < (got.deviating_before or 0)

@@ -34,7 +34,7 @@ def command(
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
 
-    Every finding is confirmed, solved by the expert, shrunk to the operators that it takes, and attributed to
+    Every finding is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
     them. Findings that were triaged before are left as they are.
     """
     for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit), ("--workers", workers)):
@@ -92,6 +92,7 @@ def _print(summary: TriageSummary) -> None:
         "triaged": summary.triaged,
         "confirmed": _share(summary.confirmed, summary.triaged),
         "witnessed": _share(summary.witnessed, summary.triaged),
+        "of these, by sight": _share(summary.by_sight, summary.witnessed),
         **{f"in bucket {name}": share for name, share in shares.items()},
         "distinct cells before": summary.distinct_cells,
         "distinct signatures after": summary.distinct_signatures,

@@ -174,7 +174,7 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
 
 def _evidence(store: Store, left_out: Counter[str]) -> Evidence:
     summary = summarise(store)
-    counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
+    counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
     counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "edge", "flaky")}
     trials = (trial for run in store.runs() for trial in store.trials(run.id))
     return Evidence(

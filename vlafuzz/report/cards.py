@@ -71,7 +71,7 @@ def card_of_triaged(
         operators=triaged.operators if minimal else triaged.deviating,
         deviations=deviations(space, scene, causes),
         causes=causes,
-        witness=triaged.witness.actions if triaged.witness else None,
+        witness=triaged.witness,
         detail=triaged.detail or _repeats(triaged.failures, triaged.repeats),
         replay=_replay(store, scene, run.policy if scene != triaged.scene else None),
     )
@@ -90,7 +90,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         operators=case.operators,
         deviations=deviations(space, case.scene, case.causes),
         causes=case.causes,
-        witness=case.witness.actions,
+        witness=case.witness,
         detail=_repeats(case.failures, case.repeats),
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,

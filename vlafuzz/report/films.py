@@ -61,5 +61,5 @@ def _notes(cards: Sequence[Card]) -> Iterator[str]:
 
 def _filmed(card: Card, films: Films) -> Card:
     failure = films(card.run, card.scene, None)
-    solution = films(card.run, card.scene, card.witness) if card.witness is not None else None
+    solution = films(card.run, card.scene, card.witness.actions) if card.witness else None
     return replace(card, failure=failure, solution=solution)

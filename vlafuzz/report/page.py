@@ -11,14 +11,16 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.files import reason, write_whole
-from vlafuzz.report.view import BUCKETS, Sheet, View
+from vlafuzz.report.view import BUCKETS, SOLVERS, Sheet, View
 from vlafuzz.sim.base import FILM_SPEED
 from vlafuzz.text import interval, percent
 
 
 def render(view: View) -> str:
     """A view as one HTML page without external resources."""
-    return _template("page.html.j2").render(view=view, buckets=BUCKETS, speed=FILM_SPEED, version=__version__)
+    return _template("page.html.j2").render(
+        view=view, buckets=BUCKETS, solvers=SOLVERS, speed=FILM_SPEED, version=__version__
+    )
 
 
 def render_sheet(sheet: Sheet) -> str:

@@ -119,7 +119,12 @@ def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
 def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
     charts = [verdict_chart(counts), *funnels(counts)]
     if summary.triaged:
-        numbers = summary.buckets | {"confirmed": summary.confirmed, "witnessed": summary.witnessed}
+        counted = {
+            "confirmed": summary.confirmed,
+            "witnessed": summary.witnessed,
+            "by sight": summary.by_sight,
+        }
+        numbers = summary.buckets | counted
         shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
         charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
     return tuple(charts)

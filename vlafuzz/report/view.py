@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from vlafuzz.evidence import Actions, Causes
+from vlafuzz.evidence import Causes, Solver, Witness
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.statistics import Share
@@ -17,6 +17,7 @@ BUCKETS: Mapping[str, str] = {
     "witnessed": "fails again, the expert solves it; not shown to be minimal",
     "base": "fails even with all operators nominal",
     "unproven": "fails again, but the expert fails, too",
+    "edge": "fails again exactly as it is, but not in scenes that hardly differ",
     "flaky": "fails in less than most repeats",
     "observed": "failed once; not triaged",
 }
@@ -26,10 +27,19 @@ BUCKETS: Mapping[str, str] = {
 SHARES: Mapping[str, str] = {
     "confirmed": "failed again, in a fresh environment",
     "witnessed": "the expert solves it",
+    "by sight": "of these, the seeing expert solves it, too",
     "minimal": "of these, every remaining operator matters",
     "base": "fails even with all operators nominal",
     "unproven": "the expert fails, too",
+    "edge": "fails exactly as it is, but not in scenes that hardly differ",
     "flaky": "fails in less than most repeats",
+}
+
+
+# Solvers of witnesses with what they know.
+SOLVERS: Mapping[Solver, str] = {
+    "expert": "the expert, by the simulator's state",
+    "seeing": "the seeing expert, by what the camera shows",
 }
 
 
@@ -91,7 +101,6 @@ class Card:
         run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
         operators: those that are not nominal in the scene; the confounder operators count as one.
-        witness: the actions that solve the scene, if there is a witness.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
         picture: PNG, shown if there are no films.
@@ -106,7 +115,7 @@ class Card:
     operators: tuple[str, ...]
     deviations: tuple[Deviation, ...]
     causes: Causes
-    witness: Actions | None = None
+    witness: Witness | None = None
     detail: str
     replay: str
     picture: bytes | None = None

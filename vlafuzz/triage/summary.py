@@ -20,6 +20,7 @@ class TriagedFinding:
     Attributes:
         scene: the finding; ``shrunk`` is the scene that is left of it.
         causes: thresholds from which on its operators make the policy fail.
+        solver: see ``Witness``; None without a witness.
     """
 
     scene: str
@@ -32,6 +33,7 @@ class TriagedFinding:
     failures: int
     repeats: int
     shrink_rollouts: int
+    solver: str | None
     detail: str
 
     @staticmethod
@@ -41,6 +43,7 @@ class TriagedFinding:
             **{name: getattr(triaged, name) for name in same},
             scene=triaged.scene.digest,
             shrunk=triaged.shrunk.digest if triaged.shrunk else None,
+            solver=triaged.witness.solver if triaged.witness else None,
             necessary=triaged.causes.necessary,
             sufficient=triaged.causes.sufficient,
             causes=tuple(map(describe, triaged.causes.thresholds)),
@@ -54,7 +57,7 @@ class TriageSummary:
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
         confirmed: findings that failed again: all that are not flaky.
-        witnessed: confirmed findings that the expert solved.
+        witnessed: confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did.
         distinct_cells: cells in which the findings lie, before triage.
         signatures: findings by signature, after triage; without ``base``.
         deviating_before: operators that were not nominal, median over the shrunk findings.
@@ -70,6 +73,7 @@ class TriageSummary:
     buckets: dict[str, int]
     confirmed: int
     witnessed: int
+    by_sight: int
     distinct_cells: int
     distinct_signatures: int
     signatures: dict[str, int]
@@ -85,6 +89,7 @@ class TriageSummary:
 def summarise(store: Store) -> TriageSummary:
     """Count what triage of a store has come to so far."""
     findings, triaged = store.findings(), store.triaged()
+    witnesses = [finding.witness for finding in triaged if finding.witness]
     buckets = Counter(finding.bucket for finding in triaged)
     shrunk = [finding for finding in triaged if finding.shrunk and finding.bucket != "base"]
     signatures = Counter(finding.signature for finding in shrunk if finding.signature)
@@ -94,7 +99,8 @@ def summarise(store: Store) -> TriageSummary:
         triaged=len(triaged),
         buckets={name: buckets[name] for name in get_args(Bucket)},
         confirmed=len(triaged) - buckets["flaky"],
-        witnessed=sum(finding.witness is not None for finding in triaged),
+        witnessed=len(witnesses),
+        by_sight=sum(witness.solver == "seeing" for witness in witnesses),
         distinct_cells=len({finding.cell for finding in findings}),
         distinct_signatures=len(signatures),
         signatures=dict(signatures.most_common()),
