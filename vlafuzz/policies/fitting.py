@@ -27,16 +27,15 @@ GOOD = 0.98  # agreement above which no better pose is looked for
 
 
 class Guess(NamedTuple):
-    """An object in a stable pose on a level surface at ``floor``, metres; ``shift``: x, y and yaw."""
+    """An object in a stable pose on the table. ``shift``: x and y, metres, and yaw, radians."""
 
     model: ObjectModel
     pose: StablePose
-    floor: float
     shift: Array
 
     @property
     def thing(self) -> Thing:
-        return standing(self.model, self.pose, self.shift[:2], self.shift[2], self.floor)
+        return standing(self.model, self.pose, self.shift[:2], self.shift[2])
 
     def moved(self, by: Array) -> Guess:
         return self._replace(shift=self.shift + by)
@@ -56,8 +55,10 @@ class Fit(NamedTuple):
 class Look:
     """One picture, read through a calibrated camera. ``hand``: boxes ``(8, 3)``, which hide what is behind.
 
+    Whether outlines can be told from the table is not asked: for the targets, validity has checked it.
+
     Attributes:
-        colours: apparent colours by label of the outlines that can be told from the table.
+        colours: apparent colours by label of the outlines that are large enough.
     """
 
     def __init__(self, outlines: Outlines, calibration: Calibration, hand: Sequence[Array]) -> None:
@@ -65,18 +66,18 @@ class Look:
         self._labels = blank(self._view)
         paint(self._labels, hand, self._view, HAND)
         self.colours: dict[int, Array] = {}
-        table = camera_values(outlines.table)
         for label, thing in enumerate(outlines.things, 1):
-            colour = camera_values(thing.colour)
-            if len(thing.pixels) >= LEAST and np.abs(colour - table).max() > NOISE:
+            if len(thing.pixels) >= LEAST:
                 u, v = (thing.pixels * self._labels.shape[::-1]).astype(int).T
                 self._labels[v, u] = label
-                self.colours[label] = colour
+                self.colours[label] = camera_values(thing.colour)
 
     def alike(self, model: ObjectModel) -> list[int]:
-        """Labels of the outlines that have the colour of an object in this light."""
+        """Labels of the outlines that are most like an object in colour; none if none has its colour."""
         apparent = camera_values(np.minimum(model.colour * self._light, 1.0))
-        return [label for label, seen in self.colours.items() if np.abs(seen - apparent).max() <= NOISE]
+        apart = {label: float(np.abs(seen - apparent).max()) for label, seen in self.colours.items()}
+        nearest = min([NOISE, *apart.values()])
+        return [label for label, difference in apart.items() if difference <= nearest]
 
     def agreement(self, thing: Thing, label: int) -> float:
         """Intersection over union of an object and an outline, where nothing else hides the object."""
@@ -86,24 +87,34 @@ class Look:
         under = np.bincount(self._labels[painted > 0], minlength=HAND + 1)
         return float(under[label] / max(np.count_nonzero(self._labels == label) + under[0], 1))
 
-    def fit(self, model: ObjectModel, label: int, floors: Iterable[float] = (0.0,)) -> Fit:
+    def fit(self, model: ObjectModel, label: int) -> Fit:
         """The pose in which an object agrees best with an outline; the first of those that agree well."""
         fits = []
-        for pose, floor in product(model.stable_poses, floors):
-            guesses = (Guess(model, pose, floor, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
-            starts = [self._rate(self._centred(guess, label), label) for guess in guesses]
-            for start in sorted(starts, key=agreement, reverse=True)[:STARTS]:
+        for pose in model.stable_poses:
+            for start in self._starts(model, pose, label)[:STARTS]:
                 fits.append(self._refine(start, label))
                 if fits[-1].agreement > GOOD:
                     return fits[-1]
         return max(fits, key=agreement)
+
+    def recognize(self, models: Iterable[ObjectModel], label: int) -> Fit | None:
+        """The object that an outline is most like, hardly slower than ``fit`` of one; None without models."""
+        starts = (self._starts(model, pose, label)[0] for model in models for pose in model.stable_poses)
+        best = max(starts, key=agreement, default=None)
+        return best and self._refine(best, label)
+
+    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[Fit]:
+        """The object where the outline is, in all directions, the best first."""
+        guesses = (Guess(model, pose, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
+        rated = (self._rate(self._centred(guess, label), label) for guess in guesses)
+        return sorted(rated, key=agreement, reverse=True)
 
     def _rate(self, guess: Guess, label: int) -> Fit:
         return Fit(self.agreement(guess.thing, label), guess)
 
     def _centred(self, guess: Guess, label: int) -> Guess:
         """The object moved so that the middles of the two outlines coincide."""
-        height = guess.pose.height + guess.floor
+        height = guess.pose.height
         v, u = np.nonzero(self._labels == label)
         seen = (np.array([[u.mean(), v.mean()]]) + 0.5) / self._labels.shape[::-1]
         place = self._view.back_project(seen, height)[0] * [1, 1, 0]

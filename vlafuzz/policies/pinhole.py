@@ -209,10 +209,10 @@ def camera_values(colour: Array) -> Array:
     return np.asarray(np.round(colour * 255) / 255)
 
 
-def standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float, floor: float = 0.0) -> Thing:
-    """An object in a stable pose at ``place`` (2,), on a level surface ``floor`` metres high."""
+def standing(model: ObjectModel, pose: StablePose, place: Array, yaw: float) -> Thing:
+    """An object in a stable pose on the table at ``place`` (2,), metres."""
     turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    return Thing(model, np.array([*place, pose.height + floor]), turn @ rotation_matrix(pose.quaternion))
+    return Thing(model, np.array([*place, pose.height]), turn @ rotation_matrix(pose.quaternion))
 
 
 def _fill(hull: Array) -> Array:

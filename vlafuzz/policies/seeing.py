@@ -118,10 +118,10 @@ class _Episode:
         if self._closed or now <= self._surveyed:
             return
         self._surveyed = now
-        others: dict[int, Fit] = {}
-        for model in self._models:
-            for label in look.alike(model):
-                if not any(look.agreement(fit.thing, label) > SAME for fit in self._targets.values()):
-                    fits = [look.fit(model, label), *([others[label]] if label in others else [])]
-                    others[label] = max(fits, key=agreement)
-        self._others = tuple(fit.thing for fit in others.values())
+        targets = [fit.thing for fit in self._targets.values()]
+        others = [
+            look.recognize([model for model in self._models if label in look.alike(model)], label)
+            for label in look.colours
+            if not any(look.agreement(target, label) > SAME for target in targets)
+        ]
+        self._others = tuple(fit.thing for fit in others if fit)

@@ -161,7 +161,7 @@ class ManiSkillEvaluator:
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
         distance, spec = self._conditions.min_distance, self._policy.spec
-        flat = spec.silhouettes and not spec.cameras
+        flat = spec.silhouettes and not spec.cameras and not spec.calibrated
         rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
         return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
 
