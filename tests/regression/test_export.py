@@ -116,6 +116,30 @@ def test_what_fails_without_its_operators_too_is_left_out(store: Store):
         export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1)
 
 
+class Loose(CheckingRunner):
+    """Passes in every fourth rollout where it should fail."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        pairs = zip(outcomes, numbers, strict=True)
+        return [passed() if number % 4 == 3 else outcome for outcome, number in pairs]
+
+
+def test_a_share_of_the_neighbourhood_can_be_asked_for(store: Store):
+    assert len(export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.7).cases) == 2
+    with pytest.raises(StoreError, match="it fails in less than 80% of its neighbourhood"):
+        export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.8)
+    firm = export(store, lambda run: CheckingRunner([DARK]), name="a", run=1, firm=0.95)
+    assert len(firm.cases) == 2
+
+
+def test_several_processes_check_the_same(store: Store):
+    alone = export(store, runner, name="a", firm=0.9, controls=20)
+    shared = export(store, runner, name="a", firm=0.9, controls=20, workers=2)
+    assert [case.scene for case in shared.cases] == [case.scene for case in alone.cases]
+    assert (shared.controls, shared.renderer) == (alone.controls, alone.renderer)
+
+
 def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
     with pytest.raises(StoreError, match=UNSOLVED):
         export(store, lambda run: CheckingRunner([DARK], solvable=lambda scene: False), name="a", run=1)

@@ -49,6 +49,15 @@ def export(
             show_default="200",
         ),
     ] = None,
+    firm: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of 20 jittered rollouts that have to fail in a scene of a corpus, and to pass in its "
+            "counterparts.",
+            show_default="until it is clear that most do",
+        ),
+    ] = None,
+    workers: Annotated[int, typer.Option(help="Processes that check the scenes of a corpus.")] = 1,
     format_: Annotated[
         Format,
         typer.Option(
@@ -74,7 +83,12 @@ def export(
         raise UsageError(f"--controls {controls}: only a corpus has controls", hint="add --minimal")
     if minimal:
         check_number("--controls", controls, 0)
-        _export_corpus(store, out, run, controls)
+        check_number("--workers", workers, 1)
+        if firm is not None and not 0.5 <= firm <= 1:
+            raise UsageError(
+                f"--firm {firm:g}: not a share from 0.5 to 1", hint="--firm 0.9 leaves out the rest"
+            )
+        _export_corpus(store, out, run, controls, firm, workers)
         return
     from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_demonstrations, write_file
 
@@ -91,7 +105,9 @@ def export(
     _print_left_out(exported.left_out)
 
 
-def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None) -> None:
+def _export_corpus(
+    store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
+) -> None:
     """Check the minimal failures once more and write those that hold."""
     from vlafuzz.regression.controls import CONTROLS, EXPORT
     from vlafuzz.regression.export import export as export_corpus
@@ -108,6 +124,8 @@ def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None
             name=out.name,
             run=run,
             controls=wanted,
+            firm=firm,
+            workers=workers,
             watch=bar,
         )
     write_corpus(corpus, out)

@@ -11,7 +11,7 @@ from vlafuzz.triage.triager import SceneRunner
 from vlafuzz.watch import Watch
 
 CONTROLS = 200
-# Numbers of jitters and seeds. Triage, which selects by outcomes, uses those below 100,000.
+# Numbers of jitters and seeds. Triage, which selects by outcomes, uses those below 200,000.
 EXPORT, CONTROL, REGRESS = 1_000_000, 2_000_000, 3_000_000
 _BATCH = 16
 _TRIES = 4  # scenes drawn for each control, at most: some turn out to be unfair

@@ -1,8 +1,8 @@
 """export: the minimal findings of a store as a corpus, with controls. Each finding is checked once more."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -12,20 +12,23 @@ from typing import NamedTuple, Protocol
 from vlafuzz.conditions import provenance
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.evidence import Witness
-from vlafuzz.outcome import Verdict
+from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression.controls import CONTROLS, record
 from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.scene import Scene
+from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.oracle import Answer
+from vlafuzz.triage.oracle import MOST, Answer
 from vlafuzz.triage.path import nominal
+from vlafuzz.triage.pool import PooledRunner, process_pool
 from vlafuzz.triage.summary import summarise
 from vlafuzz.triage.triager import SceneRunner, repeat
 from vlafuzz.watch import SILENT, Watch
 
 FIRST = 1_000_000  # number of the first rollout: far from those of triage
+ROLLOUTS = 20  # in the neighbourhood of a scene, where a share of them has to hold
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
@@ -58,6 +61,8 @@ def export(
     name: str,
     run: int | None = None,
     controls: int = CONTROLS,
+    firm: float | None = None,
+    workers: int = 1,
     watch: Watch = SILENT,
 ) -> Corpus:
     """The minimal findings of a store that still hold, one case per scene, and the policy's controls.
@@ -69,6 +74,9 @@ def export(
         runner: makes the scene runner that checks the findings of a run.
         run: only findings that this run found first.
         controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``.
+        firm: share of jittered rollouts that have to fail in a scene, and to pass in its counterparts; by
+            default most, and each is repeated until that is clear.
+        workers: processes that share the rollouts; ``runner`` is picklable where there are several.
 
     Raises:
         UsageError: the store has several tasks or policies.
@@ -85,10 +93,10 @@ def export(
     checked = partial(watch.progress, "minimal findings checked")
     checked(0, len(chosen))
     for number, group in groupby(chosen, lambda choice: choice.finding.run):
-        with closing(runner(runs[number])) as checker:
+        with _checker(runner, runs[number], workers) as checker:
             renderer = checker.renderer
             for choice in group:
-                case = _case(choice, numbers.index(number), checker)
+                case = _case(choice, numbers.index(number), checker, firm)
                 if isinstance(case, Case):
                     cases.append(case)
                 else:
@@ -113,6 +121,16 @@ def export(
     )
 
 
+@contextmanager
+def _checker(make: Callable[[Run], PictureRunner], run: Run, workers: int) -> Iterator[PictureRunner]:
+    if workers == 1:
+        with closing(make(run)) as runner:
+            yield runner
+    else:
+        with process_pool(workers) as pool:
+            yield PooledRunner(pool, make, run)
+
+
 def _choose(store: Store, run: int | None) -> list[_Chosen]:
     """The minimal findings, ordered by run; of several with the same minimal scene, the first."""
     findings = {finding.key: finding for finding in store.findings(run)}
@@ -134,7 +152,7 @@ def _check_alike(store: Store, runs: Sequence[Run]) -> None:
         raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
 
 
-def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
+def _case(chosen: _Chosen, run: int, runner: PictureRunner, firm: float | None) -> Case | str:
     """A finding as a case, or the reason why it no longer holds."""
     scene, triaged = chosen.shrunk, chosen.triaged
     lost = triaged.lost_stage
@@ -147,6 +165,8 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
     for operator, counterpart in triaged.counterparts.items():
         if repeat(runner, counterpart, FIRST)[0] is not Answer.PASSES:
             return f"without {operator} it no longer passes"
+    if firm is not None and (problem := _not_firm(triaged, runner, firm)):
+        return problem
     replayed = runner.play(scene, chosen.witness.actions)
     if replayed.verdict is not Verdict.PASSED:
         return UNSOLVED
@@ -170,6 +190,32 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner) -> Case | str:
         counterpart_rates=triaged.counterpart_rates,
         thumbnail=runner.picture(scene),
     )
+
+
+def _not_firm(triaged: Triaged, runner: PictureRunner, firm: float) -> str | None:
+    """Why less than a share of rollouts holds, one of them exactly in the scene and the others around it."""
+    assert triaged.shrunk is not None
+    assert triaged.lost_stage is not None
+    lost = runner.stages[: runner.stages.index(triaged.lost_stage) + 1]
+    outcomes = _around(triaged.shrunk, runner)
+    if outcomes[0].lost_stage not in lost:
+        return "it passes exactly as it is"
+    if sum(outcome.lost_stage in lost for outcome in outcomes) < firm * len(outcomes):
+        return f"it fails in less than {firm:.0%} of its neighbourhood"
+    for operator, counterpart in triaged.counterparts.items():
+        outcomes = _around(counterpart, runner)
+        passes = sum(outcome.verdict is Verdict.PASSED for outcome in outcomes)
+        if outcomes[0].verdict is not Verdict.PASSED or passes < firm * len(outcomes):
+            return f"without {operator} it passes in less than {firm:.0%} of its neighbourhood"
+    return None
+
+
+def _around(scene: Scene, runner: PictureRunner) -> list[Outcome]:
+    """A rollout in the scene, and those in its neighbourhood that could be judged."""
+    numbers = [FIRST + MOST + number for number in range(ROLLOUTS)]
+    scenes = [scene, *(load_jitter().apply(scene, number) for number in numbers[1:])]
+    first, *others = runner.evaluate(scenes, numbers)
+    return [first, *(outcome for outcome in others if outcome.verdict >= Verdict.PASSED)]
 
 
 def _evidence(store: Store, left_out: Counter[str]) -> Evidence:

@@ -39,11 +39,15 @@ class PooledRunner:
 
     Args:
         make: makes the scene runner of a run, once in every process; picklable.
+
+    Attributes:
+        renderer: as that of the processes' runners; None where they have none.
     """
 
     def __init__(self, pool: ProcessPoolExecutor, make: Make, run: Run) -> None:
         self._pool, self._make, self._run = pool, make, run
-        self.space, self.stages, self.deterministic = pool.submit(_about, make, run).result()
+        about = pool.submit(_about, make, run).result()
+        self.space, self.stages, self.deterministic, self.renderer = about
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         rolled = [
@@ -61,6 +65,10 @@ class PooledRunner:
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         outcome: Outcome = self._submit("play", scene, actions).result()
         return outcome
+
+    def picture(self, scene: Scene) -> bytes | None:
+        picture: bytes | None = self._submit("picture", scene).result()
+        return picture
 
     def close(self) -> None:
         """Nothing: the pool's owner closes it."""
@@ -84,7 +92,7 @@ def _runner(make: Make, run: Run) -> SceneRunner:
 
 def _about(make: Make, run: Run) -> tuple[Any, ...]:
     runner = _runner(make, run)
-    return runner.space, runner.stages, runner.deterministic
+    return runner.space, runner.stages, runner.deterministic, getattr(runner, "renderer", None)
 
 
 def _call(make: Make, run: Run, method: str, arguments: tuple[Any, ...]) -> Any:
