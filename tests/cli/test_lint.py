@@ -62,7 +62,7 @@ def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(
     (row,) = json.loads(printed.out)
     assert (row["valid"], row["unseen"]) == (1, 1)
     assert row["rejections"][0]["reason"].startswith("apple: ")
-    assert "12/255 apart from its surroundings" in " ".join(printed.err.split())
+    assert "8/255 apart from its surroundings" in " ".join(printed.err.split())
 
 
 def test_min_distance_can_be_chosen(tmp_path: Path) -> None:

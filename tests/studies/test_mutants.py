@@ -61,13 +61,8 @@ def test_ranges_without_room_for_three_mutants_are_refused(scenes: list[Scene]) 
     light = OPERATORS.operators["light"]
     narrow = light.model_copy(update={"intensity": light.intensity.model_copy(update={"low": 1, "high": 1})})
     operators = mutating("rq3", OPERATORS, "linear")
-    only = SearchSpace(
-        type(operators)(
-            operators.source, 0.15, {**operators.operators, "light": narrow}, operators.varied, {}
-        ),
-        CATALOGUE,
-        "pick-up",
-    )
+    narrowed = replace(operators, operators={**operators.operators, "light": narrow})
+    only = SearchSpace(narrowed, CATALOGUE, "pick-up")
     with pytest.raises(UsageError, match="light: the ranges hold no 3 mutants of a scene"):
         mutants(only, scenes, 0)
 

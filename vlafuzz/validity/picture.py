@@ -83,34 +83,37 @@ class Picture:
 
         A share ``least`` of what is seen of it differs by more from all shades around.
         """
-        colours, passed = self._colours(index), 0
-        around = list(self._surroundings(index))
+        colours, areas = self.colours(index)
+        if not len(colours):
+            return 0.0, "what is around it"
+        around, passed = list(self._surroundings(index)), 0
         total = sum(count for *_, count in around)
-        differences = [(_difference(colours, shades, least), name, count) for name, shades, count in around]
+        differences = [
+            (_difference(colours, areas, shades, least), name, count) for name, shades, count in around
+        ]
         for difference, name, count in sorted(differences):
             passed += count
             if passed >= total / 2:
                 return difference, name
         return 255.0, "nothing"
 
-    def _name(self, label: int) -> str:
-        return "the robot" if label == ROBOT else self._models[label - 1].spoken
-
-    def _colours(self, index: int) -> Array:
-        """``(n, 3)`` pixel values of points on the part of an object that the camera sees."""
+    def colours(self, index: int) -> tuple[Array, Array]:
+        """Pixel values ``(n, 3)`` at points that the camera sees of an object, and their relative areas."""
         look, (turn, place) = skin(self._models[index]), self._poses[index]
         points, normals = look.points @ turn.T + place, look.normals @ turn.T
         rays = self._view.position - points
-        facing = np.einsum("nc,nc->n", rays, normals) > 0
-        points, normals, rays, albedo = points[facing], normals[facing], rays[facing], look.colours[facing]
-        height, width = self._labels.shape
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        facing = np.einsum("nc,nc->n", rays, normals)
         uv, _ = self._view.project(points)
+        height, width = self._labels.shape
         u, v = np.clip((uv * [width, height]).astype(int), 0, [width - 1, height - 1]).T
-        kept = self._labels[v, u] == index + 1
-        normals, rays = normals[kept], rays[kept] / np.linalg.norm(rays[kept], axis=1, keepdims=True)
-        lights = self._rig.lights
-        gloss = glossy(normals, rays, look.roughness, lights)
-        return shown(albedo[kept], normals, lights, self._scene.light.intensity, gloss)
+        seen = (facing > 0) & (self._labels[v, u] == index + 1)
+        normals, lights = normals[seen], self._rig.lights
+        gloss = glossy(normals, rays[seen], look.roughness, lights)
+        return shown(look.colours[seen], normals, lights, self._scene.light.intensity, gloss), facing[seen]
+
+    def _name(self, label: int) -> str:
+        return "the robot" if label == ROBOT else self._models[label - 1].spoken
 
     def _surroundings(self, index: int) -> Iterator[tuple[str, Array, int]]:
         """What borders on an object: name, ``(k, 3)`` pixel values, and along how many pixels."""
@@ -144,9 +147,9 @@ class Picture:
         return shown(colours, UP[None], self._rig.lights, self._scene.light.intensity)
 
 
-def _difference(colours: Array, shades: Array, least: float) -> float:
-    """The difference of the colours from the nearest shade, exceeded by a share ``least`` of them."""
-    if not len(colours):
-        return 0.0
+def _difference(colours: Array, areas: Array, shades: Array, least: float) -> float:
+    """The difference from the nearest shade that colours on a share ``least`` of the area exceed."""
     apart = np.abs(colours[:, None] - shades).max(axis=2).min(axis=1)
-    return float(np.sort(apart)[-max(int(np.ceil(least * len(apart))), 1)])
+    order = np.argsort(-apart)
+    covered = np.cumsum(areas[order])
+    return float(apart[order][np.searchsorted(covered, least * covered[-1])])

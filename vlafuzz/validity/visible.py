@@ -1,5 +1,6 @@
 """Whether a person could see the targets in the policy's first picture."""
 
+import math
 from collections.abc import Iterator
 from typing import Annotated
 
@@ -12,7 +13,8 @@ from vlafuzz.rigs.backdrops import PAINTS
 from vlafuzz.scene import Scene
 from vlafuzz.validity.picture import Picture
 
-LEAST = 0.1  # share of what is seen of a target that is apart: the rim of a plate is enough to find it
+# Shares of what is seen of a target: less is never enough to find it (a sponge's edge is), the other always.
+LEAST, MOST = 0.04, 0.5
 Share = Annotated[float, Field(ge=0, le=1)]
 Levels = Annotated[float, Field(ge=0, le=255)]
 
@@ -23,7 +25,7 @@ class Visible(BaseModel):
     Attributes:
         inside: least share of its outline inside the picture.
         unhidden: least share of that outline that neither robot nor objects hide.
-        area: least share of the picture that what is seen of it covers, and of what is apart of it.
+        area: least share of the picture that is seen of it, and that is apart.
         apart: least difference from its surroundings, of 255 grey levels.
         apart_in_outlines: the same for policies that get outlines in flat colours instead of pictures.
     """
@@ -63,12 +65,13 @@ def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: 
         if outlines:
             apart, around, needed = _flat(scene, model), "the table", bounds.apart_in_outlines
         else:
-            share = min(max(bounds.area / seen.area, LEAST), 1.0) if seen.area else 1.0
+            share = min(max(bounds.area / max(seen.area, bounds.area), LEAST), MOST)
             needed = max(bounds.apart, scene.noise.grain)
             apart, around = picture.apart(index, share)
         if apart < needed:
+            difference = f"{math.floor(apart)}/255 apart from {around}"
             light = f"under light × {scene.light.intensity:.3g}"
-            yield f"{model.spoken}: {apart:.0f}/255 apart from {around} {light}; {needed:g}/255 are needed"
+            yield f"{model.spoken}: {difference} {light}; {needed:g}/255 are needed"
 
 
 def _flat(scene: Scene, model: ObjectModel) -> float:
