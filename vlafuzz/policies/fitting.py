@@ -13,11 +13,12 @@ from vlafuzz.objects.model import ObjectModel, StablePose
 from vlafuzz.policies.base import Calibration, Outlines
 from vlafuzz.policies.pinhole import NOISE, camera_values, standing
 from vlafuzz.policies.planning import Thing
-from vlafuzz.rigs.labels import blank, paint
+from vlafuzz.rigs.labels import SUBPIXEL, blank, fill, paint, polygons
 
 Array = NDArray[np.float64]
 HAND = 255  # label; outlines are counted from 1, 0 is the background
 LEAST = 12  # pixels of an outline that can be recognized
+SAME = 0.5  # agreement from which on an outline is of an object
 YAWS = np.radians(np.arange(0, 360, 30))
 # To all sides by metres, and around by radians
 STEPS = [np.array(s) * [0.032, 0.032, np.radians(24)] for s in product((-1, 0, 1), repeat=3) if any(s)]
@@ -63,7 +64,7 @@ class Look:
 
     def __init__(self, outlines: Outlines, calibration: Calibration, hand: Sequence[Array]) -> None:
         self._view, self._light = calibration.view, calibration.light
-        self._labels = blank(self._view)
+        self._labels, self._painted = blank(self._view), blank(self._view)
         paint(self._labels, hand, self._view, HAND)
         self.colours: dict[int, Array] = {}
         for label, thing in enumerate(outlines.things, 1):
@@ -71,24 +72,45 @@ class Look:
                 u, v = (thing.pixels * self._labels.shape[::-1]).astype(int).T
                 self._labels[v, u] = label
                 self.colours[label] = camera_values(thing.colour)
+        self._sizes = np.bincount(self._labels.ravel(), minlength=HAND + 1)
 
-    def alike(self, model: ObjectModel) -> list[int]:
-        """Labels of the outlines that are most like an object in colour; none if none has its colour."""
+    def besides(self, things: Iterable[Thing]) -> list[int]:
+        """Labels of the outlines that are not of things known."""
+        known = list(things)
+        return [n for n in self.colours if all(self.agreement(thing, n) < SAME for thing in known)]
+
+    def alike(self, model: ObjectModel, labels: Iterable[int]) -> list[int]:
+        """Those of some outlines that are most like an object in colour; none if none has its colour."""
         apparent = camera_values(np.minimum(model.colour * self._light, 1.0))
-        apart = {label: float(np.abs(seen - apparent).max()) for label, seen in self.colours.items()}
+        apart = {label: float(np.abs(self.colours[label] - apparent).max()) for label in labels}
         nearest = min([NOISE, *apart.values()])
         return [label for label, difference in apart.items() if difference <= nearest]
 
     def agreement(self, thing: Thing, label: int) -> float:
         """Intersection over union of an object and an outline, where nothing else hides the object."""
-        painted = np.zeros_like(self._labels)
-        parts = [part @ thing.rotation.T + thing.position for part in thing.model.parts]
-        paint(painted, parts, self._view, 1)
-        under = np.bincount(self._labels[painted > 0], minlength=HAND + 1)
-        return float(under[label] / max(np.count_nonzero(self._labels == label) + under[0], 1))
+        under = self._under(thing)
+        return float(under[label] / max(self._sizes[label] + under[0], 1))
 
-    def fit(self, model: ObjectModel, label: int) -> Fit:
-        """The pose in which an object agrees best with an outline; the first of those that agree well."""
+    def bare(self, thing: Thing) -> float:
+        """Share of an object's outline in which the table is seen instead."""
+        under = self._under(thing)
+        return float(under[0] / max(under.sum(), 1))
+
+    def find(self, model: ObjectModel, labels: Iterable[int]) -> Fit | None:
+        """The pose in which an object agrees best with one of some outlines; None without any."""
+        best = None
+        for label in sorted(labels, key=lambda n: self._start([model], n).agreement, reverse=True):
+            best = max(filter(None, [best, self._fit(model, label)]), key=agreement)
+            if best.agreement > GOOD:
+                break
+        return best
+
+    def recognize(self, models: Sequence[ObjectModel], label: int) -> Fit:
+        """Which of some objects an outline is most like, and its pose, less surely than with ``find``."""
+        return self._refine(self._start(models, label), label)
+
+    def _fit(self, model: ObjectModel, label: int) -> Fit:
+        """The best pose of all; of several that agree well, the first."""
         fits = []
         for pose in model.stable_poses:
             for start in self._starts(model, pose, label)[:STARTS]:
@@ -97,11 +119,9 @@ class Look:
                     return fits[-1]
         return max(fits, key=agreement)
 
-    def recognize(self, models: Iterable[ObjectModel], label: int) -> Fit | None:
-        """The object that an outline is most like, hardly slower than ``fit`` of one; None without models."""
-        starts = (self._starts(model, pose, label)[0] for model in models for pose in model.stable_poses)
-        best = max(starts, key=agreement, default=None)
-        return best and self._refine(best, label)
+    def _start(self, models: Sequence[ObjectModel], label: int) -> Fit:
+        poses = ((model, pose) for model in models for pose in model.stable_poses)
+        return max((self._starts(*pair, label)[0] for pair in poses), key=agreement)
 
     def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[Fit]:
         """The object where the outline is, in all directions, the best first."""
@@ -131,6 +151,18 @@ class Look:
             better = next((tried for tried in tries if tried.agreement > fit.agreement), None)
             fit, halved = better or fit, halved + (better is None)
         return fit
+
+    def _under(self, thing: Thing) -> NDArray[np.intp]:
+        """Number of pixels of each label within an object's outline."""
+        parts = [part @ thing.rotation.T + thing.position for part in thing.model.parts]
+        outlines = polygons(parts, self._view)
+        fill(self._painted, outlines, 1)
+        corners = np.concatenate(outlines).reshape(-1, 2) // 2**SUBPIXEL
+        left, top, right, bottom = np.maximum([*corners.min(axis=0), *corners.max(axis=0) + 2], 0)
+        box = slice(top, bottom), slice(left, right)
+        under = np.bincount(self._labels[box][self._painted[box] > 0], minlength=HAND + 1)
+        self._painted[box] = 0
+        return under
 
 
 def agreement(fit: Fit) -> float:

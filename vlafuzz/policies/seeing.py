@@ -19,7 +19,7 @@ from vlafuzz.policies.base import (
     PolicySpec,
 )
 from vlafuzz.policies.expert import GRASPS, LEANS
-from vlafuzz.policies.fitting import Fit, Look, agreement
+from vlafuzz.policies.fitting import Fit, Look
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.pinhole import GRIPPED, RAISED
 from vlafuzz.policies.planning import Thing
@@ -27,8 +27,7 @@ from vlafuzz.rigs.hand import hand_boxes
 from vlafuzz.rigs.robots import rig
 
 Array = NDArray[np.float64]
-STILL = 0.93  # share of its agreement with an outline above which an object is where it was
-SAME = 0.5  # agreement above which an outline is that of a target
+GONE = 0.07  # share of an object's outline in which the table is seen, above which the object has moved
 
 
 class SeeingExpert:
@@ -102,15 +101,13 @@ class _Episode:
     def _track(self, look: Look, models: Sequence[ObjectModel]) -> None:
         """Update the targets that are not where they were. What the hand holds moves with it."""
         for number, model in enumerate(models):
-            if number == 0 and self._closed:
+            known = self._targets.get(number)
+            if (number == 0 and self._closed) or (known and look.bare(known.thing) < GONE):
                 continue
-            labels, known = look.alike(model), self._targets.get(number)
-            if known and any(
-                look.agreement(known.thing, label) > STILL * known.agreement for label in labels
-            ):
-                continue
-            if labels:
-                self._targets[number] = max((look.fit(model, label) for label in labels), key=agreement)
+            rest = [fit.thing for target, fit in self._targets.items() if target != number]
+            fit = look.find(model, look.alike(model, look.besides([*rest, *self._others])))
+            if fit:
+                self._targets[number] = fit
 
     def _survey(self, look: Look) -> None:
         """Identify the other objects by colour and shape, in every attempt and when there is more to see."""
@@ -118,10 +115,7 @@ class _Episode:
         if self._closed or now <= self._surveyed:
             return
         self._surveyed = now
-        targets = [fit.thing for fit in self._targets.values()]
-        others = [
-            look.recognize([model for model in self._models if label in look.alike(model)], label)
-            for label in look.colours
-            if not any(look.agreement(target, label) > SAME for target in targets)
-        ]
-        self._others = tuple(fit.thing for fit in others if fit)
+        labels = look.besides(fit.thing for fit in self._targets.values())
+        likely = {model: look.alike(model, labels) for model in self._models}
+        models = {label: [model for model in likely if label in likely[model]] for label in labels}
+        self._others = tuple(look.recognize(models[label], label).thing for label in labels if models[label])
