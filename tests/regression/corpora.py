@@ -23,7 +23,7 @@ def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> 
         counterparts={"light": scene(x=-0.04 + 0.001 * number)},
         nominal=scene(),
         nominal_passes=True,
-        witness=Witness(actions, "5" * 32, 0),
+        witness=Witness(actions, "5" * 32, 0, "seeing" if number % 2 else "expert"),
         found="f" * 32,
         run=run,
         repeats=1,

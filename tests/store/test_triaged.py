@@ -14,7 +14,7 @@ from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
 
 KEY = manifest().key()
-WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1)
+WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1, "seeing")
 DIM = (("light.intensity", 0.5),)
 THRESHOLD = Threshold("light", DIM, 0.25, low=DIM, high=DIM, direction="dark", ranges=((DIM, DIM), (DIM, ())))
 MINIMAL = Triaged(
