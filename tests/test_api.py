@@ -18,7 +18,7 @@ class AfraidOfTheDark(Expert):
 
     def act(self, observations: list[Observation]) -> list[ActionChunk]:
         chunks = super().act(observations)
-        dark = [observation.privileged.scene.light.intensity < 0.5 for observation in observations]
+        dark = [observation.privileged.scene.light.intensity < 0.49 for observation in observations]
         return [ActionChunk(chunk.actions * 0) if d else chunk for chunk, d in zip(chunks, dark, strict=True)]
 
     def close(self) -> None:
@@ -32,8 +32,8 @@ def test_an_object_is_fuzzed_and_its_causes_are_found(tmp_path: Path):
     seen = []
     summary = triage(run.store, policy, limit=1, watch=seen.append)
     (finding,) = summary.triaged_findings
-    assert (finding.bucket, finding.signature) == ("minimal", "pick-up|grasp|light")
-    assert finding.causes[0].startswith("light: fails from intensity × 0.4")
+    assert (finding.bucket, finding.signature) == ("minimal", "pick-up|grasp|light:dark")
+    assert finding.causes[0].startswith("light: fails from intensity × 0.48")
     assert (seen[-1].done, AfraidOfTheDark.closed) == (1, 0)
 
 

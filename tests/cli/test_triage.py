@@ -48,7 +48,7 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
         "edge": 0,
         "flaky": 0,
     }
-    assert printed["signatures"] == {"pick-up|grasp|camera-orientation": 3}
+    assert printed["signatures"] == {"pick-up|grasp|camera-orientation:+yaw": 3}
     assert {finding["bucket"] for finding in printed["triaged_findings"]} == {"minimal"}
     assert "fails from yaw 2." in printed["triaged_findings"][0]["causes"][0]
 
@@ -57,7 +57,7 @@ def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixt
     assert main(["triage", "a.db"]) == 0
     printed = capsys.readouterr().out
     assert "3 (100%)" in printed
-    assert "pick-up|grasp|camera-orientation" in printed
+    assert "pick-up|grasp|camera-orientation:+yaw" in printed
 
 
 def test_it_goes_on_where_it_ended(capsys: pytest.CaptureFixture[str]):

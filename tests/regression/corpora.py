@@ -17,7 +17,7 @@ def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> 
     return Case(
         scene=failing,
         lost_stage="grasp",
-        signature="pick-up|grasp|light",
+        signature="pick-up|grasp|light:dark",
         operators=("light",),
         causes=causes,
         counterparts={"light": scene(x=-0.04 + 0.001 * number)},

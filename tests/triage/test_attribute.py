@@ -8,6 +8,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.phrasing import describe
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk
+from vlafuzz.triage.directions import directed
 from vlafuzz.triage.oracle import Judged, Oracle
 
 
@@ -17,25 +18,27 @@ def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
     return attribute(judge.shrunk(judge.finding(seed), oracle), oracle, SPACE), judge
 
 
-@pytest.mark.parametrize(
-    ("condition", "operator", "value", "says"),
-    [
-        (lambda s: s.camera.yaw > 2.5, "camera-orientation", 2.6, "fails from yaw 2.6° on"),
-        (lambda s: s.camera.roll < -1, "camera-orientation", -1.1, "fails from roll -1.1° on"),
-        (lambda s: s.camera.distance > 0.02, "camera-position", 0.021, "fails from distance 0.021 m on"),
-        (lambda s: s.targets[0].x > 0.02, "target-position", 0.021, "fails from x 0.021 m on"),
-        (lambda s: s.light.intensity < 0.4, "light", 0.39, "fails from intensity × 0.39 on"),
-        (lambda s: s.targets[0].yaw < -30, "target-orientation", -31, "fails from yaw -31° on"),
-    ],
-)
-def test_a_threshold_is_the_first_value_that_fails(condition, operator, value, says):
-    found, _ = causes(condition)
-    (threshold,) = found.thresholds
+@pytest.mark.parametrize("edge", EDGES, ids=lambda edge: edge[1])
+def test_a_threshold_is_the_first_value_that_fails(edge):
+    operator, path, first, step, condition = edge
+    judge = Planted([condition])
+    oracle = judge.oracle()
+    shrunk = judge.shrunk(judge.finding(0), oracle)
+    (threshold,) = attribute(shrunk, oracle, SPACE).thresholds
     assert threshold.operator == operator
-    ((_, first),) = threshold.at
-    assert first == pytest.approx(value, rel=0.03)
-    if operator != "light":
-        assert describe(threshold) == f"{operator}: {says}"
+    ((where, value),) = threshold.at
+    assert (where, value) == (path, pytest.approx(first, abs=1.01 * step))
+    ends = [dict(end)[path] for end in (threshold.low, threshold.high)]
+    assert min(ends) <= first <= max(ends)
+    assert threshold.ranges == ((threshold.at, ()),)
+    assert threshold.direction == directed(SPACE, shrunk.scene, [operator])[0].partition(":")[2]
+
+
+def test_a_threshold_says_where_the_policy_passes_beyond_it():
+    found, _ = causes(lambda s: 2.1 < s.camera.yaw < 3.45 or s.camera.yaw > 4.05, seed=3)
+    (threshold,) = found.thresholds
+    assert describe(threshold).startswith("camera-orientation: fails from yaw 2.2° (")
+    assert describe(threshold).endswith(") to 3.4° and from 4.1° on")
 
 
 def test_there_is_no_threshold_beside_what_is_not_fair():

@@ -103,7 +103,7 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     assert main(["triage", "a.db"]) == 0
     with Store.open(tmp_path / "a.db") as store:
         (found,) = store.triaged()
-    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")
     (threshold,) = found.causes.thresholds
     assert describe(threshold).startswith("camera-orientation: fails from yaw 2.")
     player = Player(Expert().spec)

@@ -58,7 +58,7 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     runner = PlantedRunner([TILTED])
     opened = store(scenes([TILTED], 1))
     (found,) = triaged(opened, runner)
-    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation")
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")
     assert found.operators == found.causes.necessary == found.causes.sufficient == ("camera-orientation",)
     (threshold,) = found.causes.thresholds
     assert describe(threshold).startswith("camera-orientation: fails from yaw 2.")

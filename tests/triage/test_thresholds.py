@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.triage.planted import EDGES, SPACE
+from vlafuzz.evidence import Rate
 from vlafuzz.scene import Camera, Scene
 from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.triage.path import Path, free_genes
@@ -70,13 +71,16 @@ def lapsing(rate: Callable[[Scene], float], share: float) -> Callable[[Scene], f
     return lambda scene: share + (1 - 2 * share) * rate(scene)
 
 
+PASSES, FAILS = Rate.of_counts(0, 5), Rate.of_counts(5, 5)
+
+
 def found(path: Path, policy: Simulated) -> Located:
-    located = locate(path, policy)
+    located = locate(path, policy, PASSES, FAILS)
     assert located is not None
     return located
 
 
-def thresholds(number: int) -> list[tuple[int, float]]:
+def planted(number: int) -> list[tuple[int, float]]:
     return [(seed, np.random.default_rng([7, seed]).uniform(0.3, 2.6)) for seed in range(number)]
 
 
@@ -108,7 +112,7 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
 
 def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
     errors, spent = [], []
-    for seed, at in thresholds(40):
+    for seed, at in planted(40):
         policy = Simulated(lapsing(beyond(at), 0.05), seed, load_jitter())
         errors.append(abs(found(yaw(2.7), policy).crossing * STEP - at))
         spent.append(policy.spent)
@@ -119,7 +123,7 @@ def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
 @pytest.mark.parametrize(("width", "low", "high"), [(0.3, 0, 1), (0.6, 0, 1), (0.3, 0.1, 0.8)])
 def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, high):
     covered, spent = 0, []
-    for seed, at in thresholds(40):
+    for seed, at in planted(40):
         policy = Simulated(rises(at, width, low, high), seed, load_jitter())
         located = found(yaw(4.0), policy)
         covered += located.low * STEP <= at <= located.high * STEP
@@ -140,9 +144,7 @@ def test_passes_beyond_a_threshold_are_found(share):
 
 
 def test_a_rate_that_stays_high_has_no_passes_beyond():
-    single = [
-        found(yaw(2.7), Simulated(lapsing(beyond(at), 0.1), seed)).ranges for seed, at in thresholds(40)
-    ]
+    single = [found(yaw(2.7), Simulated(lapsing(beyond(at), 0.1), seed)).ranges for seed, at in planted(40)]
     assert sum(len(ranges) == 1 and ranges[0][1] is None for ranges in single) >= 36
 
 
@@ -157,12 +159,12 @@ def test_what_is_not_fair_is_left_out():
 
 @pytest.mark.parametrize("room", [0, 5])
 def test_there_is_no_threshold_without_rollouts(room):
-    assert locate(yaw(2.7), Simulated(beyond(2.1), room=room)) is None
+    assert locate(yaw(2.7), Simulated(beyond(2.1), room=room), PASSES, FAILS) is None
 
 
 def test_there_is_no_threshold_where_the_start_fails():
     always = Simulated(lambda scene: 0.9)
-    assert locate(yaw(2.7), always, passes=False) is None
+    assert locate(yaw(2.7), always, None, FAILS) is None
     assert always.spent <= 6
-    assert locate(yaw(2.7), Simulated(lambda scene: None), passes=False) is None
-    assert locate(yaw(2.7), Simulated(beyond(2.14)), passes=False) is not None
+    assert locate(yaw(2.7), Simulated(lambda scene: None), None, FAILS) is None
+    assert locate(yaw(2.7), Simulated(beyond(2.14)), None, FAILS) is not None

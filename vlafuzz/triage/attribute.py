@@ -1,14 +1,13 @@
 """Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
 
-from vlafuzz.evidence import Causes, Threshold
+from vlafuzz.evidence import Causes, Threshold, Values
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.triage.certify import Shrunk
-from vlafuzz.triage.oracle import Answer, Oracle
+from vlafuzz.triage.directions import direction
+from vlafuzz.triage.oracle import Oracle
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
-from vlafuzz.triage.shrink import BEYOND
-
-SHARES = 32  # steps of a path along which several values move together
+from vlafuzz.triage.thresholds import locate
 
 
 def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace) -> Causes:
@@ -16,7 +15,8 @@ def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace) -> Causes:
     left = shrunk.operators
     alone = {name: _alone(space, shrunk, name) for name in left}
     failing = oracle.fails(list(alone.values()))
-    thresholds = [_threshold(shrunk, name, oracle, space) for name in left if name != CONFOUNDERS]
+    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.firm else []
+    thresholds = [_threshold(shrunk, name, oracle, space) for name in numeric]
     return Causes(
         tuple(shrunk.counterparts),
         tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
@@ -30,41 +30,24 @@ def _alone(space: SearchSpace, shrunk: Shrunk, name: str) -> Scene:
 
 
 def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: SearchSpace) -> Threshold | None:
-    genes = [
-        gene
-        for gene in free_genes(space, shrunk.scene, GROUPS[name], shrunk.reference)
-        if gene.kind != "category"
-    ]
-    path = Path(space, shrunk.scene, genes, shrunk.reference)
-    first = _first_failing(path, oracle, parts=path.length if len(genes) == 1 else SHARES)
-    if first is None:
+    scene, start = shrunk.scene, shrunk.reference or space.nominal(like=shrunk.scene)
+    genes = [gene for gene in free_genes(space, scene, GROUPS[name], start) if gene.kind != "category"]
+    path = Path(space, scene, genes, start)
+    first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
+    located = locate(path, oracle, first, shrunk.rate)
+    if located is None:
         return None
-    values = space.values(path.at(first))
-    return Threshold(name, tuple((gene.path, values[gene.path]) for gene in genes), first / path.length)
 
+    def values(step: int | None) -> Values:
+        at = {} if step is None else space.values(path.at(step))
+        return tuple((gene.path, at[gene.path]) for gene in genes if at)
 
-def _first_failing(path: Path, oracle: Oracle, parts: int) -> int | None:
-    """The least step that fails, by bisection; None unless the step before it is seen to pass."""
-    if path.length == 0:
-        return None
-    parts = min(parts, path.length)
-    passes, fails = 0, parts
-
-    def step(part: int) -> int:
-        return round(part * path.length / parts)
-
-    if oracle.fails([path.at(0)])[0]:
-        return None
-    guesses = [fails - BEYOND, fails - BEYOND - 1]  # where shrinking left it, and one step less
-    while fails - passes > 1:
-        middle = guesses.pop(0) if guesses else (passes + fails) // 2
-        if not passes < middle < fails:
-            continue
-        if oracle.room == 0 and oracle.known(path.at(step(middle))) is None:
-            return None
-        if oracle.fails([path.at(step(middle))])[0]:
-            fails = middle
-        else:
-            passes = middle
-    before = oracle.known(path.at(step(passes)))
-    return step(fails) if before is Answer.PASSES else None
+    return Threshold(
+        name,
+        values(located.crossing),
+        located.crossing / path.length,
+        low=values(located.low),
+        high=values(located.high),
+        direction=direction(space, scene, name, start),
+        ranges=tuple((values(first), values(last)) for first, last in located.ranges),
+    )

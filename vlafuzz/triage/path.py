@@ -127,9 +127,6 @@ class Path:
         return self._space.composer.compose(values)
 
 
-PathToNominal = Path
-
-
 def _steps(gene: Gene, start: float, value: float) -> int:
     """Number of levels from one value to another; angles go the shorter way round."""
     grid = gene.grid

@@ -1,14 +1,10 @@
 """Crossing: where along a path a failure rate crosses one half, from single rollouts at chosen steps."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.statistics import Interval
-
 _CELLS = 240  # of the grid over the crossing
-_WIDTHS = 7  # of the rise, from far less than a step to half of the path
+_WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
 _SHARPEST = 0.15  # steps
 # Failure rates far before and far beyond the crossing, as distances from 0 and 1, with their weights.
 _LAPSES, _WEIGHTS = (0.01, 0.06, 0.2), (0.5, 0.3, 0.2)
@@ -32,24 +28,19 @@ class Crossing:
         )
         half = (0.5 - self._low) / (self._high - self._low)  # of the rise
         self._middle = centres - self._width * np.log(half / (1 - half))
-        self._weight = np.ones_like(centres) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
+        self._weight = np.sqrt(self._width) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
         self._weight /= self._weight.sum()
 
-    def add(self, step: float, fails: Iterable[bool]) -> None:
+    def add(self, step: float, failures: int, rollouts: int) -> None:
         """Take the outcomes of rollouts at one step into account."""
         rate = self._low + (self._high - self._low) / (1 + np.exp(-self._scaled(step)))
-        for failed in fails:
-            self._weight *= rate if failed else 1 - rate
+        self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
         self._weight /= self._weight.sum()
 
     def quantiles(self, *shares: float) -> list[float]:
         """Steps below which the crossing lies with these probabilities."""
         below = np.concatenate([[0.0], np.cumsum(self._weight.sum(axis=(1, 2, 3)))])
         return [float(step) for step in np.interp(shares, below / below[-1], self._edges)]
-
-    def interval(self) -> Interval:
-        """The central 95 %."""
-        return Interval(*self.quantiles(0.025, 0.975))
 
     def _scaled(self, step: float) -> NDArray[np.float64]:
         scaled: NDArray[np.float64] = np.clip((step - self._middle) / self._width, -50.0, 50.0)

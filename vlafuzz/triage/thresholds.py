@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
+from vlafuzz.evidence import Rate
 from vlafuzz.scene import Scene
 from vlafuzz.triage.path import Path
 from vlafuzz.triage.psychometric import Crossing
@@ -12,8 +13,10 @@ from vlafuzz.triage.psychometric import Crossing
 PLACES = 10  # along a path, from the reference to the end of the range
 NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower
 MOST = 22  # rollouts that narrow down a crossing, where the failure rate rises slowly
-AGREE, DISAGREE = 4, 2  # a surprising answer stands if it comes four times before the other one comes twice
+AGREE, DISAGREE = 5, 2  # a surprising answer stands if it comes five times before the other one comes twice
+_INTERVAL = (0.025, 0.975)  # 95 %
 _LIKELY = (1 / 3, 2 / 3)  # the next rollouts are where the crossing is below with these probabilities
+_SLACK = 0.2  # of a step, by which an interval may end beyond the step that it is rounded to
 _HALVINGS = 3  # of the gaps between failing ranges
 
 
@@ -37,8 +40,7 @@ class Located(NamedTuple):
     Attributes:
         crossing: the first step whose failure rate is above one half; the 95 % interval of where the rate
             crosses one half goes from ``low`` to ``high``.
-        ranges: the first and the last failing step of each range; no last one if it reaches as far as was
-            tested.
+        ranges: the first and the last failing step of each range; no last one where nothing beyond passes.
     """
 
     crossing: int
@@ -47,39 +49,44 @@ class Located(NamedTuple):
     ranges: tuple[tuple[int, int | None], ...]
 
 
-def locate(path: Path, sampler: Sampler, *, passes: bool = True) -> Located | None:
-    """Find where a path starts to fail whose last scene fails.
+def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Located | None:
+    """Find where a path to a failing scene starts to fail.
 
-    Some places along the whole path come first, each with one rollout. What contradicts that all of it
-    passes up to a step and fails from there on is tried again, which leaves ranges that fail. Then the
-    crossing into the first of them is narrowed down.
+    First there is one rollout at each of some places, up to the end of the range. Places that pass beyond a
+    failing one are tried again, which leaves the ranges that fail. Then rollouts near the crossing into the
+    first range narrow it down.
 
     Args:
-        passes: the first scene is known to pass; otherwise it is tried, too.
+        first: failure rate of the path's first scene, which passes; None where it still has to be tried.
+        last: failure rate of the scene that it leads to.
 
     Returns:
         None if the first scene does not pass, or there are too few rollouts left.
     """
     survey = _Survey(path, sampler)
-    if not passes and not survey.start_passes():
+    if not path.length or not (first or survey.start_passes()):
         return None
     survey.look({round(path.end * place / PLACES) for place in range(1, PLACES + 1)} - {0, path.length})
     survey.settle()
-    if survey.broke or not path.length:
+    if survey.broke:
         return None
     survey.sharpen()
-    first, *others = survey.ranges()
-    until = first[1]
+    (_, until), *others = survey.ranges()
     upper = path.length if until is None else min(until, path.length)
     crossing = Crossing(upper)
-    for step, outcomes in survey.outcomes.items():
+    known = {0: first, path.length: last}
+    counts = [(step, rate.failures, rate.rollouts) for step, rate in known.items() if rate]
+    counts += [(step, sum(outcomes), len(outcomes)) for step, outcomes in survey.outcomes.items()]
+    for step, failures, rollouts in counts:
         if until is None or step <= until:
-            crossing.add(step, outcomes)
+            crossing.add(step, failures, rollouts)
     survey.narrow(crossing, upper)
-    low, high = crossing.interval()
+    low, high = crossing.quantiles(*_INTERVAL)
     (middle,) = crossing.quantiles(0.5)
     start = max(math.ceil(middle), 1)
-    return Located(start, math.floor(low), min(math.ceil(high), upper), ((start, until), *others))
+    return Located(
+        start, math.floor(low + _SLACK), min(math.ceil(high - _SLACK), upper), ((start, until), *others)
+    )
 
 
 class _Survey:
@@ -109,9 +116,10 @@ class _Survey:
         return judged
 
     def start_passes(self) -> bool:
-        while not self.broke and 0 not in self.unfair and not _settled(self.outcomes.get(0, [])):
+        """Roll out at the first step until it is clear whether it passes."""
+        while (fails := _settled(self.outcomes.get(0, []))) is None and not self.broke and not self.unfair:
             self.look([0])
-        return 0 in self.outcomes and not self.broke and not _fails(self.outcomes[0])
+        return fails is False
 
     def settle(self) -> None:
         """Try again at every step that is not as a single threshold would have it."""
@@ -132,13 +140,14 @@ class _Survey:
             for steps in surprises
             if len(steps) == fewest
             for step in steps
-            if not _settled(self.outcomes[step]) and step not in self.unfair
+            if _settled(self.outcomes[step]) is None and step not in self.unfair
         }
 
     def states(self) -> dict[int, bool]:
         """Whether each step fails, in their order. The first one passes, and the scene itself fails."""
-        known = {step: _fails(outcomes) for step, outcomes in self.outcomes.items()}
-        return dict(sorted((known | {0: False, self.path.length: True}).items()))
+        settled = {step: _settled(outcomes) for step, outcomes in self.outcomes.items()}
+        states = {step: self.outcomes[step][0] if fails is None else fails for step, fails in settled.items()}
+        return dict(sorted((states | {0: False, self.path.length: True}).items()))
 
     def ranges(self) -> list[tuple[int, int | None]]:
         """The first and last step of each run of failing steps; no last one at the end of the path."""
@@ -164,10 +173,10 @@ class _Survey:
 
     def narrow(self, crossing: Crossing, upper: int) -> None:
         """Roll out where the crossing may be, until its interval is narrow."""
-        spent = 0
+        spent, narrow = 0, min(NARROW, max(upper, 3) / 2)
         while not self.broke and spent < MOST:
-            low, high = crossing.interval()
-            if high - low <= NARROW:
+            low, high = crossing.quantiles(*_INTERVAL)
+            if high - low <= narrow:
                 return
             nearby = range(math.floor(low), min(math.ceil(high), upper) + 1)
             fair = [step for step in nearby if step not in self.unfair]
@@ -177,22 +186,16 @@ class _Survey:
             guesses = math.floor(before), math.ceil(beyond)
             answers = self.look(min(fair, key=lambda step: abs(step - guess)) for guess in guesses)
             for step, fails in answers.items():
-                crossing.add(step, [fails])
+                crossing.add(step, fails, 1)
             spent += len(answers)
 
 
-def _settled(outcomes: Sequence[bool]) -> bool:
-    """Whether a surprising answer was given often enough to stand or fall."""
-    same = outcomes.count(outcomes[0]) if outcomes else 0
-    return same >= AGREE or len(outcomes) - same >= DISAGREE
-
-
-def _fails(outcomes: Sequence[bool]) -> bool:
-    """The first answer, unless the other one came twice before this one came four times."""
-    first = outcomes[0]
-    for number in range(len(outcomes)):
-        if outcomes[: number + 1].count(first) >= AGREE:
-            return first
-        if outcomes[: number + 1].count(not first) >= DISAGREE:
-            return not first
-    return first
+def _settled(outcomes: Sequence[bool]) -> bool | None:
+    """Whether a step fails, once its first answer was given often enough or fell; None before."""
+    for number in range(1, len(outcomes) + 1):
+        same = outcomes[:number].count(outcomes[0])
+        if same >= AGREE:
+            return outcomes[0]
+        if number - same >= DISAGREE:
+            return not outcomes[0]
+    return None

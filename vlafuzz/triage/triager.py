@@ -15,6 +15,7 @@ from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk, certify
+from vlafuzz.triage.directions import directed
 from vlafuzz.triage.oracle import LEAD, MOST, UNFAIR, Answer, Judged, Oracle
 from vlafuzz.triage.path import deviating
 from vlafuzz.triage.reference import find_reference
@@ -169,6 +170,7 @@ class Triager:
         oracle.budget = confirmed + round(most * TO_CERTIFY)
         shrunk = certify(way, oracle, space, reference)
         oracle.budget = confirmed + most
+        operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
         triaged = replace(
             triaged,
             shrunk=shrunk.scene,
@@ -179,7 +181,7 @@ class Triager:
             counterparts=shrunk.counterparts,
             counterpart_rates=shrunk.rates,
             reference=shrunk.reference,
-            signature=signature(triaged.scene.task, shrunk.lost, shrunk.operators),
+            signature=signature(triaged.scene.task, shrunk.lost, operators),
         )
         if not shrunk.minimal:
             return replace(triaged, detail=_why_not(shrunk))
