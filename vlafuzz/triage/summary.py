@@ -56,7 +56,7 @@ class TriageSummary:
 
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
-        confirmed: findings that failed again: all that are not flaky.
+        confirmed: findings that mostly fail in their neighbourhood: all that are neither edge nor flaky.
         witnessed: confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did.
         distinct_cells: cells in which the findings lie, before triage.
         signatures: findings by signature, after triage; without ``base``.
@@ -98,7 +98,7 @@ def summarise(store: Store) -> TriageSummary:
         findings=len(findings),
         triaged=len(triaged),
         buckets={name: buckets[name] for name in get_args(Bucket)},
-        confirmed=len(triaged) - buckets["flaky"],
+        confirmed=len(triaged) - buckets["flaky"] - buckets["edge"],
         witnessed=len(witnesses),
         by_sight=sum(witness.solver == "seeing" for witness in witnesses),
         distinct_cells=len({finding.cell for finding in findings}),
