@@ -2,7 +2,7 @@
 """Write vlafuzz/rigs/arms.json: joints and convex bodies of the robots, to see what they hide.
 
 The Panda's links become hulls of a few corners; those of the other robots, whose files are not ours, become
-boxes that are measured on them, to 5 mm.
+boxes that are measured on slices of them, to 5 mm.
 """
 
 import argparse
@@ -24,13 +24,14 @@ from vlafuzz.rigs.robots import GOOGLE, WIDOWX
 Array = NDArray[np.float64]
 CORNERS = 24
 STEP = 0.005  # metres
+SLICE = 0.06  # metres, along the longest side
 OUT = Path(__file__).parent.parent / "vlafuzz" / "rigs" / "arms.json"
 PANDA = tuple(
     f"panda_{name}" for name in (*(f"joint{n}" for n in range(1, 8)), "finger_joint1", "finger_joint2")
 )
 
 
-def hull(points: Array) -> Array:
+def hull(points: Array) -> list[Array]:
     """Those corners of the convex hull that stick out most in evenly spread directions."""
     number = np.arange(600) + 0.5
     polar, around = np.arccos(1 - number / 300), np.pi * (1 + 5**0.5) * number
@@ -40,13 +41,17 @@ def hull(points: Array) -> Array:
     chosen = [int(reach[:, 0].argmax())]
     while len(chosen) < CORNERS:
         chosen.append(int((reach - reach[chosen].max(axis=0)).max(axis=1).argmax()))
-    return np.asarray(corners[chosen])
+    return [np.asarray(corners[chosen])]
 
 
-def box(points: Array) -> Array:
-    """The corners of the bounding box, rounded."""
-    edges = np.round(np.stack([points.min(axis=0), points.max(axis=0)]) / STEP) * STEP
-    return np.array(list(product(*edges.T)))
+def boxes(points: Array) -> list[Array]:
+    """The corners of the bounding boxes of slices across the longest side, rounded."""
+    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    longest = int(size.argmax())
+    number = np.floor((points[:, longest] - low[longest]) / SLICE).astype(int)
+    slices = [points[number == index] for index in np.unique(number)]
+    edges = [np.round(np.stack([part.min(axis=0), part.max(axis=0)]) / STEP) * STEP for part in slices]
+    return [np.array(list(product(*span.T))) for span in edges]
 
 
 def numbers(element: Element | None, key: str, default: str = "0 0 0") -> list[float]:
@@ -55,19 +60,22 @@ def numbers(element: Element | None, key: str, default: str = "0 0 0") -> list[f
 
 
 def corners(link: Element, folder: Path) -> Array:
-    """The vertices of all visual meshes of a link."""
+    """Points on the surface of all visual meshes of a link, vertices included."""
     points = [np.zeros((0, 3))]
     for visual in link.iterfind("visual"):
         mesh, origin = visual.find("geometry/mesh"), visual.find("origin")
         if mesh is not None:
             turn = Rotation.from_euler("xyz", numbers(origin, "rpy")).as_matrix()
-            drawn = trimesh.load_scene(folder / mesh.attrib["filename"]).to_geometry().vertices
+            drawn = trimesh.load_scene(folder / mesh.attrib["filename"]).to_geometry()
+            drawn = np.concatenate([drawn.vertices, trimesh.sample.sample_surface(drawn, 4000, seed=0)[0]])
             points.append(drawn * numbers(mesh, "scale", "1 1 1") @ turn.T + numbers(origin, "xyz"))
     return np.concatenate(points)
 
 
-def links(urdf: Path, moving: tuple[str, ...], body: Callable[[Array], Array]) -> Iterator[dict[str, Any]]:
-    """The links from the base on: the number of the parent, the joint, and the body if there is one.
+def links(
+    urdf: Path, moving: tuple[str, ...], solid: Callable[[Array], list[Array]]
+) -> Iterator[dict[str, Any]]:
+    """The links from the base on: the number of the parent, the joint, and convex bodies if there are any.
 
     ``moving``: names of the joints in the order of the rig's ``rest``.
     """
@@ -92,7 +100,9 @@ def links(urdf: Path, moving: tuple[str, ...], body: Callable[[Array], Array]) -
                     }
             points = corners(left.pop(name), urdf.parent)
             order.append(name)
-            yield row | ({"body": body(points).round(4).tolist()} if len(points) else {})
+            yield row | (
+                {"bodies": [body.round(4).tolist() for body in solid(points)]} if len(points) else {}
+            )
 
 
 def main() -> None:
@@ -102,7 +112,7 @@ def main() -> None:
     from mani_skill.agents.robots.panda import Panda
 
     made = {"panda": links(Path(Panda.urdf_path), PANDA, hull)}
-    made |= {rig.robot: links(options.robots / str(rig.urdf), rig.joints, box) for rig in (WIDOWX, GOOGLE)}
+    made |= {rig.robot: links(options.robots / str(rig.urdf), rig.joints, boxes) for rig in (WIDOWX, GOOGLE)}
     rows = [f'"{name}": [\n' + ",\n".join(map(json.dumps, robot)) + "\n]" for name, robot in made.items()]
     OUT.write_text("{\n" + ",\n".join(rows) + "\n}\n")
 

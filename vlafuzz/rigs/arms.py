@@ -21,7 +21,7 @@ _NOTHING = (0.0, 0.0, 0.0)
 
 
 def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
-    """``(k, 3)`` corners of each link's convex body in the world, metres."""
+    """``(k, 3)`` corners of the convex bodies of all links in the world, metres."""
     return _bodies(rig.robot.removesuffix("-photo"), rig.base, rig.rest, rig.arm_joints, pose)
 
 
@@ -52,6 +52,5 @@ def _bodies(
             place, turn = places[link["parent"]] + above @ place, above @ turn
         turns.append(turn)
         places.append(place)
-        if "body" in link:
-            shown.append(np.array(link["body"]) @ turn.T + place)
+        shown += [np.array(body) @ turn.T + place for body in link.get("bodies", ())]
     return tuple(shown)
