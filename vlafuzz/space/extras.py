@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import Field, model_validator
 
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.scene import EXTRAS, Pattern, TablePaint, WallPaint, in_words
+from vlafuzz.scene import EXTRAS, Pattern, TablePaint, WallPaint, amount, in_words
 from vlafuzz.space.base import Layout, Operator, Span
 from vlafuzz.space.params import Gene, Grid
 
@@ -41,7 +41,7 @@ class Extra(Operator):
 
     def ranges(self) -> str:
         return ", ".join(
-            f"{field} {span.low:g} to {in_words(field, span.high).removeprefix(field + ' ')}"
+            f"{field} {span.low:g} to {amount(field, span.high)}"
             if isinstance(span, Span)
             else f"{field} {' or '.join(span)}"
             for field, span in self
