@@ -15,6 +15,7 @@ from vlafuzz.objects.model import ObjectModel
 Array = NDArray[np.float64]
 POINTS = 400  # of which the camera sees less than half
 ROUGH = 0.7  # where a pack does not say it
+SRGB = 2.2  # exponent from sRGB to linear, as SAPIEN has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,9 @@ def skin(model: ObjectModel) -> Skin:
     points, face, _ = _spread(corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[face]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Skin(points, normals, np.tile(model.colour, (len(points), 1)), ROUGH)
+    textured = model.visual.name.startswith("textured")  # the mean of textures is sRGB, a plain colour linear
+    colour = model.colour**SRGB if textured else model.colour
+    return Skin(points, normals, np.tile(colour, (len(points), 1)), ROUGH)
 
 
 def _textured(model: ObjectModel) -> Skin:
@@ -55,7 +58,7 @@ def _textured(model: ObjectModel) -> Skin:
     texture = np.asarray(material.baseColorTexture.convert("RGB")) / 255
     height, width = texture.shape[:2]
     row, column = ((1 - v) * height).astype(int) % height, (u * width).astype(int) % width
-    return Skin(points, normals, texture[row, column] ** 2.2, material.roughnessFactor)
+    return Skin(points, normals, texture[row, column] ** SRGB, material.roughnessFactor)
 
 
 def _spread(corners: Array) -> tuple[Array, NDArray[np.int64], Array]:
