@@ -107,8 +107,8 @@ def test_a_fit_finds_place_and_rest_pose_although_something_stands_before_it(nam
         seen = outlines(env.models, state, env.view, env.light)
         hand = hand_boxes(state.tcp, state.tcp_rotation, state.opening)
         look = Look(seen, Calibration(env.view, env.light, env.models[:1]), hand)
-        fit = look.find(CATALOGUE[name], look.alike(CATALOGUE[name], look.colours))
-        assert np.linalg.norm(fit.thing.position - state.positions[0]) < 0.004
+        thing = look.find(CATALOGUE[name], look.alike(CATALOGUE[name], look.colours))
+        assert np.linalg.norm(thing.position - state.positions[0]) < 0.004
     env.close()
 
 

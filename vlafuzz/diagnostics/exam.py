@@ -73,7 +73,7 @@ class Exam:
         interview = Interview(self._policy, recorder.moments)
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
-        hearing = None if spec.privileged else interview.change(reworded(self._rewordings))
+        hearing = None if spec.privileged or spec.calibrated else interview.change(reworded(self._rewordings))
         yield verdicts.on_hearing(hearing)
         if not quick:
             yield verdicts.on_proprioception(interview.change(moved) if spec.state else None)

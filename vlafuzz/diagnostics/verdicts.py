@@ -140,7 +140,7 @@ def on_sight(changes: Mapping[str, Change]) -> Check:
 
 
 def on_hearing(change: Change | None) -> Check:
-    """Whether the instruction matters; None for a privileged policy, which need not read it."""
+    """Whether the instruction matters; None for an expert, which need not read it."""
     if change is None:
         return Check("hearing", "it knows the scene, whatever the instruction", "ok")
     advice = "deaf: it ignores its instruction; look at how the instruction gets to it"

@@ -48,10 +48,6 @@ class Fit(NamedTuple):
     agreement: float
     guess: Guess
 
-    @property
-    def thing(self) -> Thing:
-        return self.guess.thing
-
 
 class Look:
     """One picture, read through a calibrated camera. ``hand``: boxes ``(8, 3)``, which hide what is behind.
@@ -96,18 +92,18 @@ class Look:
         under = self._under(thing)
         return float(under[0] / max(under.sum(), 1))
 
-    def find(self, model: ObjectModel, labels: Iterable[int]) -> Fit | None:
-        """The pose in which an object agrees best with one of some outlines; None without any."""
+    def find(self, model: ObjectModel, labels: Iterable[int]) -> Thing | None:
+        """An object in the pose in which it agrees best with one of some outlines; None without any."""
         best = None
         for label in sorted(labels, key=lambda n: self._start([model], n).agreement, reverse=True):
             best = max(filter(None, [best, self._fit(model, label)]), key=agreement)
             if best.agreement > GOOD:
                 break
-        return best
+        return best.guess.thing if best else None
 
-    def recognize(self, models: Sequence[ObjectModel], label: int) -> Fit:
+    def recognize(self, models: Sequence[ObjectModel], label: int) -> Thing:
         """Which of some objects an outline is most like, and its pose, less surely than with ``find``."""
-        return self._refine(self._start(models, label), label)
+        return self._refine(self._start(models, label), label).guess.thing
 
     def _fit(self, model: ObjectModel, label: int) -> Fit:
         """The best pose of all; of several that agree well, the first."""

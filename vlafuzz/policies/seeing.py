@@ -19,7 +19,7 @@ from vlafuzz.policies.base import (
     PolicySpec,
 )
 from vlafuzz.policies.expert import GRASPS, LEANS
-from vlafuzz.policies.fitting import Fit, Look
+from vlafuzz.policies.fitting import Look
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.pinhole import GRIPPED, RAISED
 from vlafuzz.policies.planning import Thing
@@ -33,7 +33,9 @@ GONE = 0.07  # share of an object's outline in which the table is seen, above wh
 class SeeingExpert:
     """A scripted controller that sees outlines through the true camera and knows the light, but no positions.
 
-    It shows that a scene can be solved by what the camera shows.
+    It shows that a scene can be solved by what the camera shows. It knows which objects are the targets and
+    the catalogue's shapes and colours, finds objects by their apparent colour and fits their poses to their
+    outlines, avoids the others as the ``Expert`` does, and looks again for what is no longer where it was.
 
     ``attempt``: see ``Expert``.
     """
@@ -69,7 +71,7 @@ class _Episode:
         self._models, self._rig = models, rig(start.robot)
         lean = LEANS[attempt // GRASPS]
         self._controller = PickPlaceController(start.task, self._rig, attempt=attempt % GRASPS, lean=lean)
-        self._targets: dict[int, Fit] = {}  # by their number in the instruction
+        self._targets: dict[int, Thing] = {}  # by their number in the instruction
         self._others: tuple[Thing, ...] = ()
         self._surveyed = (-1, 0)
         self._closed = False
@@ -87,8 +89,8 @@ class _Episode:
         if len(self._targets) < len(calibration.targets):
             return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
         belief = Belief(
-            a=self._targets[0].thing,
-            b=self._targets[1].thing if 1 in self._targets else None,
+            a=self._targets[0],
+            b=self._targets.get(1),
             others=self._others,
             tcp=tcp,
             tcp_rotation=rotation,
@@ -102,12 +104,12 @@ class _Episode:
         """Update the targets that are not where they were. What the hand holds moves with it."""
         for number, model in enumerate(models):
             known = self._targets.get(number)
-            if (number == 0 and self._closed) or (known and look.bare(known.thing) < GONE):
+            if (number == 0 and self._closed) or (known and look.bare(known) < GONE):
                 continue
-            rest = [fit.thing for target, fit in self._targets.items() if target != number]
-            fit = look.find(model, look.alike(model, look.besides([*rest, *self._others])))
-            if fit:
-                self._targets[number] = fit
+            rest = [thing for target, thing in self._targets.items() if target != number]
+            thing = look.find(model, look.alike(model, look.besides([*rest, *self._others])))
+            if thing:
+                self._targets[number] = thing
 
     def _survey(self, look: Look) -> None:
         """Identify the other objects by colour and shape, in every attempt and when there is more to see."""
@@ -115,7 +117,7 @@ class _Episode:
         if self._closed or now <= self._surveyed:
             return
         self._surveyed = now
-        labels = look.besides(fit.thing for fit in self._targets.values())
+        labels = look.besides(self._targets.values())
         likely = {model: look.alike(model, labels) for model in self._models}
         models = {label: [model for model in likely if label in likely[model]] for label in labels}
-        self._others = tuple(look.recognize(models[label], label).thing for label in labels if models[label])
+        self._others = tuple(look.recognize(models[label], label) for label in labels if models[label])
