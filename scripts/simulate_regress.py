@@ -17,6 +17,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy as np
 from vlafuzz.assets import corpus_dir
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.controls import CONTROLS, record
+from vlafuzz.regression import controls
 from vlafuzz.regression.corpus import Case, Corpus
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
@@ -101,8 +102,8 @@ class Maker:
     space: SearchSpace
 
     def corpus(self, policy: Policy, seed: int) -> Corpus:
-        controls = record(policy, seed, CONTROLS, SILENT)
-        return replace(self.template, cases=self._cases(policy, seed), controls=controls)
+        recorded = controls.record(policy, seed, controls.CONTROLS, SILENT)
+        return replace(self.template, cases=self._cases(policy, seed), controls=recorded)
 
     def _cases(self, policy: Policy, seed: int) -> list[Case]:
         """Scenes that mostly fail, and pass with their target at its nominal place."""
@@ -125,24 +126,21 @@ class Maker:
         return 2 * sum(policy.passes(jittered) for jittered in around) > REPEATS
 
 
-def simulate(kind: str, corpora: int, maker: Maker) -> Counter[str]:
-    """Number of alarms by comparison."""
+def simulate(kind: str, seed: int, maker: Maker) -> Counter[str]:
+    """Alarms in one corpus, by comparison."""
+    name = f"baseline {seed}"
+    baseline = Policy(kind, name, maker.space)
+    corpus = maker.corpus(baseline, seed)
+    scenes, recorded = probes(corpus), Recorded("recorded")
+    again = Rerun("baseline", corpus.runs, lambda run: baseline)
     alarms: Counter[str] = Counter()
-    for seed in range(corpora):
-        name = f"baseline {seed}"
-        baseline = Policy(kind, name, maker.space)
-        corpus = maker.corpus(baseline, seed)
-        scenes, recorded = probes(corpus), Recorded("recorded")
-        again = Rerun("baseline", corpus.runs, lambda run, baseline=baseline: baseline)
-        for related, loss in [(related, loss) for related in (None, name) for loss in (0.0, *LOSSES)]:
-            new = Policy(kind, f"new {related} {loss} {seed}", maker.space, related=related, loss=loss)
-            side = Rerun("new", corpus.runs, lambda run, new=new: new)
-            label = f"{'related' if related else 'independent'}, {100 * loss:.0f} points"
-            alarms[label] += compare(scenes, side, recorded).alarm
-            if not loss:
-                alarms[f"{label}, both run anew"] += compare(scenes, side, again).alarm
-        if seed % 20 == 19:
-            print(f"{kind}: {seed + 1} of {corpora} corpora", file=sys.stderr, flush=True)
+    for related, loss in [(related, loss) for related in (None, name) for loss in (0.0, *LOSSES)]:
+        new = Policy(kind, f"new {related} {loss} {seed}", maker.space, related=related, loss=loss)
+        side = Rerun("new", corpus.runs, lambda run, new=new: new)
+        label = f"{'related' if related else 'independent'}, {100 * loss:.0f} points"
+        alarms[label] += compare(scenes, side, recorded).alarm
+        if not loss:
+            alarms[f"{label}, both run anew"] += compare(scenes, side, again).alarm
     return alarms
 
 
@@ -155,16 +153,20 @@ def main() -> None:
     options = parser.parse_args()
     template = read_corpus(TEMPLATE)
     maker = Maker(template, stored_space(TEMPLATE, template.runs[0]))
-    rows = []
-    for kind in KINDS:
-        alarms = simulate(kind, options.corpora, maker)
-        for comparison in sorted(alarms):
-            low, high = wilson(alarms[comparison], options.corpora)
-            rows.append({"kind": kind, "comparison": comparison, "alarms": alarms[comparison]})
-            share = f"{alarms[comparison] / options.corpora:6.1%} ({low:.1%}-{high:.1%})"
+    controls.draw = cache(controls.draw)  # the n-th corpora of all kinds have the same scenes
+    alarms: dict[str, Counter[str]] = {kind: Counter() for kind in KINDS}
+    for seed in range(options.corpora):
+        for kind in KINDS:
+            alarms[kind].update(simulate(kind, seed, maker))
+        controls.draw.cache_clear()
+        print(f"{seed + 1} of {options.corpora} corpora of each kind", file=sys.stderr, flush=True)
+    for kind, counts in alarms.items():
+        for comparison, count in sorted(counts.items()):
+            low, high = wilson(count, options.corpora)
+            share = f"{count / options.corpora:6.1%} ({low:.1%}-{high:.1%})"
             print(f"{kind:28}{comparison:40}{share}", flush=True)
     if options.out:
-        options.out.write_text(json.dumps({"corpora": options.corpora, "rows": rows}, indent=1) + "\n")
+        options.out.write_text(json.dumps({"corpora": options.corpora, "alarms": alarms}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
