@@ -128,14 +128,14 @@ class Maker:
 
 def simulate(kind: str, seed: int, maker: Maker) -> Counter[str]:
     """Alarms in one corpus, by comparison."""
-    name = f"baseline {seed}"
+    name = f"baseline {seed}, {kind}"
     baseline = Policy(kind, name, maker.space)
     corpus = maker.corpus(baseline, seed)
     scenes, recorded = probes(corpus), Recorded("recorded")
     again = Rerun("baseline", corpus.runs, lambda run: baseline)
     alarms: Counter[str] = Counter()
     for related, loss in [(related, loss) for related in (None, name) for loss in (0.0, *LOSSES)]:
-        new = Policy(kind, f"new {related} {loss} {seed}", maker.space, related=related, loss=loss)
+        new = Policy(kind, f"new {related} {loss} {name}", maker.space, related=related, loss=loss)
         side = Rerun("new", corpus.runs, lambda run, new=new: new)
         label = f"{'related' if related else 'independent'}, {100 * loss:.0f} points"
         alarms[label] += compare(scenes, side, recorded).alarm

@@ -10,7 +10,7 @@ from tests.doubles import manifest, scene
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import Planned, RuleRunner, flaky, probes
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.controls import REGRESS
+from vlafuzz.regression.controls import CONTROL, REGRESS, number_of
 from vlafuzz.regression.pairs import probes as probes_of
 from vlafuzz.regression.regress import REPEATS, Progress, Recorded, Rerun, compare
 from vlafuzz.space.jitter import load_jitter
@@ -196,7 +196,8 @@ def test_every_rollout_has_a_seed_of_its_own_that_neither_triage_nor_export_uses
             side.answer(probe, repeat)
     seeds = [seed for _, seed in runner.calls]
     assert len(set(seeds)) == len(seeds) == 40 + 5 * REPEATS
-    assert min(seeds) >= REGRESS
+    assert min(seeds[:40]) >= CONTROL
+    assert min(seeds[40:]) >= REGRESS > max(seeds[:40])
 
 
 def test_a_run_adds_its_seed(rerun):
@@ -214,8 +215,8 @@ def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repea
     side.answer(control, 0)
     for repeat in range(2):
         side.answer(failing, repeat)
-    (shown, _), *around = runner.calls
-    assert shown == control.scene
+    (shown, seed), *around = runner.calls
+    assert (shown, seed) == (control.scene, number_of(control.scene))
     assert [scene for scene, _ in around] == [load_jitter().apply(failing.scene, seed) for _, seed in around]
     assert len({failing.scene, *(scene for scene, _ in around)}) == 3
 

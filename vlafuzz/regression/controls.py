@@ -12,7 +12,7 @@ from vlafuzz.watch import Watch
 
 CONTROLS = 200
 # Numbers of jitters and seeds. Triage, which selects by outcomes, uses those below 200,000.
-EXPORT, CONTROL, REGRESS = 1_000_000, 2_000_000, 3_000_000
+EXPORT, CONTROL, REGRESS = 1_000_000, 100_000_000, 200_000_000
 _BATCH = 16
 _TRIES = 4  # scenes drawn for each control, at most: some turn out to be unfair
 
@@ -21,6 +21,15 @@ def draw(space: SearchSpace, seed: int, number: int) -> Scene:
     """The n-th control: any scene that the operators can make, jittered; the same on any machine."""
     scene = space.sample(np.random.default_rng([seed, CONTROL + number]))
     return load_jitter().apply(scene, CONTROL + number)
+
+
+def number_of(scene: Scene, first: int = CONTROL, repeat: int = 0) -> int:
+    """Number of a rollout in a scene, for its seed.
+
+    Each scene has numbers of its own, since a policy may draw the same random numbers in all rollouts with
+    one seed. They are the same for all policies, so that those that are alike see the same noise.
+    """
+    return first + (int(scene.digest[:6], 16) << 2) + repeat
 
 
 def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Control]:
@@ -34,7 +43,7 @@ def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Con
         numbers = range(drawn, drawn + min(_BATCH, count - len(controls)))
         drawn = numbers.stop
         scenes = [draw(runner.space, seed, number) for number in numbers]
-        outcomes = runner.evaluate(scenes, [CONTROL + number for number in numbers])
+        outcomes = runner.evaluate(scenes, [number_of(scene) for scene in scenes])
         for scene, outcome in zip(scenes, outcomes, strict=True):
             if outcome.verdict >= Verdict.PASSED:
                 controls.append(Control(scene, outcome.verdict is Verdict.PASSED))

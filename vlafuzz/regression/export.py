@@ -13,7 +13,7 @@ from vlafuzz.conditions import provenance
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.evidence import Witness
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.controls import CONTROLS, record
+from vlafuzz.regression.controls import CONTROLS, EXPORT, record
 from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.scene import Scene
 from vlafuzz.space.jitter import load_jitter
@@ -27,7 +27,6 @@ from vlafuzz.triage.summary import summarise
 from vlafuzz.triage.triager import SceneRunner, repeat
 from vlafuzz.watch import SILENT, Watch
 
-FIRST = 1_000_000  # number of the first rollout: far from those of triage
 ROLLOUTS = 20  # in the neighbourhood of a scene, where a share of them has to hold
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"
@@ -157,13 +156,13 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner, firm: float | None) 
     scene, triaged = chosen.shrunk, chosen.triaged
     lost = triaged.lost_stage
     runner.renew()
-    answer, rate, loses = repeat(runner, scene, FIRST)
+    answer, rate, loses = repeat(runner, scene, EXPORT)
     if answer is not Answer.FAILS or loses is None or lost is None:
         return FLAKY
     if runner.stages.index(loses) > runner.stages.index(lost):
         return LATER
     for operator, counterpart in triaged.counterparts.items():
-        if repeat(runner, counterpart, FIRST)[0] is not Answer.PASSES:
+        if repeat(runner, counterpart, EXPORT)[0] is not Answer.PASSES:
             return f"without {operator} it no longer passes"
     if firm is not None and (problem := _not_firm(triaged, runner, firm)):
         return problem
@@ -179,7 +178,7 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner, firm: float | None) 
         causes=triaged.causes,
         counterparts=triaged.counterparts,
         nominal=control,
-        nominal_passes=repeat(runner, control, FIRST)[0] is Answer.PASSES,
+        nominal_passes=repeat(runner, control, EXPORT)[0] is Answer.PASSES,
         witness=replace(chosen.witness, states_hash=replayed.rollouts[0].states_hash),
         found=triaged.scene.digest,
         run=run,
@@ -212,7 +211,7 @@ def _not_firm(triaged: Triaged, runner: PictureRunner, firm: float) -> str | Non
 
 def _around(scene: Scene, runner: PictureRunner) -> list[Outcome]:
     """A rollout in the scene, and those in its neighbourhood that could be judged."""
-    numbers = [FIRST + MOST + number for number in range(ROLLOUTS)]
+    numbers = [EXPORT + MOST + number for number in range(ROLLOUTS)]
     scenes = [scene, *(load_jitter().apply(scene, number) for number in numbers[1:])]
     first, *others = runner.evaluate(scenes, numbers)
     return [first, *(outcome for outcome in others if outcome.verdict >= Verdict.PASSED)]

@@ -16,7 +16,7 @@ from itertools import islice
 from typing import Literal, NamedTuple, Protocol
 
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.controls import REGRESS
+from vlafuzz.regression.controls import REGRESS, number_of
 from vlafuzz.regression.e_process import SignTest
 from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
 from vlafuzz.space.jitter import load_jitter
@@ -25,7 +25,6 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.triage.triager import PolicyRunner
 
 REPEATS = 3  # of each scene that is no control
-_DIGITS = 6  # of a scene's digest, for the seeds
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "unjudged", "done"]
 
@@ -67,13 +66,11 @@ class Rerun:
         self._runners = {key: make(run) for key, run in distinct.items()}
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
-        """One rollout, jittered (controls are already), with a seed that neither triage nor export uses.
-
-        Each scene has seeds of its own: a policy may draw the same numbers in all rollouts with one seed.
-        """
-        run, digits = self._runs[probe.run], probe.scene.digest[:_DIGITS]
-        number = REGRESS + REPEATS * int(digits, 16) + repeat
-        scene = probe.scene if probe.group == "control" else load_jitter().apply(probe.scene, number)
+        """One rollout: in a control as it is, in another scene with a jitter and seed of no other use."""
+        run, scene, number = self._runs[probe.run], probe.scene, number_of(probe.scene)
+        if probe.group != "control":
+            number = number_of(scene, REGRESS, repeat)
+            scene = load_jitter().apply(scene, number)
         runner = self._runners[run.key(seeded=False)]
         return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
 
