@@ -29,7 +29,7 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
         manifest = config.plan(run, policy=policy).manifest
         watch.note(
             f"{run.policy}: a few seconds of questions, then {n} rollouts; where they fail, "
-            "some dozens more, with corrections"
+            "up to some 150 more, with corrections"
         )
         with closing(Exam(manifest, policy)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):

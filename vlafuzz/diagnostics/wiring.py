@@ -1,8 +1,18 @@
-"""Wiring: whether a swapped or inverted convention makes a policy fail; then one correction clearly helps."""
+"""Wiring: whether a swapped or inverted convention makes a policy fail; then one correction lets it succeed.
+
+A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So
+it must add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen
+among all corrections; one that adds less is only suspicious. In the test, a bet against "it adds at most
+``bound`` on average" multiplies the bettor's wealth by ``1 + stake (gain - bound)`` after every scene, which
+is no expected gain as long as that holds, and never goes below 0. By Ville's inequality (1939), the wealth
+then ever reaches ``1 / ALPHA`` with probability at most ``ALPHA``, whatever the distribution of the gains
+(Waudby-Smith and Ramdas 2024, <https://doi.org/10.1093/jrsssb/qkad009>).
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import cycle
+from statistics import fmean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +21,6 @@ from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.recorder import Lent
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
-from vlafuzz.regression.e_process import wealth
 from vlafuzz.scene import Scene
 
 Array = NDArray[np.float64]
@@ -19,10 +28,15 @@ Picture = NDArray[np.uint8]
 Matrix = Sequence[Sequence[int]]
 _SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 SCREENED = 2  # failed scenes in which every correction is tried
-CLEARLY = 0.1  # smallest difference in progress that counts
-ALPHA = 0.05  # significance level: probability of naming a correction that does not help
+CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
+SHIFT = 0.3  # mean gain in progress that a correctly wired policy may have, too
+ALPHA = 0.05  # significance level: probability of naming a correction that adds at most SHIFT
 KEPT = 3  # solved scenes in which the correction must do no harm
-MOST = 25  # further scenes for the best correction
+MOST = 50  # further scenes for the best correction
+HOPELESS = 0.1  # wealth below which it is not tried any further
+# Stakes, as shares of the largest with which the wealth cannot go below 0, and how the wealth is split.
+_STAKES = np.array([0.5, 0.95])
+_SPLIT = np.array([1, 2]) / 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,16 +170,11 @@ _PICTURES = (
 Roll = Callable[[Scene, Correction | None], Outcome]
 
 
-@dataclass(kw_only=True)
+@dataclass
 class Trial:
-    """One correction in further scenes: progress with it against progress without it.
+    """One correction in further scenes: ``gains`` in progress, and progress ``without`` and ``corrected``."""
 
-    The test is valid at any stopping time, see ``regression.e_process``.
-    """
-
-    pairs: int = 0
-    better: int = 0
-    worse: int = 0
+    gains: list[float] = field(default_factory=list)
     without: float = 0.0
     corrected: float = 0.0
 
@@ -173,16 +182,18 @@ class Trial:
         """Add a scene; it does not count if a rollout was invalid or broke."""
         if min(without.verdict, corrected.verdict) < Verdict.PASSED:
             return
-        gain = corrected.progress - without.progress
-        self.pairs += 1
-        self.better += gain > CLEARLY
-        self.worse += gain < -CLEARLY
+        self.gains.append(corrected.progress - without.progress)
         self.without += without.progress
         self.corrected += corrected.progress
 
-    def helps(self, more: int = 0) -> bool:
-        """Whether the correction significantly helps, or would after ``more`` successes in a row."""
-        return wealth(self.better + more, self.worse) >= 1 / ALPHA
+    def wealth(self, bound: float, more: int = 0) -> float:
+        """Wealth of the bettor, from 1, after these and ``more`` of the largest possible gains."""
+        gains = np.array([*self.gains, *[1.0] * more])
+        return float(_SPLIT @ (1 + np.outer(_STAKES / (1 + bound), gains - bound)).prod(axis=1))
+
+    def adds(self, bound: float) -> bool:
+        """Whether the correction significantly adds more than ``bound`` of progress."""
+        return self.wealth(bound) >= 1 / ALPHA
 
 
 def check_wiring(
@@ -202,28 +213,28 @@ def check_wiring(
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
-        if trial.helps() and _keeps(best, outcomes, roll):
-            before, after = trial.without / trial.pairs, trial.corrected / trial.pairs
-            rise = f"raises its progress from {before:.2f} to {after:.2f}"
-            detail = f"{best.fault}: correcting this {rise} in {trial.pairs} scenes like those that failed"
-            return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
+        if trial.adds(CLEARLY) and _keeps(best, outcomes, roll):
+            pairs = len(trial.gains)
+            rise = f"from {trial.without / pairs:.2f} to {trial.corrected / pairs:.2f}"
+            detail = f"{best.fault}: correcting this raises its progress {rise}"
+            detail = f"{detail} in {pairs} scenes like those that failed"
+            if trial.adds(SHIFT):
+                return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
+            reasons = "suspicious: a gain this small may have other reasons"
+            return Check("wiring", detail, "warn", f"{reasons}; if it is the fault, {best.advice}")
     return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
 
 
 def _best(
     failed: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
 ) -> tuple[Correction, float]:
-    """The correction with the largest minimal gain; the search stops when all scenes pass with one."""
+    """The correction with the largest mean gain; the search stops when all scenes pass with one."""
     gains: dict[Correction, float] = {}
     for correction in candidates:
-        gains[correction], passed = 1.0, 0
-        for scene, before in failed:
-            corrected = roll(scene, correction)
-            passed += corrected.verdict is Verdict.PASSED
-            gains[correction] = min(gains[correction], corrected.progress - before.progress)
-            if gains[correction] <= CLEARLY:
-                break
-        if passed == len(failed):
+        corrected = [roll(scene, correction) for scene, _ in failed]
+        pairs = zip(corrected, failed, strict=True)
+        gains[correction] = fmean(after.progress - before.progress for after, (_, before) in pairs)
+        if all(outcome.verdict is Verdict.PASSED for outcome in corrected):
             break
     best = max(gains, key=gains.__getitem__)
     return best, gains[best]
@@ -243,10 +254,11 @@ def _alike(failed: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
 
 
 def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
-    """Roll out scenes until the correction significantly helps, or cannot within ``MOST`` scenes."""
+    """Roll out scenes until the correction adds more than ``SHIFT``, or hardly can within ``MOST`` scenes."""
     trial = Trial()
     for number, scene in enumerate(scenes):
-        if trial.helps() or not trial.helps(MOST - number):
+        hopeless = trial.wealth(SHIFT) < HOPELESS or trial.wealth(SHIFT, MOST - number) < 1 / ALPHA
+        if hopeless or trial.adds(SHIFT):
             break
         trial.see(roll(scene, None), roll(scene, correction))
     return trial
