@@ -2,11 +2,13 @@
 
 A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So
 it must add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen
-among all corrections; one that adds less is only suspicious. In the test, a bet against "it adds at most
-``bound`` on average" multiplies the bettor's wealth by ``1 + stake (gain - bound)`` after every scene, which
-is no expected gain as long as that holds, and never goes below 0. By Ville's inequality (1939), the wealth
-then ever reaches ``1 / ALPHA`` with probability at most ``ALPHA``, whatever the distribution of the gains
-(Waudby-Smith and Ramdas 2024, <https://doi.org/10.1093/jrsssb/qkad009>).
+among all corrections. One that adds less is at most suspicious, if the policy nearly always succeeds with it.
+
+In the test, a bet against "it adds at most ``bound`` on average" multiplies the bettor's wealth by
+``1 + stake (gain - bound)`` after every scene, which is no expected gain as long as that holds, and never
+goes below 0. By Ville's inequality (1939), the wealth then ever reaches ``1 / ALPHA`` with probability at
+most ``ALPHA``, whatever the distribution of the gains (Waudby-Smith and Ramdas 2024,
+<https://doi.org/10.1093/jrsssb/qkad009>).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,6 +32,7 @@ _SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 SCREENED = 2  # failed scenes in which every correction is tried
 CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
 SHIFT = 0.3  # mean gain in progress that a correctly wired policy may have, too
+RELIABLY = 0.8  # share of scenes in which a policy succeeds with a correction that is worth a warning
 ALPHA = 0.05  # significance level: probability of naming a correction that adds at most SHIFT
 KEPT = 3  # solved scenes in which the correction must do no harm
 MOST = 50  # further scenes for the best correction
@@ -172,11 +175,15 @@ Roll = Callable[[Scene, Correction | None], Outcome]
 
 @dataclass
 class Trial:
-    """One correction in further scenes: ``gains`` in progress, and progress ``without`` and ``corrected``."""
+    """One correction in further scenes.
+
+    ``gains``: in progress. ``without``, ``corrected``: progress, summed. ``solved``: scenes, with it.
+    """
 
     gains: list[float] = field(default_factory=list)
     without: float = 0.0
     corrected: float = 0.0
+    solved: int = 0
 
     def see(self, without: Outcome, corrected: Outcome) -> None:
         """Add a scene; it does not count if a rollout was invalid or broke."""
@@ -185,6 +192,7 @@ class Trial:
         self.gains.append(corrected.progress - without.progress)
         self.without += without.progress
         self.corrected += corrected.progress
+        self.solved += corrected.verdict is Verdict.PASSED
 
     def wealth(self, bound: float, more: int = 0) -> float:
         """Wealth of the bettor, from 1, after these and ``more`` of the largest possible gains."""
@@ -213,12 +221,13 @@ def check_wiring(
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
-        if trial.adds(CLEARLY) and _keeps(best, outcomes, roll):
-            pairs = len(trial.gains)
-            rise = f"from {trial.without / pairs:.2f} to {trial.corrected / pairs:.2f}"
-            detail = f"{best.fault}: correcting this raises its progress {rise}"
-            detail = f"{detail} in {pairs} scenes like those that failed"
-            if trial.adds(SHIFT):
+        pairs = len(trial.gains)
+        miswired = trial.adds(SHIFT)
+        suspicious = trial.adds(CLEARLY) and trial.solved >= RELIABLY * pairs
+        if (miswired or suspicious) and _keeps(best, outcomes, roll):
+            rise = f"raises its progress from {trial.without / pairs:.2f} to {trial.corrected / pairs:.2f}"
+            detail = f"{best.fault}: correcting this {rise} in {pairs} scenes like those that failed"
+            if miswired:
                 return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
             reasons = "suspicious: a gain this small may have other reasons"
             return Check("wiring", detail, "warn", f"{reasons}; if it is the fault, {best.advice}")
