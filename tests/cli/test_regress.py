@@ -48,7 +48,7 @@ def regress(*arguments: str) -> int:
 def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 6)
+    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 8)
     assert printed["groups"]["control"]["policy"]["count"] == 32
     assert printed["difference"]["of_failure_rates"] == 0
     assert printed["groups"]["failing"]["standings"]["fails"] == 30
@@ -62,7 +62,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
 ):
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
-    assert "pinhole is worse than idle as recorded: 6 worse and 0 better of 23 controls" in captured.out
+    assert "pinhole is worse than idle as recorded: 8 worse and 0 better of 25 controls" in captured.out
     assert "too large, as the test stopped there" in captured.out
     assert "40 controls and 60 other scenes, at most 220 rollouts, about 49 s" in captured.err
     assert regress("pinhole", "--whole") == 1
@@ -79,7 +79,7 @@ def test_one_that_solves_the_failures_is_fine(capsys: pytest.CaptureFixture[str]
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--baseline", "expert", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
-    assert printed["verdict"].startswith("idle is worse than expert: 6 worse and 0 better")
+    assert printed["verdict"].startswith("idle is worse than expert: 8 worse and 0 better")
     assert MADE[0].calls == MADE[1].calls
     assert [made.closed for made in MADE] == [1, 1]
 
@@ -126,7 +126,7 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))
     assert regress("idle", "--json") == 3
     captured = capsys.readouterr()
-    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 6 or more: policy: connect"
+    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 8 or more: policy: connect"
     assert told in captured.err
     assert json.loads(captured.out)["stopped"] == "unjudged"
 
