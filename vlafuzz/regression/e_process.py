@@ -20,7 +20,7 @@ Bets = tuple[tuple[float, float | None], ...]  # shares of the wealth, and p; No
 # do with fewer (1/2 to the fifth is 3 %).
 BROKEN: Bets = ((0.7, 0.95), (0.3, None))
 # For losses of any size: in 200 scenes, with outcomes that are independent of the baseline's, it finds a loss
-# of 10 points in 40 % of the cases and of 20 in 96 % (BROKEN: 27 and 86 %), and 2.7 % of equally good policies
+# of 10 points in 40 % of the cases and of 20 in 96 % (BROKEN: 27 and 86 %), and 2.7 % of equally good ones
 # raise an alarm; a broken policy takes eight of eight.
 ANY: Bets = ((0.5, 0.62), (0.5, None))
 
