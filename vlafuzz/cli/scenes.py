@@ -1,5 +1,6 @@
 """``vlafuzz import``, ``vlafuzz lint`` and ``vlafuzz coverage``: files of scenes."""
 
+import os
 import re
 from collections import Counter
 from dataclasses import asdict
@@ -157,7 +158,9 @@ def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
         for file in judged:
             for problem in file.problems:
                 typer.echo(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
-    print_rows(rows, title="scenes")
+    common = os.path.commonpath([file.path.absolute().parent for file in judged])
+    names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
+    print_rows([row | {"file": name} for row, name in zip(rows, names, strict=True)], title="scenes")
 
 
 def coverage(
