@@ -25,6 +25,7 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding
 from vlafuzz.triage.path import GROUPS
@@ -85,6 +86,11 @@ class Simulated:
         if not self.smooth:
             return high if min(beyond) > 0 else low
         return low + (high - low) * math.prod(1 / (1 + math.exp(min(-4 * value, 50))) for value in beyond)
+
+    def around(self, scene: Scene) -> float:
+        """The true rate in the scene's neighbourhood."""
+        jittered = (load_jitter().apply(scene, number) for number in range(10**6, 10**6 + 64))
+        return float(np.mean([self.rate(near) for near in jittered]))
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [self._outcome(scene, number) for scene, number in zip(scenes, numbers, strict=True)]
@@ -166,7 +172,7 @@ def is_cause(simulated: Simulated, scene: Scene) -> bool:
     without = [reset(only, [name]) for name in planted]
     if any(check_static(shown, SPACE.catalogue, SPACE.operators.min_distance) for shown in (only, *without)):
         return False
-    return simulated.rate(only) > 0.5 and all(simulated.rate(shown) < 0.5 for shown in without)
+    return simulated.around(only) > 0.5 and all(simulated.around(shown) < 0.5 for shown in without)
 
 
 def main() -> None:
@@ -199,8 +205,8 @@ def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
         spent.append(triaged.policy_rollouts)
         minimal = triaged.bucket == "minimal"
         if minimal and triaged.shrunk is not None:
-            rates.append(simulated.rate(triaged.shrunk))
-        if simulated.rate(scene) > 0.5 and is_cause(simulated, scene):
+            rates.append(simulated.around(triaged.shrunk))
+        if simulated.around(scene) > 0.5 and is_cause(simulated, scene):
             causes += 1
             recovered += minimal and set(triaged.operators) == {slope.operator for slope in simulated.slopes}
         if done % 20 == 0:

@@ -18,7 +18,7 @@ UNFAIR = 4  # jittered scenes of which not one is fair, after which the scene is
 BROKEN = 3  # crashes after which a scene counts as crashed
 LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
 MOST = 20  # rollouts to answer for a scene
-FEWEST, MOST_TO_CERTIFY = 5, 150  # rollouts to certify one; fewer than five leave no bound beyond one half
+FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
 ONE_HALF = 0.5
 
 

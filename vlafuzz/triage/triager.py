@@ -16,7 +16,16 @@ from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk, certify
 from vlafuzz.triage.directions import directed
-from vlafuzz.triage.oracle import LEAD, MOST, UNFAIR, Answer, Judged, Oracle
+from vlafuzz.triage.oracle import (
+    LEAD,
+    MOST,
+    MOST_TO_CERTIFY,
+    UNFAIR,
+    Answer,
+    Certificate,
+    Judged,
+    Oracle,
+)
 from vlafuzz.triage.path import deviating
 from vlafuzz.triage.reference import find_reference
 from vlafuzz.triage.shrink import shrink
@@ -107,10 +116,7 @@ class Triager:
         self.runner.renew()
         scene = finding.scene
         oracle = self._oracle(load_jitter())
-        answer = oracle.answers([scene], lead=LEAD)[0]
-        if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
-            raise _BrokenError
-        rate = oracle.rate(scene)
+        answer, rate = self._confirm(scene, oracle)
         triaged = Triaged(
             scene=scene,
             policy_key=finding.policy_key,
@@ -124,6 +130,20 @@ class Triager:
         )
         triaged = self._prove(triaged, oracle) if answer is Answer.FAILS else self._at_edge(triaged)
         return replace(triaged, seconds=time.monotonic() - began)
+
+    def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
+        """Repeat a finding until it is clear whether it mostly fails.
+
+        A stochastic policy has a second chance: the short test often takes rates of 0.5 to 0.7 for passes.
+        """
+        answer, rate = oracle.answers([scene], lead=LEAD)[0], oracle.rate(scene)
+        if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
+            raise _BrokenError
+        if answer is not Answer.FAILS and not self.runner.deterministic:
+            oracle.budget += MOST_TO_CERTIFY
+            (longer,) = oracle.certify([scene])
+            return longer if longer.answer is Answer.FAILS else Certificate(answer, rate)
+        return Certificate(answer, rate)
 
     def _oracle(self, jitter: Jitter | None) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
