@@ -116,6 +116,15 @@ def test_what_fails_without_its_operators_too_is_left_out(store: Store):
         export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1)
 
 
+def test_what_cannot_be_judged_is_left_out_and_said(store: Store):
+    class Silent(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            return [Outcome.error("policy: connect: refused", unanswered=True) for _ in scenes]
+
+    with pytest.raises(StoreError, match="the policy or the simulator broke"):
+        export(store, lambda run: Silent([DARK]), name="a", run=1)
+
+
 class Loose(CheckingRunner):
     """Passes in every fourth rollout where it should fail."""
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects import load_catalogue
@@ -52,6 +53,16 @@ def test_what_makes_it_another_scene_is_kept():
         ]
         assert (scene.task, scene.instruction, scene.robot) == (SCENE.task, SCENE.instruction, SCENE.robot)
         assert scene.noise.grain == pytest.approx(np.hypot(SCENE.noise.grain, JITTER.pixel_noise))
+
+
+def test_an_imported_object_is_turned_about_the_vertical():
+    lying = (0.5, 0.5, 0.5, 0.5)
+    scene = replace(SCENE, targets=tuple(replace(target, quaternion=lying) for target in SCENE.targets))
+    turned = [Rotation.from_quat(near.targets[0].quaternion, scalar_first=True) for near in around(scene)]
+    usual = Rotation.from_quat(lying, scalar_first=True)
+    turns = np.degrees([(rotation * usual.inv()).as_rotvec() for rotation in turned])
+    assert np.abs(turns[:, :2]).max() < 1e-6
+    assert 0.9 * JITTER.yaw < np.abs(turns[:, 2]).max() <= JITTER.yaw * 1.000001
 
 
 def test_a_camera_that_a_photo_was_taken_with_stays_where_it_is():

@@ -85,6 +85,13 @@ def test_what_fails_exactly_as_it_is_but_not_around_is_at_the_edge(store):
     assert found.detail == "it fails exactly as it is; in its neighbourhood 0 of 3 rollouts fail"
 
 
+def test_a_stochastic_policy_with_one_rate_everywhere_is_at_no_edge(store):
+    """Luck in the scene itself is none of an edge."""
+    opened = store(scenes([TILTED], 12))
+    buckets = [row.bucket for row in triaged(opened, PlantedRunner([lambda scene: True], rate=0.4))]
+    assert "edge" not in buckets
+
+
 def test_what_the_expert_does_not_solve_either_is_unproven(store):
     (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([TILTED], solvable=lambda scene: False))
     assert (found.bucket, found.witness, found.expert_rollouts) == ("unproven", None, ATTEMPTS)

@@ -109,7 +109,7 @@ def _export_corpus(
     store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
 ) -> None:
     """Check the minimal failures once more and write those that hold."""
-    from vlafuzz.regression.controls import CONTROLS, EXPORT
+    from vlafuzz.regression.controls import CONTROLS
     from vlafuzz.regression.export import export as export_corpus
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
@@ -120,7 +120,7 @@ def _export_corpus(
     with Store.open(store) as opened, Bar() as bar:
         corpus = export_corpus(
             opened,
-            partial(runner_of_run, store, later=EXPORT, note=Bar.note),  # triage selected by earlier seeds
+            partial(runner_of_run, store, note=Bar.note),
             name=out.name,
             run=run,
             controls=wanted,

@@ -29,6 +29,7 @@ from vlafuzz.watch import SILENT, Watch
 
 ROLLOUTS = 20  # in the neighbourhood of a scene, where a share of them has to hold
 FLAKY = "it no longer fails"
+UNJUDGED = "the policy or the simulator broke"
 LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
 
@@ -157,6 +158,8 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner, firm: float | None) 
     lost = triaged.lost_stage
     runner.renew()
     answer, rate, loses = repeat(runner, scene, EXPORT)
+    if answer is Answer.BROKEN:
+        return UNJUDGED
     if answer is not Answer.FAILS or loses is None or lost is None:
         return FLAKY
     if runner.stages.index(loses) > runner.stages.index(lost):
@@ -197,6 +200,8 @@ def _not_firm(triaged: Triaged, runner: PictureRunner, firm: float) -> str | Non
     assert triaged.lost_stage is not None
     lost = runner.stages[: runner.stages.index(triaged.lost_stage) + 1]
     outcomes = _around(triaged.shrunk, runner)
+    if outcomes[0].verdict < Verdict.PASSED:
+        return UNJUDGED
     if outcomes[0].lost_stage not in lost:
         return "it passes exactly as it is"
     if sum(outcome.lost_stage in lost for outcome in outcomes) < firm * len(outcomes):

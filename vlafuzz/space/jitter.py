@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
+from scipy.spatial.transform import Rotation
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
@@ -62,8 +63,13 @@ class Jitter(Strict):
     def _placed(self, rng: np.random.Generator, placement: Placement) -> Placement:
         x, y = _uniform(rng, self.position, 2).tolist()
         turn = float(rng.uniform(-self.yaw, self.yaw))
-        yaw = placement.yaw + turn if placement.quaternion is None else placement.yaw
-        return replace(placement, x=placement.x + x, y=placement.y + y, yaw=yaw)
+        moved = replace(placement, x=placement.x + x, y=placement.y + y)
+        if placement.quaternion is None:
+            return replace(moved, yaw=placement.yaw + turn)
+        upright = Rotation.from_euler("z", turn, degrees=True)
+        turned = upright * Rotation.from_quat(placement.quaternion, scalar_first=True)
+        w, i, j, k = turned.as_quat(scalar_first=True).tolist()
+        return replace(moved, quaternion=(w, i, j, k))
 
     def _moved(self, rng: np.random.Generator, camera: Camera) -> Camera:
         x, y, z = (np.array(camera.offset) + _uniform(rng, self.camera_position, 3)).tolist()

@@ -14,7 +14,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.space.jitter import Jitter
 
 CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
-UNFAIR = 4  # jittered scenes of which not one is fair, after which the scene is not
+UNFAIR, MOST_UNFAIR = 12, 200  # unfair jittered scenes after which a scene is unfair, and is drawn no more
 BROKEN = 3  # crashes after which a scene counts as crashed
 LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
 MOST = 20  # rollouts to answer for a scene
@@ -122,7 +122,6 @@ class Oracle:
     Attributes:
         counted: the stages whose loss is a failure, by default all.
         spent: rollouts so far.
-        exhausted: whether the budget cut an answer short.
     """
 
     def __init__(
@@ -138,7 +137,7 @@ class Oracle:
         self._roll, self._jitter, self.lead, self.budget = roll, jitter, lead, budget
         self._first, self._tallies = first, dict[tuple[Scene, int], Tally]()
         self.stages = self.counted = tuple(stages)
-        self.spent, self.exhausted = 0, False
+        self.spent = 0
 
     @property
     def room(self) -> int:
@@ -179,8 +178,7 @@ class Oracle:
 
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
-        tally = self._tally(scene)
-        return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
+        return self._rate(self._tally(scene), stages)
 
     def certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
         """What the policy does in each, by rollouts that had no part in any answer.
@@ -188,17 +186,17 @@ class Oracle:
         It fails if the lower bound of its rate is above one half, it passes if the upper bound is below.
         """
 
-        def rate(tally: Tally) -> Rate:
-            return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
-
         def needed(tally: Tally) -> int:
             if tally.rollouts < FEWEST:
                 return FEWEST - tally.rollouts
-            return int(_side(rate(tally)) is Answer.UNCLEAR and tally.rollouts < MOST_TO_CERTIFY)
+            unclear = _side(self._rate(tally, stages)) is Answer.UNCLEAR
+            return int(unclear and tally.rollouts < MOST_TO_CERTIFY)
 
         tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
         self._draw_until(tallies, needed)
-        return [Certificate(tally.problem or _side(rate(tally)), rate(tally)) for tally in tallies]
+        rates = [self._rate(tally, stages) for tally in tallies]
+        sides = [tally.problem or _side(rate) for tally, rate in zip(tallies, rates, strict=True)]
+        return list(map(Certificate, sides, rates))
 
     def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
         """The stage that is mostly lost in a scene which is known to fail."""
@@ -213,11 +211,13 @@ class Oracle:
         tallies = [self._tally(scene) for scene in scenes]
         judged: list[Judged | None] = [*self._draw(tallies[: self.room])]
         judged += [None] * (len(scenes) - len(judged))
-        self.exhausted = self.exhausted or len(tallies) > self.room
         return [
             answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
             for answer in judged
         ]
+
+    def _rate(self, tally: Tally, stages: Sequence[str] | None) -> Rate:
+        return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
 
     def _tally(self, scene: Scene, first: int = 0) -> Tally:
         return self._tallies.setdefault((scene, first), Tally(scene, self._first + first))
@@ -228,11 +228,10 @@ class Oracle:
         while wanted := [
             tally
             for tally in distinct
-            if tally.problem in (None, Answer.UNTRIED)
+            if tally.problem in (None, Answer.UNTRIED) and tally.unfair < MOST_UNFAIR
             for _ in range(needed(tally))
         ]:
             if not self.room:
-                self.exhausted = True
                 return
             self._draw(wanted[: self.room])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -23,7 +24,10 @@ Make = Callable[[Run], SceneRunner]
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Processes with one thread each; a SimulatorError where one of them dies."""
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    ignore = signal.SIGINT, signal.SIG_IGN  # an interrupt is the parent's, who cancels what is left
+    pool = ProcessPoolExecutor(
+        workers, mp_context=get_context("spawn"), initializer=signal.signal, initargs=ignore
+    )
     try:
         with single_threaded():
             yield pool

@@ -39,9 +39,7 @@ def find_reference(
     """
     usual = Reference(None, oracle.stages)
     nominal = space.nominal(like=scene)
-    answer = oracle.answers([nominal], oracle.stages)[0]
-    if answer is Answer.FAILS:  # perhaps by bad luck
-        answer = oracle.answers([nominal], oracle.stages, lead=LEAD)[0]
+    answer = oracle.answers([nominal], oracle.stages, lead=LEAD)[0]
     if answer in (Answer.PASSES, Answer.UNTRIED):
         return usual
     for candidate in _nearest(scene, space, passing)[:NEAREST]:

@@ -37,16 +37,13 @@ class SimulatorSceneRunner:
     Args:
         source: store or corpus that the manifest is from, for messages.
         policy: another policy than the run's, by name, or the run's own where that is an object.
-        later: seeds to skip beside the run's own, for a stochastic policy.
 
     Attributes:
         changed: names of the conditions that come with the installation and are not as they were in the run.
         elsewhere: where the run was made, in words; empty if it was made here.
     """
 
-    def __init__(
-        self, source: Path, manifest: Manifest, policy: Policy | str | None = None, *, later: int = 0
-    ) -> None:
+    def __init__(self, source: Path, manifest: Manifest, policy: Policy | str | None = None) -> None:
         self.space = stored_space(source, manifest)
         self.stages = self.space.task.stage_names
         name = policy if isinstance(policy, str) else manifest.policy
@@ -57,7 +54,7 @@ class SimulatorSceneRunner:
         spec = self._policy.spec
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
-        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats + later)
+        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
         self.renderer = probe_once().name if spec.cameras else None
         here = replace(manifest, **provenance.here(name, self._policy, self.space.catalogue))
         self.changed = tuple(name for name in manifest.differences(here) if name != "place")
@@ -66,13 +63,21 @@ class SimulatorSceneRunner:
         # By whether given actions are played
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
-        self._experts = {name: self._evaluator(solver) for name, solver in self._solvers.items()}
+        # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
+        self._experts = {name: self._evaluator(solver, visible="") for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
     def _evaluator(
-        self, of: Policy, *, checked: bool = True, recording: Recording | None = None
+        self,
+        of: Policy,
+        *,
+        checked: bool = True,
+        recording: Recording | None = None,
+        visible: str | None = None,
     ) -> ManiSkillEvaluator:
         once = replace(self._manifest, repeats=1)
+        if visible is not None:
+            once = replace(once, visible=visible)
         return make_evaluator(once, of, catalogue=self.space.catalogue, checked=checked, recording=recording)
 
     def renew(self) -> None:
@@ -133,15 +138,9 @@ class SimulatorSceneRunner:
             evaluator.close()
 
 
-def runner_of_run(
-    store: Path, run: Run, *, later: int = 0, note: Callable[[str], None] = Watch.note
-) -> SimulatorSceneRunner:
-    """A scene runner for the findings of a run; notes when it differs from what found them.
-
-    Args:
-        later: seeds to skip, of a stochastic policy: triage has selected findings by their outcomes.
-    """
-    runner = SimulatorSceneRunner(store, run.manifest, later=later)
+def runner_of_run(store: Path, run: Run, *, note: Callable[[str], None] = Watch.note) -> SimulatorSceneRunner:
+    """A scene runner for the findings of a run; notes when it differs from what found them."""
+    runner = SimulatorSceneRunner(store, run.manifest)
     verb = "differs" if len(runner.changed) == 1 else "differ"
     version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
     if how := " and ".join(filter(None, (version, runner.elsewhere))):

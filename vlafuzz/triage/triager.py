@@ -80,13 +80,13 @@ class Triager:
     Attributes:
         max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
         passing: scenes in which the policy has passed.
-        rolled: verdicts by scene and number, which findings share; only ``roll`` changes it.
+        rolled: verdicts by scene's digest and number, which findings share; only ``roll`` changes it.
     """
 
     runner: SceneRunner
     max_rollouts: int | None = None
     passing: Sequence[Scene] = ()
-    rolled: dict[tuple[Scene, int], Judged] = field(default_factory=dict)
+    rolled: dict[tuple[str, int], Judged] = field(default_factory=dict)
 
     def triage(self, finding: Finding) -> Triaged | None:
         """The finding after triage; None where policy or simulator broke."""
@@ -97,13 +97,13 @@ class Triager:
 
     def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
         """One rollout in each scene; those known from another finding cost nothing."""
-        keys = list(zip(scenes, numbers, strict=True))
-        fresh = [key for key in keys if key not in self.rolled]
-        outcomes = self.runner.evaluate([scene for scene, _ in fresh], [number for _, number in fresh])
+        tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
+        fresh = [key for key in tries if key not in self.rolled]
+        outcomes = self.runner.evaluate([tries[key] for key in fresh], [number for _, number in fresh])
         judged = dict(zip(fresh, map(Judged.of, outcomes), strict=True))
         if any(answer.unanswered for answer in judged.values()):
             raise _BrokenError
-        answers = [judged.get(key) or self.rolled[key] for key in keys]
+        answers = [judged.get(key) or self.rolled[key] for key in tries]
         self.rolled |= {
             key: answer._replace(rollouts=0)
             for key, answer in judged.items()
@@ -128,7 +128,11 @@ class Triager:
             policy_rollouts=oracle.spent,
             detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
-        triaged = self._prove(triaged, oracle) if answer is Answer.FAILS else self._at_edge(triaged)
+        if answer is Answer.FAILS:
+            triaged = self._prove(triaged, oracle)
+        elif self._at_edge(scene, answer):
+            around = f"in its neighbourhood {rate.failures} of {rate.rollouts} rollouts fail"
+            triaged = replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
         return replace(triaged, seconds=time.monotonic() - began)
 
     def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
@@ -142,22 +146,24 @@ class Triager:
         if answer is not Answer.FAILS and not self.runner.deterministic:
             oracle.budget += MOST_TO_CERTIFY
             (longer,) = oracle.certify([scene])
-            return longer if longer.answer is Answer.FAILS else Certificate(answer, rate)
+            return longer
         return Certificate(answer, rate)
 
     def _oracle(self, jitter: Jitter | None) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
         return Oracle(self.roll, self.runner.stages, jitter, budget=MOST + UNFAIR, lead=lead)
 
-    def _at_edge(self, triaged: Triaged) -> Triaged:
-        """A scene that does not mostly fail in its neighbourhood may still do so as it is."""
+    def _at_edge(self, scene: Scene, answer: Answer) -> bool:
+        """Whether a scene that does not mostly fail in its neighbourhood does so as it is.
+
+        A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with
+        one rate in both, luck would put it at an edge.
+        """
         exactly = self._oracle(None)
-        fails = exactly.fails([triaged.scene])[0]
-        triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + exactly.spent)
-        if not fails:
-            return triaged
-        around = f"in its neighbourhood {triaged.failures} of {triaged.repeats} rollouts fail"
-        return replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
+        if self.runner.deterministic:
+            return exactly.fails([scene])[0]
+        exactly.budget = MOST_TO_CERTIFY
+        return answer is Answer.PASSES and exactly.certify([scene])[0].answer is Answer.FAILS
 
     def _prove(self, triaged: Triaged, oracle: Oracle) -> Triaged:
         """Witness, shrink, certify and attribute a confirmed failure."""
@@ -238,9 +244,11 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     Args:
         first: number of the first rollout.
     """
-    triager = Triager(runner)
-    oracle = Oracle(triager.roll, runner.stages, load_jitter(), budget=MOST + UNFAIR, first=first)
-    answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
+    oracle = Oracle(Triager(runner).roll, runner.stages, load_jitter(), budget=MOST + UNFAIR, first=first)
+    try:
+        answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
+    except _BrokenError:
+        return Answer.BROKEN, Rate.of_counts(0, 0), None
     return answer, rate, oracle.lost(scene) if rate.failures else None
 
 
