@@ -65,8 +65,10 @@ class Causes:
     """The operators behind a failure, as found in its minimal scene.
 
     Attributes:
-        necessary: the policy passes if any one of them is reset to nominal.
-        sufficient: the policy fails if one of them alone is applied to the nominal scene.
+        necessary: the policy passes if any one of them is reset to the reference: the nominal scene, or the
+            passing one that the failure was shrunk to.
+        sufficient: the policy fails if one of them alone is applied to the reference.
+        thresholds: of the operators with numbers, those that the budget of rollouts sufficed to locate.
     """
 
     necessary: tuple[str, ...] = ()

@@ -5,10 +5,13 @@ import numpy as np
 from tests.doubles import manifest, scene
 from vlafuzz.evidence import Causes, Threshold, Witness
 from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
+from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 
 
-def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> Case:
+def case(
+    number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0, reference: Scene | None = None
+) -> Case:
     failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
     dim = (("light.intensity", 0.25),)
     threshold = Threshold("light", dim, 0.5, low=dim, high=dim, direction="dark", ranges=((dim, ()),))
@@ -23,6 +26,7 @@ def case(number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0) -> 
         counterparts={"light": scene(x=-0.04 + 0.001 * number)},
         nominal=scene(),
         nominal_passes=True,
+        reference=reference,
         witness=Witness(actions, "5" * 32, 0, "seeing" if number % 2 else "expert"),
         found="f" * 32,
         run=run,

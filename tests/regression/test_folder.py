@@ -34,7 +34,11 @@ def plain(corpus: Corpus) -> dict[str, object]:
 )
 def test_it_reads_back_as_it_was(tmp_path_factory, numbers, pictures: bool, controls: int) -> None:
     thumbnail = b"\x89PNG" if pictures else None
-    cases = (case(number, thumbnail=thumbnail, run=number % 2) for number in numbers)
+    references = (scene(light=1 / 4, x=0.0002 * number) if number % 3 else None for number in numbers)
+    cases = (
+        case(number, thumbnail=thumbnail, run=number % 2, reference=reference)
+        for number, reference in zip(numbers, references, strict=True)
+    )
     written = make_corpus(*cases, runs=2, controls=controls)
     folder = tmp_path_factory.mktemp("a") / "corpus"
     write_corpus(written, folder)
@@ -100,10 +104,12 @@ def test_schema_2_which_had_neither_controls_nor_rates_is_read(folder: Path) -> 
     manifest = json.loads((folder / "manifest.json").read_text())
     del manifest["controls"]
     for row in manifest["cases"]:
-        del row["certified"], row["counterpart_rates"], row["witness"]["solver"]
+        del row["certified"], row["counterpart_rates"], row["reference"], row["witness"]["solver"]
     (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 2}))
     read = read_corpus(folder)
-    assert (read.controls, read.cases[0].certified, read.cases[0].witness.solver) == ((), None, "expert")
+    first = read.cases[0]
+    assert (read.controls, first.certified, first.reference) == ((), None, None)
+    assert first.witness.solver == "expert"
 
 
 def test_a_newer_schema_is_told(folder: Path) -> None:

@@ -1,19 +1,28 @@
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from tests.doubles import failed, passed
 from tests.regression.corpora import case, make_corpus
+from tests.regression.test_export import CheckingRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.triage.planted import SPACE
 from vlafuzz.evidence import Causes, Threshold
+from vlafuzz.regression.export import export
+from vlafuzz.regression.folder import read_corpus, write_corpus
 from vlafuzz.report.deviations import deviations
 from vlafuzz.report.films import filmed
+from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus
 from vlafuzz.report.view import Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
+from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import triage
+from vlafuzz.triage.summary import summarise
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +60,38 @@ def test_operators_are_counted_as_left_necessary_and_sufficient(triaged: View):
 def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
     card = next(card for card in triaged.cards if "camera-orientation" in card.operators)
     (only,) = card.deviations
-    assert (only.operator, only.value, only.nominal) == ("camera-orientation", "yaw 2.6°", "yaw 0°")
+    assert (only.operator, only.value, only.reference) == ("camera-orientation", "yaw 2.6°", "yaw 0°")
     assert (only.fails_from or "").startswith("fails from yaw 2.")
     assert card.role("camera-orientation") == "necessary, sufficient alone"
+    assert re.fullmatch(r"fails in (\d+) of \1 rollouts around it \(.*–100%\)", card.detail)
     assert card.witness is not None
     assert card.witness.solver == "seeing"
     assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --policy idle")
+
+
+def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_triage_shrank_to(tmp_path: Path):
+    def runner(_: Run) -> CheckingRunner:
+        return CheckingRunner([lambda scene: scene.light.intensity > 0.2])
+
+    bright, dark = (replace(SPACE.nominal(), light=Light(2.0**power)) for power in (-1.0, -3.0))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        run = opened.begin(MANIFEST)
+        for proposal, (scene, outcome) in enumerate(((bright, failed()), (dark, passed()))):
+            cell = "grasp|light|x0y0" if scene is bright else ""
+            opened.add(run, Trial(proposal=proposal, scene=scene, outcome=outcome, severity=1.0, cell=cell))
+        triage(opened, runner)
+        (summary,) = summarise(opened).triaged_findings
+        write_corpus(export(opened, runner, name="bright"), tmp_path / "bright")
+    assert (summary.bucket, summary.reference) == ("minimal", dark.digest)
+    assert summary.rate is not None
+    assert summary.certified is not None
+    shown = [view(tmp_path / "a.db"), view_of_corpus(tmp_path / "bright", read_corpus(tmp_path / "bright"))]
+    for card in (card for page in shown for card in page.cards):
+        (only,) = card.deviations
+        assert card.scene.light.intensity < 0.3
+        assert (card.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
+        assert card.detail.startswith(f"fails in {summary.certified.failures} of ")
+    assert "A scene that passes" in render(shown[0])
 
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
@@ -128,7 +163,7 @@ def test_every_deviation_is_described_in_words():
     )
     causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
     described = {
-        row.operator: (row.value, row.nominal, row.fails_from) for row in deviations(SPACE, scene, causes)
+        row.operator: (row.value, row.reference, row.fails_from) for row in deviations(SPACE, scene, causes)
     }
     assert described == {
         "confounders": ("apple at x 0.1 m, y -0.2 m", "none", ""),

@@ -18,7 +18,8 @@ class Facts:
 
     Attributes:
         lost_stage: the stage that the policy does not reach.
-        operators: those that are not nominal in the scene; all confounder operators count as one.
+        operators: those in which the scene differs from the nominal one, or from the case's reference; all
+            confounder operators count as one.
         nominal_passes: verdict of the nominal scene.
         found: digest of the scene as the search found it.
         run: index of the run that found it, in ``Corpus.runs``.
@@ -48,9 +49,11 @@ class Case(Facts):
     """One failure.
 
     Attributes:
-        scene: minimal: every operator that is not nominal in it is needed for the policy to fail.
+        scene: minimal: the policy needs every one of ``operators`` to fail.
         counterparts: by operator, the scene with this operator reset, in which the policy passes.
         nominal: the scene with all operators reset.
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal
+            one; resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
@@ -59,6 +62,7 @@ class Case(Facts):
     counterparts: Mapping[str, Scene]
     nominal: Scene
     witness: Witness
+    reference: Scene | None = None
     thumbnail: bytes | None = None
 
     @property

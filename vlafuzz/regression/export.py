@@ -181,6 +181,7 @@ def _case(chosen: _Chosen, run: int, runner: PictureRunner, firm: float | None) 
         causes=triaged.causes,
         counterparts=triaged.counterparts,
         nominal=control,
+        reference=triaged.reference,
         nominal_passes=repeat(runner, control, EXPORT)[0] is Answer.PASSES,
         witness=replace(chosen.witness, states_hash=replayed.rollouts[0].states_hash),
         found=triaged.scene.digest,

@@ -62,6 +62,7 @@ class _CaseRow(Facts):
     nominal: str
     witness: _WitnessRow
     thumbnail: bool
+    reference: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +140,7 @@ def _unwritable(folder: Path, error: OSError) -> CorpusError:
 def _write(corpus: Corpus, folder: Path) -> None:
     for part in ("witnesses", "thumbnails"):
         (folder / part).mkdir(parents=True)
-    others = [scene for case in corpus.cases for scene in (*case.counterparts.values(), case.nominal)]
+    others = [scene for case in corpus.cases for scene in _others(case)]
     write_scenes(folder / SCENES, [case.scene for case in corpus.cases])
     write_scenes(folder / COUNTERPARTS, dict.fromkeys(others))
     if corpus.controls:
@@ -158,12 +159,19 @@ def _write(corpus: Corpus, folder: Path) -> None:
     (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
 
 
+def _others(case: Case) -> list[Scene]:
+    """The scenes beside the failing one."""
+    reference = [case.reference] if case.reference else []
+    return [*case.counterparts.values(), case.nominal, *reference]
+
+
 def _row(case: Case) -> _CaseRow:
     actions, witness = case.witness.actions, case.witness
     return _CaseRow(
         scene=case.scene.digest,
         counterparts={name: scene.digest for name, scene in case.counterparts.items()},
         nominal=case.nominal.digest,
+        reference=case.reference.digest if case.reference else None,
         witness=_WitnessRow(
             _digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver
         ),
@@ -242,6 +250,7 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
         scene=failing,
         counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
         nominal=scene(row.nominal, COUNTERPARTS),
+        reference=scene(row.reference, COUNTERPARTS) if row.reference else None,
         witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
         thumbnail=_read(thumbnail_path(folder, failing)) if row.thumbnail else None,
         **_fields(row, _OF_CASE),

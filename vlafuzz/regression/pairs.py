@@ -40,7 +40,7 @@ def probes(corpus: Corpus) -> list[Probe]:
 
     The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can
     only improve, and where it passed only get worse. The counterpart of a case with one operator is its
-    nominal scene, and counts as nominal.
+    nominal scene, and counts as nominal; where the case has a reference, it is the reference.
     """
     by_scene: dict[Scene, Probe] = {}
     for control in corpus.controls:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Causes
+from vlafuzz.evidence import Causes, Rate
 from vlafuzz.regression.corpus import Case, Corpus
 from vlafuzz.regression.folder import SCENES
 from vlafuzz.report.deviations import deviations
@@ -14,6 +14,7 @@ from vlafuzz.report.view import Card
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Manifest, Triaged
+from vlafuzz.text import interval
 from vlafuzz.triage.path import deviating
 
 _DIGITS = 12  # of a digest, in a command
@@ -61,6 +62,7 @@ def card_of_triaged(
     minimal = triaged.shrunk if triaged.bucket == "minimal" else None
     scene = minimal or triaged.scene
     causes = triaged.causes if minimal else Causes()
+    reference = triaged.reference if minimal else None
     return Card(
         scene=scene,
         findings=(triaged.scene.digest,),
@@ -69,10 +71,11 @@ def card_of_triaged(
         lost_stage=triaged.lost_stage or finding.cell.partition("|")[0],
         signature=triaged.signature or "",
         operators=triaged.operators if minimal else triaged.deviating,
-        deviations=deviations(space, scene, causes),
+        deviations=deviations(space, scene, causes, reference),
         causes=causes,
+        reference=reference,
         witness=triaged.witness,
-        detail=triaged.detail or _repeats(triaged.failures, triaged.repeats),
+        detail=_evidence(triaged),
         replay=_replay(store, scene, run.policy if scene != triaged.scene else None),
     )
 
@@ -88,13 +91,28 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         lost_stage=case.lost_stage,
         signature=case.signature,
         operators=case.operators,
-        deviations=deviations(space, case.scene, case.causes),
+        deviations=deviations(space, case.scene, case.causes, case.reference),
         causes=case.causes,
+        reference=case.reference,
         witness=case.witness,
-        detail=_repeats(case.failures, case.repeats),
+        detail=_often(case.certified) if case.certified else _repeats(case.failures, case.repeats),
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )
+
+
+def _evidence(triaged: Triaged) -> str:
+    """How often the card's scene fails, and what else triage says of it."""
+    rate = triaged.certified if triaged.bucket == "minimal" else triaged.rate
+    if rate is None:
+        return triaged.detail or _repeats(triaged.failures, triaged.repeats)
+    counted = triaged.bucket in ("edge", "flaky")  # whose details repeat the rate
+    return _often(rate) + (f"; {triaged.detail}" if triaged.detail and not counted else "")
+
+
+def _often(rate: Rate) -> str:
+    bounds = interval(rate.low, rate.high)
+    return f"fails in {rate.failures} of {rate.rollouts} rollouts around it ({bounds})"
 
 
 def _repeats(failures: int, repeats: int) -> str:

@@ -1,4 +1,4 @@
-"""The operators that are not nominal in a scene, described in words."""
+"""The operators in which a scene differs from its reference, described in words."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -23,11 +23,16 @@ from vlafuzz.space.operators import (
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS
 
 
-def deviations(space: SearchSpace, scene: Scene, causes: Causes) -> tuple[Deviation, ...]:
-    """One for every operator that is not nominal in a scene; the confounder operators count as one."""
-    nominal = _nominal(space, scene)
+def deviations(
+    space: SearchSpace, scene: Scene, causes: Causes, reference: Scene | None = None
+) -> tuple[Deviation, ...]:
+    """One for every operator in which a scene differs from a reference, by default from nominal.
+
+    The confounder operators count as one.
+    """
+    other = reference or _nominal(space, scene)
     thresholds = {threshold.operator: failing_range(threshold) for threshold in causes.thresholds}
-    values = ((name, _value(name, scene, nominal), _value(name, nominal, scene)) for name in GROUPS)
+    values = ((name, _value(name, scene, other), _value(name, other, scene)) for name in GROUPS)
     return tuple(
         Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in values if value
     )

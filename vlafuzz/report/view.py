@@ -83,11 +83,11 @@ class RunRow:
 
 @dataclass(frozen=True)
 class Deviation:
-    """An operator's value in a scene, its nominal value, and the threshold from which the policy fails."""
+    """An operator's value in a scene and in its reference, and the threshold from which the policy fails."""
 
     operator: str
     value: str
-    nominal: str
+    reference: str
     fails_from: str = ""
 
 
@@ -100,7 +100,8 @@ class Card:
         findings: digests of the findings with this scene.
         run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
-        operators: those that are not nominal in the scene; the confounder operators count as one.
+        operators: those in which the scene differs from its reference; the confounder operators count as one.
+        reference: the passing scene that it is compared with; None for the nominal one.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
         picture: PNG, shown if there are no films.
@@ -115,6 +116,7 @@ class Card:
     operators: tuple[str, ...]
     deviations: tuple[Deviation, ...]
     causes: Causes
+    reference: Scene | None = None
     witness: Witness | None = None
     detail: str
     replay: str
@@ -128,7 +130,7 @@ class Card:
         if self.bucket == "base":
             return "fails at nominal"
         if len(self.operators) > 3:
-            return f"{len(self.operators)} operators not nominal"
+            return f"{len(self.operators)} operators{'' if self.reference else ' not nominal'}"
         return " + ".join(self.operators) or "all operators nominal"
 
     def role(self, operator: str) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import get_args
 
+from vlafuzz.evidence import Rate
 from vlafuzz.phrasing import describe
 from vlafuzz.store.records import Bucket, Triaged
 from vlafuzz.store.store import Store
@@ -19,7 +20,9 @@ class TriagedFinding:
 
     Attributes:
         scene: the finding; ``shrunk`` is the scene that is left of it.
-        causes: thresholds from which on its operators make the policy fail.
+        rate: how often the policy fails around the finding; ``certified``: around ``shrunk``.
+        reference: the passing scene that it was shrunk to; None for the nominal one.
+        causes: the thresholds that were located, from which on operators make the policy fail.
         solver: see ``Witness``; None without a witness.
     """
 
@@ -27,11 +30,14 @@ class TriagedFinding:
     bucket: str
     signature: str | None
     shrunk: str | None
+    reference: str | None
     necessary: tuple[str, ...]
     sufficient: tuple[str, ...]
     causes: tuple[str, ...]
     failures: int
     repeats: int
+    rate: Rate | None
+    certified: Rate | None
     shrink_rollouts: int
     solver: str | None
     detail: str
@@ -42,7 +48,10 @@ class TriagedFinding:
         return TriagedFinding(
             **{name: getattr(triaged, name) for name in same},
             scene=triaged.scene.digest,
+            rate=triaged.rate,
+            certified=triaged.certified,
             shrunk=triaged.shrunk.digest if triaged.shrunk else None,
+            reference=triaged.reference.digest if triaged.reference else None,
             solver=triaged.witness.solver if triaged.witness else None,
             necessary=triaged.causes.necessary,
             sufficient=triaged.causes.sufficient,
