@@ -9,7 +9,8 @@ from tests.doubles import failed, passed
 from tests.regression.corpora import case, make_corpus
 from tests.regression.test_export import CheckingRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
-from tests.triage.planted import SPACE
+from tests.triage.planted import SPACE, Condition
+from tests.triage.runners import PlantedRunner
 from vlafuzz.evidence import Causes, Threshold
 from vlafuzz.regression.export import export
 from vlafuzz.regression.folder import read_corpus, write_corpus
@@ -17,7 +18,7 @@ from vlafuzz.report.deviations import deviations
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus
-from vlafuzz.report.view import Chart, View
+from vlafuzz.report.view import Card, Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -92,6 +93,27 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
         assert (card.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
         assert card.detail.startswith(f"fails in {summary.certified.failures} of ")
     assert "A scene that passes" in render(shown[0])
+
+
+def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: Path):
+    def cards(name: str, fails: Condition, solvable: bool) -> list[Card]:
+        finding = SPACE.nominal()
+        with Store.open(tmp_path / name, "write") as opened:
+            trial = Trial(proposal=0, scene=finding, outcome=failed(), severity=1.0, cell="grasp|none|x0y0")
+            opened.add(opened.begin(MANIFEST), trial)
+            triage(opened, lambda _: PlantedRunner([fails], solvable=lambda _: solvable))
+        return list(view(tmp_path / name).cards)
+
+    nominal = SPACE.nominal()
+    (edge,) = cards("edge.db", lambda scene: scene == nominal, True)
+    (flaky,) = cards("flaky.db", lambda scene: False, True)
+    (unproven,) = cards("unproven.db", lambda scene: True, False)
+    assert (edge.bucket, flaky.bucket, unproven.bucket) == ("edge", "flaky", "unproven")
+    assert re.fullmatch(r"fails exactly as it is, but in 0 of 3 rollouts around it \(0–.*%\)", edge.detail)
+    assert re.fullmatch(r"fails in 0 of 3 rollouts around it \(0–.*%\)", flaky.detail)
+    assert re.fullmatch(
+        r"fails in 3 of 3 rollouts around it \(.*–100%\); the expert fails, too", unproven.detail
+    )
 
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):

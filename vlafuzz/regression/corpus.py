@@ -52,8 +52,8 @@ class Case(Facts):
         scene: minimal: the policy needs every one of ``operators`` to fail.
         counterparts: by operator, the scene with this operator reset, in which the policy passes.
         nominal: the scene with all operators reset.
-        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal
-            one; resetting an operator takes its values from there. None: the nominal scene.
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the
+            nominal one; resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """

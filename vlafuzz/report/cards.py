@@ -95,7 +95,9 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         causes=case.causes,
         reference=case.reference,
         witness=case.witness,
-        detail=_often(case.certified) if case.certified else _repeats(case.failures, case.repeats),
+        detail=f"fails {_around(case.certified)}"
+        if case.certified
+        else _repeats(case.failures, case.repeats),
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )
@@ -106,13 +108,15 @@ def _evidence(triaged: Triaged) -> str:
     rate = triaged.certified if triaged.bucket == "minimal" else triaged.rate
     if rate is None:
         return triaged.detail or _repeats(triaged.failures, triaged.repeats)
-    counted = triaged.bucket in ("edge", "flaky")  # whose details repeat the rate
-    return _often(rate) + (f"; {triaged.detail}" if triaged.detail and not counted else "")
+    if triaged.bucket == "edge":
+        return f"fails exactly as it is, but {_around(rate)}"
+    more = f"; {triaged.detail}" if triaged.detail and triaged.bucket != "flaky" else ""
+    return f"fails {_around(rate)}{more}"
 
 
-def _often(rate: Rate) -> str:
+def _around(rate: Rate) -> str:
     bounds = interval(rate.low, rate.high)
-    return f"fails in {rate.failures} of {rate.rollouts} rollouts around it ({bounds})"
+    return f"in {rate.failures} of {rate.rollouts} rollouts around it ({bounds})"
 
 
 def _repeats(failures: int, repeats: int) -> str:
