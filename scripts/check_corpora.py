@@ -50,9 +50,13 @@ class Job:
     def run(self) -> list[tuple[str, str, bool]]:
         """Scene, kind and whether it held, of every check."""
         corpus = read_corpus(self.folder)
-        with closing(SimulatorSceneRunner(self.folder, corpus.runs[0])) as runner:
-            cases = corpus.cases[self.first : self.first + PART]
-            return [(case.scene.digest[:12], *check) for case in cases for check in _check(case, runner)]
+        cases = corpus.cases[self.first : self.first + PART]
+        checks: list[tuple[str, str, bool]] = []
+        for run in sorted({case.run for case in cases}):
+            with closing(SimulatorSceneRunner(self.folder, corpus.runs[run])) as runner:
+                for case in (case for case in cases if case.run == run):
+                    checks += ((case.scene.digest[:12], *check) for check in _check(case, runner))
+        return checks
 
 
 def _check(case: Case, runner: SimulatorSceneRunner) -> Iterator[tuple[str, bool]]:

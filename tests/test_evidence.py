@@ -28,9 +28,19 @@ def test_a_threshold_is_described_with_its_interval():
     bright = Threshold(
         "light", light(6.27667), 0.9, low=light(5.85634), high=light(6.4980), ranges=((light(6.27667), ()),)
     )
-    assert describe(bright) == "light: fails from intensity × 6.28 (5.86 to 6.5) on"
+    assert describe(bright) == "light: fails from intensity × 6.28 (× 5.86 to × 6.5) on"
     turned = Threshold("camera-orientation", yaw(-2.1), 0.9, low=yaw(-2.0), high=yaw(-2.2))
-    assert describe(turned) == "camera-orientation: fails from yaw -2.1° (-2.2 to -2) on"
+    assert describe(turned) == "camera-orientation: fails from yaw -2.1° (-2.2° to -2°) on"
+
+
+def test_an_interval_across_half_a_turn_goes_the_short_way():
+    def at(degrees: float):
+        return (("targets.0.yaw", degrees),)
+
+    ahead = Threshold("target-orientation", at(179.0), 0.9, low=at(178.0), high=at(-176.0))
+    assert describe(ahead) == "target-orientation: fails from yaw 179° (178° to -176°) on"
+    back = Threshold("target-orientation", at(179.0), 0.9, low=at(-176.0), high=at(178.0))
+    assert describe(back) == describe(ahead)
 
 
 def test_passes_beyond_a_threshold_are_said():

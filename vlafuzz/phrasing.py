@@ -18,12 +18,12 @@ def signature(task: str, lost: str, operators: Iterable[str]) -> str:
 
 
 def describe(threshold: Threshold) -> str:
-    """The operator and its failing range: ``light: fails from intensity × 6.25 (5.9 to 6.6) on``."""
+    """The operator and its failing range: ``light: fails from intensity × 6.25 (× 5.9 to × 6.6) on``."""
     return f"{threshold.operator}: {failing_range(threshold)}"
 
 
 def failing_range(threshold: Threshold) -> str:
-    """The values that fail: ``fails from yaw 2.1° (2 to 2.2) to 3.4° and from 4° on``."""
+    """The values that fail: ``fails from yaw 2.1° (2° to 2.2°) to 3.4° and from 4° on``."""
     first, *others = threshold.ranges or ((threshold.at, ()),)
     start = ", ".join(in_words(path, value) + _interval(threshold, path) for path, value in threshold.at)
     share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
@@ -47,5 +47,7 @@ def _amounts(values: Values) -> str:
 def _interval(threshold: Threshold, path: str) -> str:
     if not threshold.low or threshold.low == threshold.high:
         return ""
-    low, high = sorted((dict(threshold.low)[path], dict(threshold.high)[path]))
-    return f" ({low:.3g} to {high:.3g})"
+    ends = dict(threshold.low)[path], dict(threshold.high)[path]
+    wraps = abs(ends[1] - ends[0]) > 180  # at ±180°: 178° to -176°
+    low, high = sorted(ends, reverse=wraps)
+    return f" ({amount(path, low)} to {amount(path, high)})"

@@ -63,7 +63,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
     assert "pinhole is worse than idle as recorded: 8 worse and 0 better of 25 controls" in captured.out
-    assert "too large, as the test stopped there" in captured.out
+    assert "biased upward, because the test stopped at the alarm" in captured.out
     assert "40 controls and 60 other scenes, at most 220 rollouts, about 49 s" in captured.err
     assert regress("pinhole", "--whole") == 1
     captured = capsys.readouterr()

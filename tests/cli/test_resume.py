@@ -172,6 +172,17 @@ def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(
     assert not any(duplicate for _, _, duplicate, _ in proposed("a.db", 2))
 
 
+def test_a_run_of_an_unknown_place_can_only_be_started_anew(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    with monkeypatch.context() as earlier:
+        earlier.setattr("vlafuzz.conditions.provenance.place.here", lambda *_, **__: "")
+        cut(monkeypatch, "--budget", "20", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "a.db: run 1 was made at a place that is not known" in message
+    assert "hint: leave out --resume to start a new run, which reuses none of its outcomes" in message
+
+
 def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
     assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--store", "a.db")
     run("--budget", "3", "--store", "a.db")

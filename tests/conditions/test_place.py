@@ -44,6 +44,12 @@ def test_the_place_of_earlier_stores_is_not_known():
     assert (elsewhere("", ""), in_words("")) == ("", "")
 
 
+def test_what_a_later_version_adds_to_a_place_is_left_out():
+    later = json.dumps(asdict(OLD) | {"cores": 64})
+    assert in_words(later) == str(OLD)
+    assert elsewhere(later, stored(NEW)) == elsewhere(stored(OLD), stored(NEW))
+
+
 def test_what_only_one_of_two_policies_depends_on_is_no_difference():
     looks_on = Place(processor="x86_64", instructions="AVX2", torch="2.13.0+cpu")
     assert elsewhere(stored(OLD), stored(looks_on)) == ""

@@ -33,7 +33,7 @@ def test_an_apple_is_seen_by_the_light_of_the_default_range(light: float) -> Non
 def test_darkness_hides_everything() -> None:
     dark = replace(NOMINAL, light=Light(0.0002))
     assert reason(dark).startswith("apple: ")
-    assert reason(dark).endswith("/255 apart from the table under light × 0.0002; 8/255 are needed")
+    assert reason(dark).endswith("/255 apart from the table under light × 0.0002; at least 8/255 is required")
 
 
 def test_glare_hides_what_is_not_colourful() -> None:
@@ -68,19 +68,19 @@ def test_an_object_behind_the_hand_is_hidden_until_the_arm_is_turned_away() -> N
 
 def test_an_object_outside_the_picture_is_not_seen() -> None:
     away = replace(NOMINAL, camera=Camera(yaw=60.0))
-    assert reason(away) == "apple: 0% of it is in the picture; 50% are needed"
+    assert reason(away) == "apple: only 0% of it is in the picture; at least 50% is required"
 
 
 def test_a_tiny_object_is_not_seen() -> None:
     tiny = replace(NOMINAL, targets=(replace(NOMINAL.targets[0], scale=0.1),))
-    assert reason(tiny).endswith("% of the picture; 0.030% are needed")
-    assert "it covers 0.0" in reason(tiny)
+    assert reason(tiny).endswith("% of the picture; at least 0.030% is required")
+    assert "it covers only 0.0" in reason(tiny)
 
 
 def test_grain_needs_more_contrast() -> None:
     dim = replace(SPOON, light=Light(0.08))
     assert reason(dim) == ""
-    assert reason(replace(dim, noise=Noise(grain=25.0))).endswith("; 25/255 are needed")
+    assert reason(replace(dim, noise=Noise(grain=25.0))).endswith("; at least 25/255 is required")
 
 
 def test_every_target_counts_and_no_confounder_does() -> None:
@@ -93,7 +93,7 @@ def test_every_target_counts_and_no_confounder_does() -> None:
 def test_outlines_have_flat_colours() -> None:
     bright = replace(SPOON, light=Light(4.0))
     assert reason(bright) == ""
-    assert reason(bright, outlines=True).endswith(" under light × 4; 4/255 are needed")
+    assert reason(bright, outlines=True).endswith(" under light × 4; at least 4/255 is required")
 
 
 def test_it_is_checked_after_geometry_and_only_with_bounds() -> None:

@@ -82,9 +82,8 @@ def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
 def check_version(path: object, run: Run, here: Manifest) -> None:
     """Raise a StoreError if policy, simulator, catalogue, our own code or the place has changed since."""
     if where := elsewhere(run.manifest.place, here.place):
-        hint = (
-            "resume it there, or leave out --resume to start a new run, which reuses no outcomes from there"
-        )
+        there = "resume it there, or " if run.manifest.place else ""
+        hint = f"{there}leave out --resume to start a new run, which reuses none of its outcomes"
         raise StoreError(f"{path}: run {run.id} was made {where}", hint)
     for name in run.manifest.differences(here):
         was, now = getattr(run.manifest, name), getattr(here, name)

@@ -52,8 +52,8 @@ def export(
     firm: Annotated[
         float | None,
         typer.Option(
-            help="Share of 20 jittered rollouts that have to fail in a scene of a corpus, and to pass in its "
-            "counterparts.",
+            help="Share of 20 rollouts, 19 jittered and one exact, that have to fail in a scene of a corpus, "
+            "and to pass in its counterparts.",
             show_default="until it is clear that most do",
         ),
     ] = None,
@@ -67,9 +67,9 @@ def export(
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder.
 
-    With --minimal every failure is run once more with its witness and its passing counterparts, and only what
-    holds is written. So are the policy's outcomes in random scenes, the controls. `vlafuzz regress` and
-    `vlafuzz report` read the folder.
+    With --minimal every failure is repeated until it is clear, with its witness and its passing
+    counterparts, and only what holds is written. The policy's outcomes in random scenes, the controls, are
+    recorded as well. `vlafuzz regress` and `vlafuzz report` read the folder.
 
     With --format lerobot the expert's solutions of failed scenes are played once more and written as
     episodes, with the pictures that the policy sees: demonstrations to train it with.

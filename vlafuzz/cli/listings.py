@@ -36,7 +36,8 @@ def operators(
         for name, operator in chosen.operators.items()
     ]
     title = f"{chosen.source.stem}: {chosen.min_distance:g} m between the centres of any two objects"
-    seen = f"a target is seen with {chosen.visible}" if chosen.visible else "targets need not be visible"
+    bounds = f"a target counts as visible with at least {chosen.visible}"
+    seen = bounds if chosen.visible else "targets need not be visible"
     print_rows(rows, json=json, csv=csv, title=f"{title}; {seen}")
 
 

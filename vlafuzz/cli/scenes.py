@@ -141,7 +141,7 @@ def lint(
             placed = None if quick else put
             judged.append(lint_file(source, catalogue, keep, defaults.visible, placement=placed, watch=bar))
     _print(judged, json=json, verbose=verbose)
-    stderr().print(f"a target is seen with {defaults.visible}")
+    stderr().print(f"a target counts as visible with at least {defaults.visible}")
     if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if any(file.problems for file in judged):

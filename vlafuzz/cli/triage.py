@@ -22,14 +22,16 @@ def command(
     max_rollouts: Annotated[
         int | None,
         typer.Option(
-            help="Most policy rollouts to shrink and attribute one finding.",
-            show_default="100, of a stochastic policy 1000",
+            help="Most policy rollouts to shrink, certify and attribute one finding.",
+            show_default="200, of a stochastic policy 1000",
         ),
     ] = None,
     limit: Annotated[
         int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
     ] = None,
-    workers: Annotated[int, typer.Option(help="Processes that work on findings.")] = 1,
+    workers: Annotated[
+        int, typer.Option(help="Processes over which the rollouts of all findings are spread.")
+    ] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say which failures can be trusted, and what they are due to.

@@ -8,7 +8,7 @@ import platform
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from vlafuzz.plugins import OBJECT, PREFIX
@@ -76,7 +76,7 @@ def here(name: str, spec: PolicySpec, *, workers: bool = False) -> str:
 
 def in_words(place: str) -> str:
     """A place as conditions keep it, in words; empty if it is not known."""
-    return str(Place(**json.loads(place))) if place else ""
+    return str(_read(place)) if place else ""
 
 
 def by_place(places: Mapping[int, str]) -> str:
@@ -93,8 +93,14 @@ def elsewhere(then: str, now: str) -> str:
         return ""
     if not (then and now):
         return "at a place that is not known"
-    differences = Place(**json.loads(then)).differences(Place(**json.loads(now)))
+    differences = _read(then).differences(_read(now))
     return f"at another place: {differences}" if differences else ""
+
+
+def _read(place: str) -> Place:
+    """A place as conditions keep it, without what later versions may have added."""
+    known = {part.name for part in fields(Place)}
+    return Place(**{name: value for name, value in json.loads(place).items() if name in known})
 
 
 def _processor() -> str:

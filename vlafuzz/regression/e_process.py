@@ -15,20 +15,16 @@ from functools import cache
 from itertools import count
 from math import comb
 
-Bets = tuple[tuple[float, float | None], ...]  # shares of the wealth, and p; None: spread over [1/2, 1]
-# For a policy that is nearly always the worse one: five pairs of five raise an alarm at 5 %, and no test can
-# do with fewer (1/2 to the fifth is 3 %).
-BROKEN: Bets = ((0.7, 0.95), (0.3, None))
-# For losses of any size: in 200 scenes, with outcomes that are independent of the baseline's, it finds a loss
-# of 10 points in 40 % of the cases and of 20 in 96 % (BROKEN: 27 and 86 %), and 2.7 % of equally good ones
-# raise an alarm; a broken policy takes eight of eight.
-ANY: Bets = ((0.5, 0.62), (0.5, None))
+# Shares of the wealth, and p; None: spread over [1/2, 1]. For losses of any size: in 200 scenes, with outcomes
+# that are independent of the baseline's, they find a loss of 10 points in 40 % of the cases and of 20 in
+# 96 %, and 2.7 % of equally good policies raise an alarm; a broken policy takes eight of eight.
+BETS = ((0.5, 0.62), (0.5, None))
 
 
 @cache
-def wealth(worse: int, better: int, bets: Bets = BROKEN) -> float:
+def wealth(worse: int, better: int) -> float:
     """Wealth after these discordant pairs, from 1, of betting that the new policy is worse."""
-    return sum(share * _won(worse, better, p) for share, p in bets)
+    return sum(share * _won(worse, better, p) for share, p in BETS)
 
 
 def _won(worse: int, better: int, p: float | None) -> float:
@@ -73,4 +69,4 @@ class SignTest:
         return next(more for more in count() if self._wealth(more) >= 1 / self.alpha)
 
     def _wealth(self, more: int = 0) -> float:
-        return wealth(self.worse + more, self.better, ANY)
+        return wealth(self.worse + more, self.better)

@@ -46,7 +46,8 @@ def difference(compared: Comparison) -> str:
     if between is None:
         return ""
     span = f"{points(between.low)} to {points(between.high)}"
-    early = "; too large, as the test stopped there: see --whole" if compared.stopped == "worse" else ""
+    biased = "; biased upward, because the test stopped at the alarm: see --whole"
+    early = biased if compared.stopped == "worse" else ""
     return f"failure rate over controls: {points(compared.lost)} points ({span}){early}"
 
 

@@ -15,7 +15,7 @@ from vlafuzz.text import named
 BUCKETS: Mapping[str, str] = {
     "minimal": "fails again, the expert solves it, and every remaining operator matters",
     "witnessed": "fails again, the expert solves it; not shown to be minimal",
-    "base": "fails even with all operators nominal",
+    "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "fails again, but the expert fails, too",
     "edge": "fails again exactly as it is, but not in scenes that hardly differ",
     "flaky": "fails in less than most repeats",
@@ -25,11 +25,11 @@ BUCKETS: Mapping[str, str] = {
 
 # Results of triage with their meaning, as shares of the triaged findings.
 SHARES: Mapping[str, str] = {
-    "confirmed": "failed again, in a fresh environment",
+    "confirmed": "mostly fails in its neighbourhood",
     "witnessed": "the expert solves it",
     "by sight": "of these, the seeing expert solves it, too",
     "minimal": "of these, every remaining operator matters",
-    "base": "fails even with all operators nominal",
+    "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "the expert fails, too",
     "edge": "fails exactly as it is, but not in scenes that hardly differ",
     "flaky": "fails in less than most repeats",

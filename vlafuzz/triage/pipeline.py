@@ -40,7 +40,7 @@ def triage(
     Args:
         runner: makes a scene runner for the findings of a run; picklable where there are several workers.
         findings: by default all of the store.
-        max_rollouts: of the policy, to shrink and attribute one finding; None for 200, or 1000 for a
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for 200, or 1000 for a
             stochastic policy.
         limit: the most findings to triage.
         watch: called after every finding.

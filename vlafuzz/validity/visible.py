@@ -56,12 +56,14 @@ def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: 
     for index, placement in enumerate(scene.targets):
         model, seen = catalogue[placement.object], picture.hidden(index)
         if seen.inside < bounds.inside:
-            yield f"{model.spoken}: {seen.inside:.0%} of it is in the picture; {bounds.inside:.0%} are needed"
+            least = f"at least {bounds.inside:.0%} is required"
+            yield f"{model.spoken}: only {seen.inside:.0%} of it is in the picture; {least}"
         if seen.unhidden < bounds.unhidden:
             most = f"at most {1 - bounds.unhidden:.0%} may be hidden"
             yield f"{model.spoken}: {seen.by} hides {1 - seen.unhidden:.0%} of it; {most}"
         if seen.area < bounds.area:
-            yield f"{model.spoken}: it covers {seen.area:.3%} of the picture; {bounds.area:.3%} are needed"
+            least = f"at least {bounds.area:.3%} is required"
+            yield f"{model.spoken}: it covers only {seen.area:.3%} of the picture; {least}"
         if outlines:
             apart, around, needed = _flat(scene, model), "the table", bounds.apart_in_outlines
         else:
@@ -69,9 +71,9 @@ def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: 
             needed = max(bounds.apart, scene.noise.grain)
             apart, around = picture.apart(index, share)
         if apart < needed:
-            difference = f"{math.floor(apart)}/255 apart from {around}"
+            difference = f"only {math.floor(apart)}/255 apart from {around}"
             light = f"under light × {scene.light.intensity:.3g}"
-            yield f"{model.spoken}: {difference} {light}; {needed:g}/255 are needed"
+            yield f"{model.spoken}: {difference} {light}; at least {needed:g}/255 is required"
 
 
 def _flat(scene: Scene, model: ObjectModel) -> float:
