@@ -54,4 +54,4 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
 def test_an_extra_is_described_in_words(part, operator, value, nominal):
     scene = replace(WITH_EXTRAS.nominal(), **part)
     (deviation,) = deviations(WITH_EXTRAS, scene, Causes())
-    assert (deviation.operator, deviation.value, deviation.nominal) == (operator, value, nominal)
+    assert (deviation.operator, deviation.value, deviation.reference) == (operator, value, nominal)

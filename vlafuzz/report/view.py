@@ -13,12 +13,12 @@ from vlafuzz.text import named
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {
-    "minimal": "fails again, the expert solves it, and every remaining operator matters",
-    "witnessed": "fails again, the expert solves it; not shown to be minimal",
+    "minimal": "certified to mostly fail, the expert solves it, and every remaining operator matters",
+    "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
     "base": "fails even with all operators nominal, and no scene near it is known to pass",
-    "unproven": "fails again, but the expert fails, too",
-    "edge": "fails again exactly as it is, but not in scenes that hardly differ",
-    "flaky": "fails in less than most repeats",
+    "unproven": "mostly fails, but the expert fails, too",
+    "edge": "fails exactly as it is, but not in scenes that hardly differ",
+    "flaky": "passes in most repeats, or in about half",
     "observed": "failed once; not triaged",
 }
 
@@ -32,7 +32,7 @@ SHARES: Mapping[str, str] = {
     "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "the expert fails, too",
     "edge": "fails exactly as it is, but not in scenes that hardly differ",
-    "flaky": "fails in less than most repeats",
+    "flaky": "passes in most repeats, or in about half",
 }
 
 
