@@ -6,9 +6,9 @@
     scenes pinhole   the real simulator, a scripted policy with a pinhole camera model, physics only mini
     the real simulator, a learned policy, with rendering
 
-Ratios are of means, with 95 % bootstrap intervals over paired runs; A12 is the probability that a run has
-more than a run of random, with ties counted half (Vargha and Delaney 2000); p is by Mann and Whitney's test
-with Holm's correction.
+The n-th runs of all strategies have the same seed and are compared as pairs: ratios of means with 95 %
+intervals, the numbers of pairs with more and with fewer, and p by Wilcoxon's signed-rank test with Holm's
+correction for all tests of a command.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from strategies import replay, results, simulated, toy
 
 from vlafuzz.cli.compare import print_comparison
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.statistics import ratio, ratio_interval
+from vlafuzz.statistics import mean_ratio
 
 SIGNALS = ("smooth", "flat", "noise")
 ALL = list(STRATEGIES)
@@ -32,7 +32,8 @@ ALL = list(STRATEGIES)
 def planted(options: argparse.Namespace) -> dict[str, Any]:
     cases = toy.cases(options.shares, options.signals, options.seed)
     runs = _run(cases, options)
-    tables = {measure: results.rows(runs, measure) for measure in ("cells", "failures")}
+    table = results.rows(runs, "cells", "failures")
+    tables = {name: [row for row in table if row["measure"] == name] for name in ("cells", "failures")}
     results.show(tables["cells"])
     return dict(tables)
 
@@ -40,10 +41,10 @@ def planted(options: argparse.Namespace) -> dict[str, Any]:
 def replayed(options: argparse.Namespace) -> dict[str, Any]:
     cases = replay.cases(options.data)
     table = results.rows(_run(cases, options), "found")
-    means = {(row["case"], row["strategy"]): row["mean"] for row in table}
+    means = {(row["case"], row["strategy"]): row["mean"]["value"] for row in table}
     for row, case in ((row, case) for row in table for case in cases if case.name == row["case"]):
         base, most = means[case.name, results.RANDOM], case.most(options.budget)
-        row |= {"most": most, "gain": (row["mean"] - base) / max(most - base, 1)}
+        row |= {"most": most, "gain": (row["mean"]["value"] - base) / max(most - base, 1)}
     results.show(table)
     rare = [row for row in table if row["case"].endswith("passes")]
     pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}
@@ -56,7 +57,7 @@ def replayed(options: argparse.Namespace) -> dict[str, Any]:
             for other in table
             if other["strategy"] == name and "failures" in other["case"]
         )
-        print(f"{name}: {results.times(row)}; {gains}")
+        print(f"{name}: {results.shown(row['ratio'])}; {gains}")
     return {"pooled": pooled, "found": table}
 
 
@@ -66,9 +67,7 @@ def _pooled(rare: list[results.Row], name: str) -> results.Row:
         np.sum([row["runs"] for row in rare if row["strategy"] == strategy], axis=0).tolist()
         for strategy in (name, results.RANDOM)
     )
-    interval = ratio_interval(runs, base)
-    low, high = interval or (None, None)
-    return {"ratio": ratio(runs, base), "low": low, "high": high, "runs": runs}
+    return {"ratio": results.estimate(mean_ratio(runs, base)), "runs": runs}
 
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:

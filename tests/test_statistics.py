@@ -9,14 +9,17 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from vlafuzz.statistics import (
+    SignedRank,
     a12,
     holm,
     mann_whitney,
-    ratio,
-    ratio_interval,
-    repeats_needed,
+    mean_difference,
+    mean_estimate,
+    mean_ratio,
+    pairs_needed,
     sequential_interval,
     share_interval,
+    signed_rank,
     smallest_p,
     wilson,
 )
@@ -66,10 +69,46 @@ def test_alike_samples_are_called_different_in_at_most_one_of_twenty_cases():
     assert alarms <= 15 + 2 * math.sqrt(15)
 
 
-def test_what_few_repeats_cannot_tell():
-    assert smallest_p(3, 3) == pytest.approx(0.1)
-    assert smallest_p(1, 1) == 1.0
-    assert [repeats_needed(tests, 0.05) for tests in (1, 2, 7)] == [4, 5, 6]
+def test_the_signed_rank_test_counts_all_changes_of_signs():
+    test = signed_rank([5, 7, 9, 12, 1], [4, 5, 6, 8, 6])  # differences of 1, 2, 3, 4, -5
+    assert (test.more, test.fewer) == (4, 1)
+    assert test.effect == pytest.approx((10 - 5) / 15)
+    assert test.p == pytest.approx(20 / 32)  # 10 of the 32 sums of negative ranks are 5 or less
+
+
+def test_pairs_of_equal_values_count_for_neither():
+    assert (signed_rank([3, 3, 3], [3, 3, 3]).p, signed_rank([9], [3]).p) == (1.0, 1.0)
+    assert signed_rank([3, 3, 4, 5, 6], [3, 3, 3, 3, 3]) == SignedRank(3, 0, 1.0, 2 / 8)
+
+
+def test_a_run_that_never_fails_ranks_beyond_all_others():
+    test = signed_rank([1, 2, 3, math.inf, math.inf], [9, 9, 9, 9, math.inf])
+    assert (test.more, test.fewer, test.effect) == (1, 3, pytest.approx(-4 / 14))
+
+
+@pytest.mark.parametrize("pairs", [8, 40])
+def test_without_ties_it_is_wilcoxons_test(pairs: int):
+    ours, theirs = np.random.default_rng([0, pairs]).normal([[0.4], [0]], 1, (2, pairs))
+    assert signed_rank(ours, theirs).p == pytest.approx(stats.wilcoxon(ours, theirs).pvalue)
+
+
+def test_paired_runs_that_are_alike_are_called_different_in_at_most_one_of_twenty_cases():
+    rng = np.random.default_rng([0, 5])
+    alarms = sum(signed_rank(*rng.poisson(rng.gamma(2, 2, 8), (2, 8)).tolist()).p <= 0.05 for _ in range(400))
+    assert alarms <= 20 + 2 * math.sqrt(20)
+
+
+def test_it_finds_a_difference_that_the_spread_from_seed_to_seed_hides_from_an_unpaired_test():
+    theirs = [3, 40, 8, 90, 15, 60, 25, 120]
+    ours = [value + 4 for value in theirs]
+    assert signed_rank(ours, theirs).p == 2 / 256
+    assert mann_whitney(ours, theirs) > 0.5
+
+
+def test_what_few_pairs_cannot_tell():
+    assert smallest_p(5) == 0.0625
+    assert smallest_p(1) == 1.0
+    assert [pairs_needed(tests, 0.05) for tests in (1, 2, 14)] == [6, 7, 10]
 
 
 def test_holm_multiplies_the_smallest_by_their_number_and_never_changes_their_order():
@@ -79,28 +118,59 @@ def test_holm_multiplies_the_smallest_by_their_number_and_never_changes_their_or
 
 
 def test_a_ratio_needs_something_to_divide_by():
-    assert ratio([2, 4], [1, 2]) == 2.0
-    assert ratio([1], [0]) is None
-    assert ratio([math.inf], [1]) is None
+    assert mean_ratio([2, 4], [1, 2]).value == 2.0
+    assert mean_ratio([1, 2], [0, 0]) is None
+    assert mean_ratio([math.inf, 1], [1, 1]) is None
+    assert mean_difference([math.inf, 1], [math.inf, 1]) is None
 
 
-def test_the_interval_draws_pairs_together():
-    theirs = [1.0, 5.0, 20.0, 80.0]
-    assert ratio_interval([2 * value for value in theirs], theirs) == (2.0, 2.0)
+def test_the_interval_of_a_ratio_ignores_how_much_seeds_differ():
+    known = mean_ratio([2.1, 9.9, 40.2, 159.0], [1.0, 5.0, 20.0, 80.0])
+    assert 1.9 < known.low < 2.0 < known.high < 2.1
 
 
-def test_the_interval_has_no_bound_where_theirs_may_be_nothing():
-    assert ratio_interval([3, 4], [0, 1]) is None
-    assert ratio_interval([3], [1]) is None
+@pytest.mark.parametrize(
+    ("ours", "theirs"), [([3, 4], [0, 1]), ([0, 4], [1, 1]), ([3], [1]), ([6, 9], [2, 3]), ([0, 0], [1, 2])]
+)
+def test_an_interval_has_no_bounds_where_one_pair_decides_or_all_agree(ours: list[int], theirs: list[int]):
+    assert mean_ratio(ours, theirs).low is None
+    assert mean_ratio(ours, theirs).high is None
 
 
-def test_the_interval_covers_the_truth_about_as_often_as_it_says():
-    rng = np.random.default_rng([0, 3])
-    covered = 0
-    for _ in range(100):
-        low, high = ratio_interval(rng.poisson(20, 20).tolist(), rng.poisson(10, 20).tolist())
-        covered += low <= 2.0 <= high
-    assert covered >= 86
+def test_the_interval_of_a_ratio_by_hand():
+    # Without one pair: 14/7, 11/8, 9/9. With 2 degrees of freedom t is 4.303.
+    logs = np.log([14 / 7, 11 / 8, 9 / 9])
+    half = 4.302653 * 2 * logs.std(ddof=1) / math.sqrt(3)
+    known = mean_ratio([3, 6, 8], [5, 4, 3])
+    assert (known.low, known.high) == pytest.approx((17 / 12 * math.exp(-half), 17 / 12 * math.exp(half)))
+
+
+def test_the_interval_of_a_difference_is_that_of_a_paired_t_test():
+    ours, theirs = [12, 15, 9, 22], [10, 14, 9, 15]
+    known = mean_difference(ours, theirs)
+    assert known.value == 2.5
+    assert (known.low, known.high) == pytest.approx(stats.ttest_rel(ours, theirs).confidence_interval())
+
+
+def test_an_estimate_in_words():
+    assert str(mean_estimate([4, 5, 6])) == "5 (3.04 to 8.23)"
+    assert str(mean_estimate([4, 4])) == "4 (no bound)"
+
+
+@pytest.mark.parametrize("pairs", [5, 8, 20])
+@pytest.mark.parametrize("kind", ["normal", "counts", "mostly zero", "waiting"])
+def test_the_intervals_of_paired_runs_contain_the_truth_as_often_as_they_say(kind: str, pairs: int):
+    rng = np.random.default_rng([0, 3, pairs])
+    values = {
+        "normal": lambda mean: mean * rng.normal(1, 0.1, pairs),
+        "counts": lambda mean: rng.poisson(mean, pairs),
+        "mostly zero": lambda mean: rng.poisson(mean, pairs) * (rng.random(pairs) < 0.4),
+        "waiting": lambda mean: rng.geometric(1 / mean, pairs),
+    }[kind]
+    samples = [(values(6).tolist(), values(4).tolist()) for _ in range(600)]
+    known = [mean_ratio(*sample) for sample in samples]
+    wrong = sum(bool(one and one.low) and not one.low <= 1.5 <= one.high for one in known)
+    assert wrong <= 45  # 30 expected; their standard deviation is 5
 
 
 def cases(*runs: tuple[int, int]) -> list[tuple[int, bool]]:

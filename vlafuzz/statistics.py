@@ -9,11 +9,11 @@ from statistics import NormalDist
 from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.text import interval, percent
 
 _EXACT = 20_000  # permutations of two samples, up to which all are counted
-_RESAMPLES = 10_000
 _STAKE = 0.7  # share of the wealth that is on a rate near 1
 _TINY = 1e-9
 
@@ -145,14 +145,54 @@ def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return min(1.0, float(mannwhitneyu(ours, theirs, alternative="two-sided", method=method).pvalue))
 
 
-def smallest_p(ours: int, theirs: int) -> float:
-    """The smallest p-value that samples of these sizes can have: all values of one above all of the other."""
-    return min(1.0, 2.0 / math.comb(ours + theirs, ours))
+@dataclass(frozen=True)
+class SignedRank:
+    """Wilcoxon's signed-rank test of paired values.
+
+    Attributes:
+        more, fewer: numbers of pairs in which ours is larger, or smaller.
+        effect: rank-biserial correlation, in [-1, 1]: the ranks of the pairs in which ours is larger minus
+            those of the others, as a share of all ranks.
+        p: two-sided.
+    """
+
+    more: int
+    fewer: int
+    effect: float
+    p: float
 
 
-def repeats_needed(tests: int, alpha: float) -> int:
-    """Repeats per sample for the smallest possible p-value to pass Holm's correction for so many tests."""
-    return next(repeats for repeats in count(2) if tests * smallest_p(repeats, repeats) <= alpha)
+def signed_rank(ours: Sequence[float], theirs: Sequence[float]) -> SignedRank:
+    """Test whether paired values differ; equal ones take the lowest ranks and count for neither (Pratt 1959).
+
+    All changes of signs are counted, by their sums of ranks, so that it is exact. SciPy's ``wilcoxon`` is so
+    with ties up to 13 pairs only, and does not say which way they differ.
+    """
+    from scipy.stats import rankdata
+
+    # Two runs without a figure are equal, although infinity minus infinity is no number.
+    differences = np.array([a - b if a != b else 0.0 for a, b in zip(ours, theirs, strict=True)])
+    ranks = np.rint(2 * rankdata(np.abs(differences))).astype(int)  # doubled: those of ties end in a half
+    chances = np.ones(1)  # of the sums of ranks that are positive
+    for rank in ranks[differences != 0]:
+        chances = (np.pad(chances, (0, rank)) + np.pad(chances, (rank, 0))) / 2
+    won, lost = (int(ranks[chosen].sum()) for chosen in (differences > 0, differences < 0))
+    return SignedRank(
+        more=int((differences > 0).sum()),
+        fewer=int((differences < 0).sum()),
+        effect=(won - lost) / max(won + lost, 1),
+        p=min(1.0, 2 * float(chances[: min(won, lost) + 1].sum())),
+    )
+
+
+def smallest_p(pairs: int) -> float:
+    """The smallest p-value of ``signed_rank`` for so many pairs: ours is larger in all of them."""
+    return min(1.0, 2.0 ** (1 - pairs))
+
+
+def pairs_needed(tests: int, alpha: float) -> int:
+    """Pairs for the smallest possible p-value to pass Holm's correction for so many tests."""
+    return next(pairs for pairs in count(2) if tests * smallest_p(pairs) <= alpha)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -165,29 +205,60 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def ratio(ours: Sequence[float], theirs: Sequence[float]) -> float | None:
-    """Ratio of the means; None if theirs is 0 or one of them is not finite."""
-    mine, other = float(np.mean(ours)), float(np.mean(theirs))
-    return mine / other if other > 0 and math.isfinite(mine) and math.isfinite(other) else None
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate and its 95 % confidence interval; without bounds where the runs give none."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    def __str__(self) -> str:
+        bounds = "no bound" if self.low is None else f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.value:.3g} ({bounds})"
 
 
-def ratio_interval(
-    ours: Sequence[float], theirs: Sequence[float], seed: int = 0, confidence: float = 0.95
-) -> Interval | None:
-    """Percentile bootstrap interval of ``ratio``; the n-th values of ours and theirs are drawn as a pair.
+def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
+    """Ratio of the means of paired values, none of them negative; None if it is not finite.
 
-    Efron 1979 <https://doi.org/10.1214/aos/1176344552>. Of means, as medians of few repeats jump, and are 0
-    for rare failures. None if it has no bound: with fewer than two pairs, or where theirs may well be 0.
+    The interval is Student's for the jackknifed logarithm: Miller 1974
+    <https://doi.org/10.1093/biomet/61.1.1>. It has no bounds where all pairs have the same ratio, or where a
+    mean would be 0 without one of them. ``scripts/bench_intervals.py`` measures how often it is right.
     """
-    if len(ours) < 2 or ratio(ours, theirs) is None:
+    mine, other = np.asarray(ours, float), np.asarray(theirs, float)
+    if not (np.isfinite([mine, other]).all() and other.sum() > 0):
         return None
-    drawn = np.random.default_rng(seed).integers(len(ours), size=(_RESAMPLES, len(ours)))
-    mine, other = np.asarray(ours)[drawn].mean(axis=1), np.asarray(theirs)[drawn].mean(axis=1)
-    # 0 / 0 is left out; x / 0 is infinite, and ranks above all finite ratios.
-    ratios = np.divide(mine, other, out=np.full(len(mine), np.inf), where=other > 0)[(mine > 0) | (other > 0)]
-    tail = (1 - confidence) / 2
-    low, high = np.quantile(ratios, [tail, 1 - tail], method="inverted_cdf")
-    return Interval(float(low), float(high)) if math.isfinite(high) else None
+    value = float(mine.sum() / other.sum())
+    without = np.stack([mine.sum() - mine, other.sum() - other])  # the sums without one of the pairs
+    ratios = without[0] / without[1] if (without > 0).all() else np.zeros(1)
+    if np.ptp(ratios) <= _TINY * value:
+        return Estimate(value)
+    factor = math.exp((len(mine) - 1) * _half_width(np.log(ratios)))
+    return Estimate(value, value / factor, value * factor)
+
+
+def mean_estimate(values: Sequence[float]) -> Estimate | None:
+    """Mean of values, none of them negative, with the interval of ``mean_ratio``."""
+    return mean_ratio(values, [1.0] * len(values))
+
+
+def mean_difference(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
+    """Mean difference of paired values, with Student's interval; None if it is not finite."""
+    if not np.isfinite([ours, theirs]).all():
+        return None
+    differences = np.subtract(ours, theirs)
+    value = float(differences.mean())
+    if np.ptp(differences) == 0:
+        return Estimate(value)
+    half = _half_width(differences)
+    return Estimate(value, value - half, value + half)
+
+
+def _half_width(values: NDArray[np.float64]) -> float:
+    """Half the width of Student's 95 % interval of the mean."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
 
 
 def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) -> Interval:

@@ -1,4 +1,4 @@
-"""Runs of strategies on cases, compared with random: ratios, A12 and p-values, as rows, tables and JSON."""
+"""Runs of strategies on cases, compared with random: means, ratios and p-values, as rows, tables and JSON."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
-from statistics import mean, median
+from statistics import median
 from typing import Any, Protocol
 
 from rich.progress import track
 
-from vlafuzz.statistics import a12, holm, mann_whitney, ratio, ratio_interval
+from vlafuzz.statistics import Estimate, holm, mean_estimate, mean_ratio, signed_rank
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 RANDOM = "random"
@@ -66,22 +66,27 @@ def run(
     return figures_of
 
 
-def rows(figures_of: dict[str, dict[str, list[dict[str, float]]]], measure: str) -> list[Row]:
-    """One per case and strategy, compared with random; p-values are corrected over all rows (Holm)."""
+def rows(figures_of: dict[str, dict[str, list[dict[str, float]]]], *measures: str) -> list[Row]:
+    """One per measure, case and strategy, compared with random; p-values are corrected for all of them."""
     table = []
-    for case, runs in figures_of.items():
+    for measure, (case, runs) in product(measures, figures_of.items()):
         base = [figures[measure] for figures in runs[RANDOM]]
         for name, played in runs.items():
             values = [figures[measure] for figures in played]
-            interval = ratio_interval(values, base)
             row: Row = {"case": case, "strategy": name, "measure": measure, "runs": values}
-            row |= {"median": median(values), "mean": mean(values), "ratio": ratio(values, base)}
-            row |= {"low": interval.low if interval else None, "high": interval.high if interval else None}
-            table.append(row | {"a12": a12(values, base), "p": mann_whitney(values, base)})
-    tested = [row for row in table if row["strategy"] != RANDOM]
+            row |= {"median": median(values), "mean": estimate(mean_estimate(values))}
+            if name != RANDOM:
+                row |= {"ratio": estimate(mean_ratio(values, base)), **asdict(signed_rank(values, base))}
+            table.append(row)
+    tested = [row for row in table if "p" in row]
     for row, corrected in zip(tested, holm([row["p"] for row in tested]), strict=True):
-        row["p_holm"] = corrected
+        row |= {"p_holm": corrected, "tests": len(tested)}
     return table
+
+
+def estimate(known: Estimate | None) -> Row | None:
+    """As a JSON value."""
+    return asdict(known) if known else None
 
 
 def show(table: Sequence[Row]) -> None:
@@ -90,19 +95,25 @@ def show(table: Sequence[Row]) -> None:
     for row in table:
         if row["case"] != case:
             case = row["case"]
-            print(f"\n{case} ({row['measure']})\n{'':29}{'median':>8}{'mean':>8}", end="")
-            print(f"{'ratio (95 %)':>21}{'A12':>6}{'p':>9}")
-        p = f"{row['p_holm']:.1g}" if "p_holm" in row else ""
-        line = f"{row['strategy']:29}{row['median']:8.1f}{row['mean']:8.1f}{times(row):>21}"
-        print(line + f"{row['a12']:6.2f}{p:>9}")
+            print(f"\n{case} ({row['measure']})\n{'':29}{'median':>8}{'mean (95 %)':>24}", end="")
+            print(f"{'ratio (95 %)':>21}{'more':>6}{'fewer':>7}{'p':>9}")
+        print(f"{row['strategy']:29}{row['median']:8.1f}{shown(row['mean'], 1):>24}", end="")
+        if "p" in row:
+            print(f"{shown(row['ratio']):>21}{row['more']:6}{row['fewer']:7}{row['p_holm']:9.1g}", end="")
+        print()
+    tests = max(row.get("tests", 0) for row in table)
+    print(
+        f"\nmore, fewer: pairs of runs; p: Wilcoxon's signed-rank test, Holm's correction for {tests} tests"
+    )
 
 
-def times(row: Row) -> str:
-    """A ratio with its interval."""
-    if row["ratio"] is None:
+def shown(row: Row | None, digits: int = 2) -> str:
+    """An estimate with its interval."""
+    if row is None:
         return "–"
-    between = f"{row['low']:.2f}-{row['high']:.2f}" if row["low"] is not None else "no bound"
-    return f"{row['ratio']:.2f} ({between})"
+    low, high = row["low"], row["high"]
+    between = "no bound" if low is None else f"{low:.{digits}f}-{high:.{digits}f}"
+    return f"{row['value']:.{digits}f} ({between})"
 
 
 def write(path: Path | None, content: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run
 from vlafuzz.compare.plots import plot
 from vlafuzz.compare.samples import Sampled, Solvable, Witnesses, sample, solvable
+from vlafuzz.compare.verdicts import corrected
 from vlafuzz.conditions.stored import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
@@ -146,7 +147,16 @@ def simulate(
         )
         (folder / task).mkdir(exist_ok=True)
         plot(compared[task], folder / task)
-    return compared
+    return _corrected(compared)
+
+
+def _corrected(compared: dict[str, Comparison]) -> dict[str, Comparison]:
+    """With p-values that are corrected for the tests of all tasks."""
+    tests = iter(corrected([pair for comparison in compared.values() for pair in comparison.against]))
+    return {
+        task: replace(comparison, against=tuple(islice(tests, len(comparison.against))))
+        for task, comparison in compared.items()
+    }
 
 
 def _solvable(runs: Sequence[Ran]) -> Solvable | None:

@@ -85,7 +85,7 @@ def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Pa
 
 def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFixture[str]):
     compare()
-    assert "2 repeats are too few to tell, p is never below 0.33; 4 could" in capsys.readouterr().out
+    assert "2 repeats are too few to tell, p is never below 1; 9 could" in capsys.readouterr().out
 
 
 def test_plots_and_tables_are_in_the_folder(folder: Path, capsys: pytest.CaptureFixture[str]):

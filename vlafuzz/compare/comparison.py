@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.compare.failures import CountedRun, union
 from vlafuzz.compare.figures import Curve, Figures, curves, figures
 from vlafuzz.compare.samples import Evidence, Solvable
-from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against, each_pair
+from vlafuzz.compare.verdicts import MEASURES, Pair, Runs, against
 
 SPREAD = (
     "failures", "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
@@ -68,7 +68,6 @@ class Comparison:
     union_cells: int
     standings: tuple[Standing, ...]
     against: tuple[Pair, ...]
-    pairs: tuple[Pair, ...]
     curves: tuple[Curve, ...]
     runs: tuple[Figures, ...]
     store: str
@@ -123,7 +122,6 @@ def compare_runs(
             for name, repeats in counted.items()
         ),
         against=tuple(against(runs, reference)),
-        pairs=tuple(each_pair(runs)),
         curves=tuple(
             chain.from_iterable(curves(name, repeats, manifest.budget) for name, repeats in counted.items())
         ),

@@ -146,9 +146,9 @@ def _csv_row(standing: Standing) -> Row:
 
 _TITLES = {"curves.png": "Found over the budget", "figures.png": "Found with the whole budget"}
 _TESTS = (
-    "Times: ratio of the means, with its 95 % bootstrap interval over pairs of runs. A12: how often a run "
-    "has more of it than one of the other strategy; ties count half. p: Mann and Whitney, two-sided, after "
-    "Holm's correction over the strategies."
+    "Times, difference: of the means over pairs of runs with the same seed, each with its own 95 % interval. "
+    "More in, fewer in: numbers of these pairs. p: Wilcoxon's signed-rank test of the pairs, two-sided, with "
+    "Holm's correction for all {tests} tests: every strategy in every figure."
 )
 
 
@@ -184,7 +184,11 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
         ),
         tables=(
             *_tables(compared),
-            *([Table(f"Against {compared.reference}", tests, _TESTS)] if tests else []),
+            *(
+                [Table(f"Against {compared.reference}", tests, _TESTS.format(tests=len(tests)))]
+                if tests
+                else []
+            ),
         ),
         todo=(("The failures themselves, on a page:", shlex.join(report)),),
     )
@@ -202,9 +206,10 @@ def _row(pair: Pair) -> Row:
     return {
         "figure": says[pair.measure],
         "strategy": pair.strategy,
-        "times": "–" if pair.ratio is None else f"{pair.ratio:.2g}",
-        "interval": "–" if pair.low is None or pair.high is None else f"{pair.low:.2g}–{pair.high:.2g}",
-        "A12": f"{pair.a12:.2f}",
+        "times": str(pair.ratio or "–"),
+        "difference": str(pair.difference or "–"),
+        "more in": pair.test.more,
+        "fewer in": pair.test.fewer,
         "p": f"{pair.p_holm:.2g}",
         "shown": _difference(pair),
     }
@@ -213,4 +218,4 @@ def _row(pair: Pair) -> Row:
 def _difference(pair: Pair) -> str:
     if not pair.tells:
         return "too few repeats"
-    return ("more" if pair.a12 > 0.5 else "fewer") if pair.p_holm <= ALPHA else "no difference"
+    return ("more" if pair.test.effect > 0 else "fewer") if pair.p_holm <= ALPHA else "no difference"

@@ -1,12 +1,20 @@
-"""Pairs of strategies, measure by measure: effect size, interval, corrected p-value, and a sentence."""
+"""Strategies beside a reference, measure by measure: effect, interval, corrected p-value, and a sentence."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 from vlafuzz.compare.figures import Figures
-from vlafuzz.statistics import a12, holm, mann_whitney, ratio, ratio_interval, repeats_needed, smallest_p
+from vlafuzz.statistics import (
+    Estimate,
+    SignedRank,
+    holm,
+    mean_difference,
+    mean_ratio,
+    pairs_needed,
+    signed_rank,
+    smallest_p,
+)
 
 ALPHA = 0.05
 
@@ -33,28 +41,28 @@ MEASURES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """One strategy beside another, in one measure.
+    """One strategy beside another, in one measure; the n-th runs of both have the same seed and are a pair.
 
     Attributes:
-        ratio: of the means, with the 95 % interval from ``low`` to ``high``; None where undefined.
-        a12: probability that a run of ours has more of it than one of theirs; ties count half.
-        p: two-sided, Mann-Whitney; ``p_holm`` corrected over all pairs of the same measure in ``of``.
-        of: the family, ``reference`` (all against it) or ``all`` (every pair).
-        tells: whether so few repeats could show a difference at all.
+        ratio, difference: of the means, with 95 % intervals; None where undefined.
+        p_holm: corrected over all ``tests`` that are shown together.
     """
 
     strategy: str
     other: str
     measure: str
-    ratio: float | None
-    low: float | None
-    high: float | None
-    a12: float
-    p: float
-    p_holm: float
-    of: str
-    tells: bool
-    verdict: str
+    ratio: Estimate | None
+    difference: Estimate | None
+    test: SignedRank
+    repeats: int
+    p_holm: float = 1.0
+    tests: int = 1
+    verdict: str = ""
+
+    @property
+    def tells(self) -> bool:
+        """Whether so few repeats could show a difference at all."""
+        return self.tests * smallest_p(self.repeats) <= ALPHA
 
 
 Runs = Mapping[str, Sequence[Figures]]
@@ -62,25 +70,17 @@ Runs = Mapping[str, Sequence[Figures]]
 
 
 def against(runs: Runs, reference: str) -> list[Pair]:
-    """Every strategy against the reference."""
-    return _pairs(runs, [(name, reference) for name in runs if name != reference], "reference")
+    """Every strategy against the reference, in every measure."""
+    return corrected(
+        [_pair(runs, name, reference, measure) for measure in MEASURES for name in runs if name != reference]
+    )
 
 
-def each_pair(runs: Runs) -> list[Pair]:
-    """Every strategy against every other."""
-    return _pairs(runs, [(ours, theirs) for theirs, ours in combinations(runs, 2)], "all")
-
-
-def _pairs(runs: Runs, names: Sequence[tuple[str, str]], of: str) -> list[Pair]:
-    pairs = []
-    for measure in MEASURES:
-        values = {name: [_value(run, measure) for run in figures] for name, figures in runs.items()}
-        p_values = [mann_whitney(values[ours], values[theirs]) for ours, theirs in names]
-        pairs += [
-            _pair(pair, [values[name] for name in pair], measure, p, p_holm, of, len(names))
-            for pair, p, p_holm in zip(names, p_values, holm(p_values), strict=True)
-        ]
-    return pairs
+def corrected(pairs: Sequence[Pair]) -> list[Pair]:
+    """All pairs that are shown together, with Holm's correction for as many tests, and verdicts."""
+    adjusted = holm([pair.test.p for pair in pairs])
+    pairs = [replace(pair, p_holm=p, tests=len(pairs)) for pair, p in zip(pairs, adjusted, strict=True)]
+    return [replace(pair, verdict=_sentence(pair)) for pair in pairs]
 
 
 def _value(figures: Figures, measure: Measure) -> float:
@@ -90,54 +90,40 @@ def _value(figures: Figures, measure: Measure) -> float:
     return worst if value is None else float(value)
 
 
-def _pair(
-    names: tuple[str, str],
-    values: Sequence[Sequence[float]],
-    measure: Measure,
-    p: float,
-    p_holm: float,
-    of: str,
-    tests: int,
-) -> Pair:
-    ours, theirs = values
-    interval = ratio_interval(ours, theirs)
-    pair = Pair(
-        strategy=names[0],
-        other=names[1],
+def _pair(runs: Runs, strategy: str, other: str, measure: Measure) -> Pair:
+    ours, theirs = ([_value(run, measure) for run in runs[name]] for name in (strategy, other))
+    return Pair(
+        strategy=strategy,
+        other=other,
         measure=measure.name,
-        ratio=ratio(ours, theirs),
-        low=interval.low if interval else None,
-        high=interval.high if interval else None,
-        a12=a12(ours, theirs),
-        p=p,
-        p_holm=p_holm,
-        of=of,
-        tells=tests * smallest_p(len(ours), len(theirs)) <= ALPHA,
-        verdict="",
+        ratio=mean_ratio(ours, theirs),
+        difference=mean_difference(ours, theirs),
+        test=signed_rank(ours, theirs),
+        repeats=len(ours),
     )
-    return replace(pair, verdict=_sentence(pair, measure, len(ours), tests))
 
 
-def _sentence(pair: Pair, measure: Measure, repeats: int, tests: int) -> str:
-    numbers = f"{_times(pair)}A12 {pair.a12:.2f}, p {_shown(pair.p_holm)}"
-    numbers += " after Holm" if tests > 1 else ""
+def _sentence(pair: Pair) -> str:
+    measure = next(measure for measure in MEASURES if measure.name == pair.measure)
+    size = f"{_size(pair)}more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
     if not pair.tells:
-        least = _shown(min(1.0, tests * smallest_p(repeats, repeats)))
-        need = repeats_needed(tests, ALPHA)
-        few = f"{repeats} repeats are too few to tell, p is never below {least}; {need} could"
-        return f"{measure.says} beside {pair.other}: {few} ({_times(pair)}A12 {pair.a12:.2f})"
+        least, need = min(1.0, pair.tests * smallest_p(pair.repeats)), pairs_needed(pair.tests, ALPHA)
+        few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(least)}; {need} could"
+        return f"{measure.says} beside {pair.other}: {few} ({size})"
+    numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"
     if pair.p_holm > ALPHA:
         return f"no difference shown from {pair.other} in {measure.says}: {numbers}"
-    more = pair.a12 > 0.5
+    more = pair.test.effect > 0
     kind = "" if more == measure.most else ", which is worse"
     return f"{'more' if more else 'fewer'} {measure.says} than {pair.other}: {numbers}{kind}"
 
 
-def _times(pair: Pair) -> str:
-    if pair.ratio is None:
-        return ""
-    interval = "no bound" if pair.low is None else f"{pair.low:.2g} to {pair.high:.2g}"
-    return f"{pair.ratio:.2g}x ({interval}), "
+def _size(pair: Pair) -> str:
+    """The ratio of the means; their difference where the ratio has no bounds."""
+    ratio, difference = pair.ratio, pair.difference
+    if ratio and ratio.low is not None:
+        return f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
+    return f"mean difference {difference}, " if difference else ""
 
 
 def _shown(p: float) -> str:
