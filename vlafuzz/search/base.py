@@ -55,10 +55,26 @@ class Source(Measure, Protocol):
         """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
 
 
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """Why the policy fails, as far as a strategy has found out.
+
+    Attributes:
+        genome: of the smallest scene known to fail for this reason.
+        operators: that it takes, the confounders' as one: see ``triage.path.GROUPS``.
+        failures: of the run that it explains, this scene's included.
+    """
+
+    genome: Genome
+    operators: tuple[str, ...]
+    failures: int
+
+
 class Strategy(Protocol):
     """Proposes genomes and learns from their scores.
 
-    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size.
+    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size. An
+    optional method ``causes`` returns the causes that it has found so far.
     """
 
     def ask(self, n: int) -> list[Proposal]:
@@ -71,3 +87,9 @@ class Strategy(Protocol):
 def about(strategy: Strategy) -> str:
     """The strategy's description of itself in a few words; empty if it has no ``about``."""
     return str(getattr(strategy, "about", ""))
+
+
+def causes(strategy: Strategy) -> Sequence[Cause]:
+    """The causes that a strategy has found so far; none if it does not look for them."""
+    find = getattr(strategy, "causes", None)
+    return find() if find else ()

@@ -56,6 +56,13 @@ def _surrogate(space: Source, seed: int, budget: int | None, **switches: bool) -
     return Surrogate(space, seed, budget, **switches)
 
 
+def _causes(space: Source, seed: int, budget: int | None) -> Strategy:
+    """Attributes failures to operators as they come, and looks where no known cause explains a failure."""
+    from vlafuzz.search.causes.strategy import Causes
+
+    return Causes(space, seed, budget)
+
+
 STRATEGIES: dict[str, Factory] = {
     "random": Random,
     "nsga2": _nsga2,
@@ -65,6 +72,7 @@ STRATEGIES: dict[str, Factory] = {
     "art-rf": _art_rf,
     "mcts": Mcts,
     "surrogate": _surrogate,
+    "causes": _causes,
 }
 # Reachable by name, for scripts/bench_strategies.py; not listed.
 ABLATIONS: dict[str, Factory] = {

@@ -1,0 +1,174 @@
+"""Units: what is reset together when a failure is attributed, and how alike two scenes are in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.search.base import Genome
+from vlafuzz.space.params import Gene
+
+Levels = NDArray[np.int64]  # (dim,)
+Numbers = NDArray[np.float64]
+
+CONFOUNDERS = "confounders"
+SAME, OTHER, NOMINAL = 0.95, 0.2, 0.03  # chance that a category, another one or the reference's is in a fault
+BEYOND = 0.92  # chance that a value farther from the reference than one in a fault is in it, too
+FEWER, AS_MANY = 0.1, 0.35  # the same with fewer confounders, and with at least as many
+FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Genes that are reset together: all of the confounders', of the camera's place, else a single one."""
+
+    name: str
+    operator: str
+    indices: tuple[int, ...]
+    kind: str
+
+
+class Units:
+    """The units of a space, and a reference to whose values they are reset."""
+
+    def __init__(self, genes: Sequence[Gene], reference: Levels) -> None:
+        self.genes, self.reference = tuple(genes), reference
+        self._sizes = np.array([gene.grid.size for gene in genes])
+        named: dict[str, list[int]] = {}
+        for index, gene in enumerate(genes):
+            named.setdefault(_unit(gene), []).append(index)
+        self.units = tuple(
+            Unit(name, _operator(genes[indices[0]]), tuple(indices), _kind(genes[indices[0]]))
+            for name, indices in named.items()
+        )
+
+        self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
+        at = {gene.path: index for index, gene in enumerate(genes)}
+        self._axes = [
+            (at[f"targets.0.{axis}"], [index for path, index in at.items() if _around(path, axis)])
+            for axis in "xy"
+            if f"targets.0.{axis}" in at and self._around >= 0
+        ]
+        self._metres = [gene.grid.step for gene in genes]
+
+    def __len__(self) -> int:
+        return len(self.units)
+
+    def operators(self, kept: NDArray[np.bool_]) -> tuple[str, ...]:
+        """The operators of some units, each once."""
+        return tuple(
+            dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays)
+        )
+
+    def levels(self, genome: Genome) -> Levels:
+        """The levels of a genome."""
+        return np.asarray(np.minimum((genome * self._sizes).astype(np.int64), self._sizes - 1))
+
+    def genome(self, levels: Levels) -> Genome:
+        """The genome at the middle of levels."""
+        return np.asarray((levels + 0.5) / self._sizes)
+
+    def keep(self, levels: Levels, kept: NDArray[np.bool_]) -> Levels:
+        """The levels with all other units reset."""
+        reset = self.reference.copy()
+        for unit, stays in zip(self.units, kept, strict=True):
+            if stays:
+                reset[list(unit.indices)] = levels[list(unit.indices)]
+        for target, around in self._axes:  # what matters of confounders may be how near they are
+            if kept[self._around]:
+                moved = reset[around] + reset[target] - levels[target]
+                reset[around] = np.clip(moved, 0, self._sizes[around] - 1)
+        return reset
+
+    def jittered(self, levels: Levels, rng: np.random.Generator) -> Levels:
+        """The levels with one number a grid step off."""
+        numbers = [index for index, gene in enumerate(self.genes) if gene.kind not in ("category", "count")]
+        index = int(rng.choice(numbers))
+        near = levels.copy()
+        step = (
+            1 if levels[index] + 1 < self._sizes[index] and (rng.random() < 0.5 or not levels[index]) else -1
+        )
+        near[index] += step
+        return near
+
+    def deviating(self, levels: Levels) -> NDArray[np.bool_]:
+        """``(units,)`` which differ from the reference in a way that shows."""
+        return np.asarray(self.deviations(levels[None])[0, :-1] != 0)
+
+    def deviations(self, levels: NDArray[np.int64]) -> Numbers:
+        """``(n, units + 1)`` signed distances from the reference, as shares of the range on that side.
+
+        Of a category 1 + its level, 0 for the reference's; of confounders their number. The last column is
+        the distance of the nearest confounder from the first target, metres.
+        """
+        return np.stack(
+            [*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1
+        )
+
+    def _nearest(self, levels: NDArray[np.int64]) -> Numbers:
+        nearest = np.full(len(levels), np.inf)
+        if len(self._axes) < 2:
+            return nearest
+        count = self._deviation(self.units[self._around], levels)
+        squares = [
+            (self._metres[target] * (levels[:, around] - levels[:, [target]])) ** 2
+            for target, around in self._axes
+        ]
+        distances = np.sqrt(np.sum(squares, axis=0))
+        return np.asarray(
+            np.where(np.arange(distances.shape[1]) < count[:, None], distances, np.inf).min(axis=1)
+        )
+
+    def _deviation(self, unit: Unit, levels: NDArray[np.int64]) -> Numbers:
+        index = unit.indices[0]
+        if unit.kind == CONFOUNDERS:
+            index = next(i for i in unit.indices if self.genes[i].path == CONFOUNDERS)
+            return levels[:, index].astype(float)
+        here, start, size = levels[:, index], self.reference[index], self._sizes[index]
+        if unit.kind == "category":
+            return np.where(here == start, 0.0, 1.0 + here)
+        away = (here - start).astype(float)
+        if self.genes[index].grid.wraps:
+            away = (away + size // 2) % size - size // 2
+            return np.asarray(away / (size / 2))
+        room = np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
+        return np.asarray(away / room)
+
+    def alike(self, others: Numbers, one: Numbers) -> Numbers:
+        """``(n, units)`` chance that a value is in a fault's range, given that ``one`` is; by deviations."""
+        chances = np.empty((len(others), len(self.units)))
+        for column, unit in enumerate(self.units):
+            x, z = others[:, column], one[column]
+            if unit.kind == "category":
+                chances[:, column] = np.where(x == z, SAME, np.where(x == 0, NOMINAL, OTHER))
+            elif unit.kind == CONFOUNDERS:
+                share = np.minimum(one[-1], 1.0) / np.minimum(others[:, -1], 1.0)
+                near = np.where(share >= 1, NEAR, FAR * share**3)
+                chances[:, column] = np.where(x == 0, NOMINAL, near + np.where(x >= z, AS_MANY, FEWER))
+            else:
+                share = np.clip(x / z, 0.0, None) if z else np.zeros_like(x)
+                chances[:, column] = np.where(share >= 1, BEYOND, np.clip(share**2, 0.02, None))
+        return chances
+
+
+def _unit(gene: Gene) -> str:
+    if gene.operator.startswith("confounder-"):
+        return CONFOUNDERS
+    return "camera-position" if gene.operator == "camera-position" else gene.path
+
+
+def _operator(gene: Gene) -> str:
+    return CONFOUNDERS if gene.operator.startswith("confounder-") else gene.operator
+
+
+def _around(path: str, axis: str) -> bool:
+    return path.startswith("confounders.") and path.endswith(f".{axis}")
+
+
+def _kind(gene: Gene) -> str:
+    if gene.operator.startswith("confounder-"):
+        return CONFOUNDERS
+    return "category" if gene.kind == "category" else "number"
