@@ -17,7 +17,7 @@ ROWS = (
     "errors",
     "text files watch",
     "assets plugins renderer statistics",
-    "scene objects",
+    "scene objects probability",
     "rigs",
     "tasks outcome",
     "validity scoring evidence",
