@@ -93,6 +93,7 @@ class Search:
         tilt: the most severe scene is drawn 1 + tilt times as often as the mildest.
         drift: h inside rules changes from draw to draw, between ``known`` and 1.
         wrong: share of rules with a gene too few or with other genes.
+        candidates: one of so many scenes is drawn, in proportion to h; 0: scenes are thinned.
         guided: otherwise all draws are plain and there are no rules.
     """
 
@@ -100,6 +101,7 @@ class Search:
     tilt: float = 0.0
     drift: bool = False
     wrong: float = 0.1
+    candidates: int = 0
     guided: bool = True
 
     def draws(self, world: World, budget: int, rng: np.random.Generator) -> list[Draw]:
@@ -111,20 +113,16 @@ class Search:
         while left > 0:
             known = rng.uniform(self.known, 1) if self.drift else self.known
             mean = float((np.where(predicted, known, 1.0) * tilts).mean())
-            while True:  # thinning
-                scene = rng.random(GENES)
-                explained = any(rule.holds(scene) for rule in rules)
-                h = float((known if explained else 1.0) * self._tilts(scene, order))
-                if rng.random() < h:
-                    break
+            scene, explained, h, drawn_mean = self._draw(rules, known, order, rng)
+            weight = (drawn_mean if self.candidates else mean) / h
+            highest = 1.0 if self.candidates else mean
             failed = any(box.holds(scene) for box in world.boxes) and rng.random() < world.fails
-            mildest = 1 / (1 + self.tilt)
             draw = Draw(
                 failed=failed,
                 left=left,
-                weight=mean / h,
-                heaviest=mean / mildest / (known if rules else 1.0),
-                heaviest_miss=mean / mildest,
+                weight=weight,
+                heaviest=highest * (1 + self.tilt) / (known if rules else 1.0),
+                heaviest_miss=highest * (1 + self.tilt),
                 prediction=float(explained),
                 mean_prediction=float(predicted.mean()),
             )
@@ -136,6 +134,20 @@ class Search:
                     rules.append(self._rule(world, scene, rng))
                     predicted |= rules[-1].holds(pool)
         return draws
+
+    def _draw(
+        self, rules: list[Box], known: float, order: Array, rng: np.random.Generator
+    ) -> tuple[Array, bool, float, float]:
+        """A scene, whether a rule predicts that it fails, h, and the mean h of the candidates."""
+        while True:
+            scenes = rng.random((self.candidates or 1, GENES))
+            explained = np.zeros(len(scenes), dtype=bool)
+            for rule in rules:
+                explained |= rule.holds(scenes)
+            h = np.where(explained, known, 1.0) * self._tilts(scenes, order)
+            if self.candidates or rng.random() < h[0]:
+                one = int(rng.choice(len(h), p=h / h.sum()))
+                return scenes[one], bool(explained[one]), float(h[one]), float(h.mean())
 
     def _tilts(self, scenes: Array, order: Array) -> Array:
         ranks = np.searchsorted(order, severity(scenes)) / len(order)
@@ -164,6 +176,7 @@ SEARCHES = {
     "recommended: h = 1": Search(),
     "h = 1/2 inside rules": Search(known=1 / 2),
     "h = 1/3 inside rules, tilt 3": Search(known=1 / 3, tilt=2.0),
+    "h = 0.08 inside rules, of 4 candidates": Search(known=0.08, candidates=4),
     "half of the rules wrong, h drifts from 1/3 to 1": Search(known=1 / 3, wrong=0.5, drift=True),
 }
 

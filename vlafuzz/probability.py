@@ -31,8 +31,8 @@ _P = np.sin(np.linspace(0, np.pi / 2, 401)) ** 2  # as close together as interva
 _SIDE = np.array([[1.0], [-1.0]])  # the first row bets that p is lower, the second that it is higher
 _ALPHA = 0.05
 # Chosen by simulation with seeds that scripts/simulate_probability.py does not report.
-_MEMORY = 0.97  # a draw's influence on the bets after one more draw
-_OVERSHOOT = 0.05  # aims at slightly more than needed: capital approaches its aim without reaching it
+_MEMORY = 0.99  # a draw's influence on the bets after one more draw
+_OVERSHOOT = 0.1  # aims at slightly more than needed: capital approaches its aim without reaching it
 _ALL = 0.999  # largest part of the capital in one bet
 _FEW = 4.0  # predicted failures in the whole search, up to which those observed say more
 
