@@ -38,7 +38,7 @@ def guided(rng: np.random.Generator, *, inside: float, h: float, budget: int) ->
 def searches(draw: st.DrawFn) -> list[Draw]:
     """Any outcomes, weights and predictions, also such as no search would have."""
     fraction, draws = st.floats(0, 1), list[Draw]()
-    for left in range(draw(st.integers(1, 30)), 0, -1):
+    for left in range(draw(st.integers(1, 20)), 0, -1):
         heaviest, prediction = draw(st.floats(0.2, 5)), draw(fraction)
         weight = heaviest * draw(st.floats(0.01, 1))
         known = Draw(failed=draw(st.booleans()), left=left, weight=weight, heaviest=heaviest)
@@ -105,11 +105,11 @@ def test_a_larger_budget_than_planned_narrows_the_interval_further_if_slowly():
     assert more.high - more.low < 0.95 * (high - low)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(searches())
 def test_the_interval_is_within_0_and_1_holds_the_estimate_and_only_shrinks(draws: list[Draw]):
     before = failure_probability([])
-    for number in range(1, len(draws) + 1, 3):
+    for number in range(1, len(draws) + 1, 4):
         value, low, high = failure_probability(draws[:number])
         assert 0 <= before.low <= low <= value <= high <= before.high <= 1
         before = failure_probability(draws[:number])
@@ -126,7 +126,7 @@ def test_the_same_draws_give_the_same_interval():
         ("left", 0, "left: expected 1 to inf, got 0"),
         ("weight", 1.5, "weight: expected 0 to 1, got 1.5"),
         ("weight", math.nan, "weight: expected 0 to 1, got nan"),
-        ("heaviest", math.inf, "heaviest: expected 0 to 1e[+]06, got inf"),
+        ("heaviest", math.inf, "heaviest: expected 1e-06 to 1e[+]06, got inf"),
         ("heaviest_miss", 0.5, "heaviest_miss: expected 1 to inf, got 0.5"),
         ("prediction", -0.1, "prediction: expected 0 to 1, got -0.1"),
         ("mean_prediction", 1.1, "mean_prediction: expected 0 to 1, got 1.1"),

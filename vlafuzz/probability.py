@@ -1,16 +1,16 @@
 """The probability that a policy fails in a random scene, from a guided search.
 
-Every draw is a scene from the deployment distribution, thinned: kept with a probability proportional to h,
-and weighted by mean(h) / h, so that the mean of weight * failed is the failure probability p. A prediction g
-of the outcome with a known mean G lowers the variance: weight * (failed - c g) + c G has the mean p for every
-c that is fixed before the draw.
+Every draw is a scene from the deployment distribution that is kept with a probability proportional to h, and
+weighted by mean(h) / h, so that the mean of weight * failed is the failure probability p. A prediction g of
+the outcome with a known mean G lowers the variance: weight * (failed - c g) + c G has the mean p for every c
+that is fixed before the draw.
 
-For each possible p, two bettors bet against it: one that the draws will be lower on average, one higher. If
-p is the truth, neither is likely to ever multiply its stake by 20 (Ville 1939), whatever the bets, the
-weights and the time at which the search stops. The interval holds every p that has not been refuted (Waudby-
-Smith, Ramdas 2024 <https://doi.org/10.1093/jrsssb/qkad009>). Bets that reach 20 by the end of the
-budget or lose all make it about as narrow there as an exact interval of a fixed number of draws (Voráček,
-Orabona 2025 <https://arxiv.org/abs/2505.22422>).
+For each possible p, two bettors start with a capital of 1: one bets that draws are lower on average, one that
+they are higher. If p is the truth, a capital ever reaches 1 / a with a probability of at most a (Ville 1939),
+whatever the bets and weights, and whenever the search stops. The interval holds every p against which neither
+has reached its aim (Waudby-Smith, Ramdas 2024 <https://doi.org/10.1093/jrsssb/qkad009>). They bet so that by
+the end of the budget they have reached it or lost nearly all, which makes the interval about as narrow there
+as an exact one of a fixed number of draws (Voráček, Orabona 2025 <https://arxiv.org/abs/2505.22422>).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SIDE = np.array([[1.0], [-1.0]])  # the first row bets that p is lower, the sec
 _ALPHA = 0.05
 # Chosen by simulation with seeds that scripts/simulate_probability.py does not report.
 _MEMORY = 0.99  # a draw's influence on the bets after one more draw
-_OVERSHOOT = 0.1  # aims at slightly more than needed: capital approaches its aim without reaching it
+_OVERSHOOT = 0.1  # bets aim at slightly more than needed, as capital only approaches what they aim at
 _ALL = 0.999  # largest part of the capital in one bet
 _FEW = 4.0  # predicted failures in the whole search, up to which those observed say more
 
@@ -42,7 +42,7 @@ class Draw:
     """A random scene and its outcome. All but ``failed`` must not depend on the outcome.
 
     Args:
-        left: rollouts left in the budget, this one included; tests of causes use them too.
+        left: rollouts left in the budget for draws and for tests of causes, this draw included.
         weight: mean of h over random scenes, divided by h of this one.
         heaviest: bound of ``weight``, known before the scene: mean of h / smallest h.
         heaviest_miss: bound of ``weight * (1 - prediction)``, known before the scene. Where h is small
@@ -63,7 +63,7 @@ class Draw:
         _check("left", self.left, 1, math.inf)
         _check("prediction", self.prediction, 0, 1)
         _check("mean_prediction", self.mean_prediction, 0, 1)
-        _check("heaviest", self.heaviest, 0, 1e6)
+        _check("heaviest", self.heaviest, 1e-6, 1e6)
         _check("weight", self.weight, 0, self.heaviest + 1e-9)
         _check("heaviest_miss", self.heaviest_miss, self.weight * (1 - self.prediction) - 1e-9, math.inf)
 
@@ -143,7 +143,7 @@ class _Past:
 
 class _Bettors:
     def __init__(self, budget: int) -> None:
-        # Near 0 nearly all confidence is for the upper bound, which is what the width consists of there.
+        # Near 0 the width is mostly that above p, so that nearly all of the error is allowed there.
         low_end, high_end = np.exp(-_P * budget / 8), np.exp(-(1 - _P) * budget / 8)
         upper = 0.5 + 0.4 * (low_end - high_end)
         self._aim = -np.log(_ALPHA * np.stack([upper, 1 - upper]))
