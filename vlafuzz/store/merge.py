@@ -19,6 +19,8 @@ NUMBERS: dict[str, dict[str, str]] = {
     "rollout": {"trial": "trial"},
     "finding": {"run": "run", "trial": "trial"},
     "triage": {},
+    "attribution": {"run": "run"},
+    "cause": {"run": "run"},
 }
 # How far the evidence in each bucket goes.
 _RANK = (

@@ -117,6 +117,31 @@ _TRIAGE = """
     ) STRICT
     """
 
+# A run whose strategy looks for causes has one row in ``attribution``, and one in ``cause`` for each of them.
+_CAUSES = (
+    """
+    CREATE TABLE attribution (
+        run INTEGER PRIMARY KEY REFERENCES run,
+        unexplained INTEGER NOT NULL,
+        probability REAL,
+        low REAL,
+        high REAL
+    ) STRICT
+    """,
+    """
+    CREATE TABLE cause (
+        run INTEGER NOT NULL REFERENCES attribution,
+        rank INTEGER NOT NULL,
+        scene TEXT REFERENCES scene,
+        operators TEXT NOT NULL,
+        failures INTEGER NOT NULL,
+        share REAL,
+        low REAL,
+        high REAL,
+        PRIMARY KEY (run, rank)
+    ) STRICT
+    """,
+)
 
 RENAMED = (
     ("run", "subject", "policy"),
@@ -167,6 +192,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
     ),
     # Earlier runs did not check whether targets are visible, nor note their place.
     (f"{_ADD} visible TEXT NOT NULL DEFAULT ''", f"{_ADD} place TEXT NOT NULL DEFAULT ''"),
+    _CAUSES,
 ]
 
 

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
 from vlafuzz.evidence import Causes, Rate, Witness
 from vlafuzz.outcome import Outcome
+from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Genome
 
@@ -95,6 +96,37 @@ class Finding:
     def key(self) -> tuple[str, str]:
         """Digest of the scene and policy key, which a finding shares with what triage made of it."""
         return self.scene.digest, self.policy_key
+
+
+@dataclass(frozen=True)
+class FoundCause:
+    """A cause that a run's strategy has found; triage of its scene confirms and certifies it.
+
+    Attributes:
+        scene: fails for this reason in the run; None if no stored failure has its operators alone.
+        operators: that it takes, the confounders' as one.
+        failures: of the run that it explains.
+        share: of random scenes that fail for this reason; None if unknown.
+    """
+
+    scene: Scene | None
+    operators: tuple[str, ...]
+    failures: int
+    share: Probability | None = None
+
+
+@dataclass(frozen=True)
+class Attribution:
+    """The causes that a run has found, in order of rank.
+
+    Attributes:
+        unexplained: failures of the run for which no cause was found.
+        probability: that the policy fails in a random scene; None if the strategy does not estimate it.
+    """
+
+    causes: tuple[FoundCause, ...]
+    unexplained: int = 0
+    probability: Probability | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

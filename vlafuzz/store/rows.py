@@ -4,7 +4,7 @@ import json
 import math
 import sqlite3
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -15,8 +15,9 @@ from pydantic import TypeAdapter
 from vlafuzz.errors import StoreError
 from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Finding, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
@@ -154,6 +155,41 @@ def to_finding(row: sqlite3.Row) -> Finding:
     """The finding in a row of ``finding`` joined with its scene's JSON and its proposal."""
     names = ("policy_key", "run", "proposal", "cell")
     return Finding(Scene.from_json(row["json"]), **{name: row[name] for name in names})
+
+
+def attribution_row(run: int, found: Attribution) -> Row:
+    """Columns of ``attribution``, which has no causes."""
+    return {"run": run, "unexplained": found.unexplained} | _estimate("probability", found.probability)
+
+
+def cause_row(run: int, rank: int, cause: FoundCause) -> Row:
+    """Columns of ``cause``; its scene is kept by its digest."""
+    return {
+        "run": run,
+        "rank": rank,
+        "scene": cause.scene.digest if cause.scene else None,
+        "operators": json.dumps(cause.operators),
+        "failures": cause.failures,
+    } | _estimate("share", cause.share)
+
+
+def _estimate(name: str, estimate: Probability | None) -> Row:
+    value, low, high = estimate or (None, None, None)
+    return {name: value, "low": low, "high": high}
+
+
+def to_attribution(row: sqlite3.Row, causes: Iterable[sqlite3.Row]) -> Attribution:
+    """A row of ``attribution`` with those of ``cause``, joined with their scenes' JSON."""
+    return Attribution(tuple(map(_to_cause, causes)), row["unexplained"], _to_estimate(row, "probability"))
+
+
+def _to_cause(row: sqlite3.Row) -> FoundCause:
+    scene = Scene.from_json(row["json"]) if row["json"] else None
+    return FoundCause(scene, tuple(json.loads(row["operators"])), row["failures"], _to_estimate(row, "share"))
+
+
+def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:
+    return None if row[name] is None else Probability(row[name], row["low"], row["high"])
 
 
 def triage_row(triaged: Triaged) -> Row:

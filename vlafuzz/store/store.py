@@ -13,7 +13,17 @@ from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
-from vlafuzz.store.records import UNFINISHED, Finding, Manifest, Run, Spent, Status, Triaged, Trial
+from vlafuzz.store.records import (
+    UNFINISHED,
+    Attribution,
+    Finding,
+    Manifest,
+    Run,
+    Spent,
+    Status,
+    Triaged,
+    Trial,
+)
 
 _SHOWN = 5  # digests, when a prefix fits several
 
@@ -104,6 +114,15 @@ class Store:
                     self._insert_scene(scene)
             self._insert("triage", rows.triage_row(triaged) | {"ended": _now()}, "OR REPLACE")
 
+    def keep_causes(self, run: int, found: Attribution) -> None:
+        """Store the causes that a run has found; they replace earlier ones."""
+        with self._transaction():
+            for table in ("cause", "attribution"):
+                self._connection.execute(f"DELETE FROM {table} WHERE run = ?", (run,))
+            self._insert("attribution", rows.attribution_row(run, found))
+            for rank, cause in enumerate(found.causes, start=1):
+                self._insert("cause", rows.cause_row(run, rank, cause))
+
     def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
         """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
         query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
@@ -181,6 +200,14 @@ class Store:
             )
             selected = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
         return [rows.to_finding(row) for row in selected]
+
+    def causes(self, run: int) -> Attribution | None:
+        """The causes that a run has found; None if its strategy does not look for causes."""
+        self._require(run)
+        query = "SELECT * FROM cause LEFT JOIN scene ON digest = scene WHERE run = ? ORDER BY rank"
+        for row in self._select("SELECT * FROM attribution WHERE run = ?", run):
+            return rows.to_attribution(row, self._select(query, run))
+        return None
 
     def triaged(self) -> list[Triaged]:
         """All triaged findings, in the order in which they were triaged."""
