@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tests.doubles import failed, passed
+from tests.doubles import ClosedForm, failed, passed
 from tests.triage.planted import SPACE, STAGES, Condition, Planted
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
@@ -53,3 +53,14 @@ class PlantedRunner:
         if self._rate is not None:
             fails = self._rng.random() < (self._rate if fails else 0.05)
         return failed() if fails else passed()
+
+
+class PlantedEvaluator(ClosedForm):
+    """The policy of ``PlantedRunner`` in a run."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        super().__init__()
+        self._policy = PlantedRunner(conditions)
+
+    def outcome(self, scene: Scene) -> Outcome:
+        return self._policy.evaluate([scene], [0])[0]

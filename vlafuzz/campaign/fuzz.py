@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from vlafuzz.campaign.causes import attribution
 from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.errors import PolicyError, StoreError, UsageError
@@ -16,7 +17,7 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Objective, cell, score
-from vlafuzz.search.base import Genome, Proposal, Strategy
+from vlafuzz.search.base import Genome, Proposal, Strategy, causes, looks_for_causes
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 
@@ -91,6 +92,8 @@ def fuzz(
         raise
     finally:
         store.finish(run, status, *tally.spent)
+        if looks_for_causes(strategy) and not past.left:
+            store.keep_causes(run, attribution(strategy, space, store, run))
     failures = [finding.scene for finding in store.findings(run)] if embed else []
     groups = clusters(failures, embed) if embed else None
     return tally.summary(str(store.path), groups)
@@ -123,6 +126,8 @@ class _Campaign:
             scores = [self.objective(*pair, self.space) for pair in pairs]
             with self.tally.search:
                 self.strategy.tell(proposals, scores)
+                if looks_for_causes(self.strategy):
+                    self.tally.causes = len(causes(self.strategy))
         self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:

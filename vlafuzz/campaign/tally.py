@@ -96,6 +96,7 @@ class Tally:
 
     Attributes:
         search: stopwatch for the strategy's ask and tell; ``store`` is that for the store.
+        causes: found so far; None if the strategy does not look for causes.
     """
 
     def __init__(self, run: int, manifest: Manifest, stages: Sequence[str], before: Spent) -> None:
@@ -105,6 +106,7 @@ class Tally:
         self.rollouts = self.proposals = self.duplicates = self.earlier = 0
         self.last_error: str | None = None
         self.stopped: str | None = None
+        self.causes: int | None = None
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}

@@ -19,11 +19,11 @@ from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.outcome import Verdict
 from vlafuzz.statistics import Share
-from vlafuzz.text import interval, percent, points
+from vlafuzz.text import interval, percent, plural, points
 
 
 class RunBar:
-    """A progress bar: rollouts of the budget, rollouts per second, failures so far, time left."""
+    """A progress bar: rollouts of the budget, rollouts per second, failures and causes so far, time left."""
 
     def __init__(self, budget: int) -> None:
         self.rollouts = 0
@@ -32,14 +32,14 @@ class RunBar:
             SpinnerColumn(),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]} · {task.fields[failed]} failed"),
+            TextColumn("{task.fields[rate]} · {task.fields[failed]} failed{task.fields[causes]}"),
             TimeElapsedColumn(),
             TimeRemainingColumn(),
             console=console,
             transient=True,
             disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0)
+        self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0, causes="")
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
@@ -47,7 +47,8 @@ class RunBar:
         speed = self._progress.tasks[0].speed
         rate = f"{speed:.2f} rollouts/s" if speed else "…"
         failed = tally.verdicts[Verdict.FAILED]
-        self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed)
+        causes = "" if tally.causes is None else f" · {plural(tally.causes, 'cause')}"
+        self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed, causes=causes)
 
     def __enter__(self) -> Self:
         self._progress.start()

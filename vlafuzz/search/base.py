@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Score
 from vlafuzz.space.params import Gene
@@ -63,18 +64,22 @@ class Cause:
         genome: of the smallest scene known to fail for this reason.
         operators: that it takes, the confounders' as one: see ``triage.path.GROUPS``.
         failures: of the run that it explains, this scene's included.
+        share: of random scenes that fail for this reason; None if it is not estimated.
     """
 
     genome: Genome
     operators: tuple[str, ...]
     failures: int
+    share: Probability | None = None
 
 
 class Strategy(Protocol):
     """Proposes genomes and learns from their scores.
 
     An optional attribute ``about`` describes what the strategy chose by itself, such as a population size. An
-    optional method ``causes`` returns the causes that it has found so far.
+    optional method ``causes`` returns the causes that it has found so far; of such a strategy an optional
+    attribute ``unexplained`` holds the failures for which it found none, and an optional method
+    ``probability`` estimates the probability that the policy fails in a random scene.
     """
 
     def ask(self, n: int) -> list[Proposal]:
@@ -93,3 +98,18 @@ def causes(strategy: Strategy) -> Sequence[Cause]:
     """The causes that a strategy has found so far; none if it does not look for them."""
     find = getattr(strategy, "causes", None)
     return find() if find else ()
+
+
+def looks_for_causes(strategy: Strategy) -> bool:
+    return hasattr(strategy, "causes")
+
+
+def unexplained(strategy: Strategy) -> int:
+    """The number of failures for which a strategy that looks for causes has found none."""
+    return len(getattr(strategy, "unexplained", ()))
+
+
+def probability(strategy: Strategy) -> Probability | None:
+    """The probability that the policy fails in a random scene; None if the strategy does not estimate it."""
+    estimate = getattr(strategy, "probability", None)
+    return estimate() if estimate else None

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory, users_code
 from vlafuzz.scoring import Score
-from vlafuzz.search.base import Genome, Proposal, Source, Strategy, about
+from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.baselines.mcts import Mcts
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.proposals import Random
@@ -114,9 +114,9 @@ class Own:
                 raise UsageError(f"{name!r} returned a {kind}, which has no {method}", hint=_HINT)
         self._name, self._strategy, self._dim, self._asked = name, strategy, dim, 0
 
-    @property
-    def about(self) -> str:
-        return about(self._strategy)
+    def __getattr__(self, name: str) -> Any:
+        """What a strategy may have beside ``ask`` and ``tell``."""
+        return getattr(self._strategy, name)
 
     def ask(self, n: int) -> list[Proposal]:
         """The proposals of the user's strategy.

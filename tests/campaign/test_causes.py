@@ -1,0 +1,164 @@
+"""A run whose strategy looks for causes ends with them, each shown by a stored failure."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.doubles import STAGES, Backwards, Scripted, TinySpace, manifest, scene
+from tests.triage.planted import CONDITIONS, SPACE
+from tests.triage.runners import PlantedEvaluator
+from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.execute.base import LocalExecutor
+from vlafuzz.probability import Probability
+from vlafuzz.scene import Scene
+from vlafuzz.search.base import Cause, Genome
+from vlafuzz.search.proposals import Random
+from vlafuzz.search.registry import Own, strategy_factory
+from vlafuzz.store.records import Attribution
+from vlafuzz.store.store import Store
+
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
+FAULTS = [lambda scene: DARK(scene) or TILTED(scene)]
+
+
+class Cut(PlantedEvaluator):
+    """Ctrl-C after so many scenes."""
+
+    def __init__(self, after: int) -> None:
+        super().__init__(FAULTS)
+        self._after = after
+
+    def outcome(self, scene: Scene):
+        if len(self.evaluated) > self._after:
+            raise KeyboardInterrupt
+        return super().outcome(scene)
+
+
+def run(path: Path, executor=None, *, space=SPACE, strategy=None, resume: int | None = None):
+    """The causes of a run of 60 rollouts, and its last tally."""
+    tallies = []
+    with Store.open(path, "write") as store:
+        fuzz(
+            manifest=manifest(strategy="causes", budget=60, batch=16),
+            stages=STAGES,
+            space=space,
+            strategy=strategy or strategy_factory("causes")(space, 0, 60),
+            executor=executor or LocalExecutor(PlantedEvaluator(FAULTS)),
+            store=store,
+            resume=resume,
+            watch=tallies.append,
+        )
+        return store.causes(1), tallies[-1]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory):
+    """A run's store, causes and last tally."""
+    path = tmp_path_factory.mktemp("whole") / "a.db"
+    return path, *run(path)
+
+
+def test_a_run_keeps_the_causes_that_were_planted(whole):
+    _, found, tally = whole
+    assert {("light",), ("camera-orientation",)} <= {cause.operators for cause in found.causes}
+    assert tally.causes == len(found.causes)
+    explained = [cause.failures for cause in found.causes]
+    assert explained == sorted(explained, reverse=True)
+
+
+def test_every_cause_is_shown_by_a_failure_of_the_run(whole):
+    path, found, _ = whole
+    with Store.open(path) as store:
+        failures = {finding.scene for finding in store.findings(1)}
+    assert {cause.scene for cause in found.causes} <= failures
+    assert {DARK(cause.scene) for cause in found.causes if cause.operators == ("light",)} == {True}
+
+
+def test_how_scenes_are_evaluated_changes_no_cause(whole, tmp_path: Path):
+    elsewhere, _ = run(tmp_path / "b.db", Backwards(PlantedEvaluator(FAULTS)))
+    assert elsewhere == whole[1]
+
+
+def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_whole_one(
+    whole, tmp_path: Path
+):
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "cut.db", LocalExecutor(Cut(after=45)))
+    with Store.open(tmp_path / "cut.db") as store:
+        early = store.causes(1)
+    assert early is not None
+    assert early.causes
+    assert run(tmp_path / "cut.db", resume=1)[0] == whole[1]
+
+
+def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_path: Path):
+    class Impatient(Scripted):
+        """Looks for causes, but Ctrl-C comes at once."""
+
+        def ask(self, n: int):
+            raise KeyboardInterrupt
+
+        def causes(self) -> list[Cause]:
+            return []
+
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "a.db", LocalExecutor(Cut(after=45)))
+    with Store.open(tmp_path / "a.db") as store:
+        before = store.causes(1)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "a.db", strategy=Impatient([]), resume=1)
+    with Store.open(tmp_path / "a.db") as store:
+        assert store.causes(1) == before
+
+
+def test_a_strategy_that_looks_for_no_causes_has_none(tmp_path: Path):
+    found, tally = run(tmp_path / "a.db", strategy=Random(SPACE, 0, 60))
+    assert (found, tally.causes) == (None, None)
+
+
+class Knowing(Scripted):
+    """Proposes scenes in the dark, and knows two causes with their shares."""
+
+    unexplained = ("one", "two")
+
+    def __init__(self, genomes: Sequence[Genome]) -> None:
+        super().__init__(genomes)
+        self._genome = genomes[0]
+
+    def causes(self) -> list[Cause]:
+        rare, common = Probability(0.1, 0.05, 0.2), Probability(0.3, 0.2, 0.4)
+        return [Cause(self._genome, ("wording",), 9, rare), Cause(self._genome, ("light",), 2, common)]
+
+    def probability(self) -> Probability:
+        return Probability(0.4, 0.3, 0.5)
+
+
+def test_shares_and_the_probability_are_kept_and_what_no_failure_shows_has_no_scene(tmp_path: Path):
+    space = TinySpace()
+    genomes = [space.encode(scene(light)) for light in (0.125, 0.25, 1.0)]
+    strategy = Own("python:mine:make", Knowing(genomes), 3)
+    found, _ = run(tmp_path / "a.db", space=space, strategy=strategy)
+    assert found == Attribution(found.causes, 2, Probability(0.4, 0.3, 0.5))
+    (light, wording) = found.causes
+    assert (light.scene, light.share) == (scene(0.125), Probability(0.3, 0.2, 0.4))
+    assert (wording.scene, wording.failures) == (None, 9)
+
+
+def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
+    """The strategy repeats a scene as one beside it, which may be the one that failed."""
+    dark = SPACE.nominal()
+    dark = Scene.from_json(dark.to_json().replace('"light":{"intensity":1.0}', '"light":{"intensity":0.25}'))
+    beside = SPACE.encode(dark).copy()
+    yaw = next(index for index, gene in enumerate(SPACE.genes) if gene.path == "camera.yaw")
+    beside[yaw] += 2 / SPACE.genes[yaw].grid.size
+
+    class OneCause(Scripted):
+        def causes(self) -> list[Cause]:
+            return [Cause(SPACE.encode(dark), ("light",), 1)]
+
+    found, _ = run(tmp_path / "a.db", strategy=OneCause([beside]))
+    (cause,) = found.causes
+    assert cause.scene != dark
+    assert np.isclose(cause.scene.light.intensity, 0.25)
