@@ -19,7 +19,18 @@ SAID = ("target-type", "target-position")
 
 def bench(tmp_path: Path, *args: str) -> dict[str, Any]:
     out = tmp_path / "out.json"
-    command = [sys.executable, str(SCRIPT), *args, "--workers", "2", "--repeats", "2", "--out", str(out)]
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        args[0],
+        "--repeats",
+        "2",
+        "--workers",
+        "2",
+        "--out",
+        str(out),
+        *args[1:],
+    ]
     subprocess.run(command, check=True, capture_output=True, timeout=300)
     return json.loads(out.read_text())  # type: ignore[no-any-return]
 
@@ -46,7 +57,7 @@ def test_of_a_whole_pool_every_strategy_finds_all_that_is_wanted(labels: Path):
 def test_who_learns_from_labels_finds_more_of_what_is_wanted(labels: Path):
     found = bench(labels, "replay", str(labels), "--strategies", "random", "surrogate", "--budget", "50")
     assert all(row["gain"] > 0.3 for row in found["found"] if row["strategy"] == "surrogate")
-    assert found["pooled"]["surrogate"]["ratio"] > 1.2
+    assert found["pooled"]["surrogate"]["ratio"]["value"] > 1.2
 
 
 def test_random_scenes_fail_as_often_as_was_planted(tmp_path: Path):
@@ -54,3 +65,11 @@ def test_random_scenes_fail_as_often_as_was_planted(tmp_path: Path):
     rows = bench(tmp_path, "toy", *flags)["failures"]
     assert len(rows) == 5
     assert all(8 <= failures <= 35 for row in rows for failures in row["runs"])
+
+
+def test_causes_identifies_more_planted_faults_than_random_scenes_and_triage(tmp_path: Path):
+    flags = ["--arms", "causes", "random + triage", "--densities", "dense", "--budgets", "150"]
+    content = bench(tmp_path, "faults", *flags, "--repeats", "4", "--splits", "0.3")
+    causes, triage = content["identified"]
+    assert sum(causes["runs"]) >= sum(triage["runs"])
+    assert causes["precision"]["value"] > 0.8

@@ -1,0 +1,138 @@
+"""Arms: what is compared on worlds with planted faults, strategies with what makes causes of their failures.
+
+- the name of a strategy that reports causes itself, such as ``causes``;
+- ``random + triage``: a strategy with a share of the budget, the split, then triage of its failures with the
+  rest. With ``shrinking`` instead, certificates and thresholds are free, and need not hold;
+- ``random + attribution``: random scenes, then the attribution of ``causes``; with the split 0, as they come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache, partial
+from itertools import product
+
+import numpy as np
+
+from strategies.courses import Course, Tried, Verdict, judge, touched
+from strategies.faults import World, space_of
+from strategies.triaged import Triages
+from vlafuzz.scoring import Score, score
+from vlafuzz.search import registry
+from vlafuzz.search.base import Genome, Source, Strategy, causes
+from vlafuzz.search.causes.strategy import Causes
+
+BATCH = 16
+MOST_IDLE = 50  # batches without a rollout after which a strategy has nothing left to propose
+HUNTING = "causes"
+ATTRIBUTION, TRIAGE, SHRINKING = "random + attribution", "triage", "shrinking"
+RANDOM_TRIAGE = f"random + {TRIAGE}"
+SPLITS = (0.2, 0.3, 0.5, 0.7)  # shares of a budget that search takes
+Courses = dict[tuple[int, float], Course]  # by budget and split
+Play = Callable[[World, Sequence[int], Sequence[float]], Courses]
+POPULATIONS = ("nsga2", "nsga2d")  # of a size that depends on the budget
+
+
+def search(world: World, strategy: Strategy, budget: int) -> Iterator[list[Tried]]:
+    """The new scenes of every batch that took a rollout; known and invalid scenes cost nothing."""
+    space = space_of(world.task)
+    known: dict[str, Score] = {}
+    spent = idle = 0
+    while spent < budget and idle < MOST_IDLE:
+        proposals = strategy.ask(min(BATCH, budget - spent))
+        scores, tried = [], []
+        for scene in (space.decode(proposal.genome) for proposal in proposals):
+            if scene.digest not in known:
+                known[scene.digest] = score(scene, world.evaluate(scene), space)
+                if known[scene.digest].rolled_out:
+                    tried.append((scene, known[scene.digest]))
+            scores.append(known[scene.digest])
+        strategy.tell(proposals, scores)
+        spent += len(tried)
+        idle = 0 if tried else idle + 1
+        yield tried
+
+
+class Later(Causes):
+    """Attributes failures of random scenes only, and only once so many have been drawn."""
+
+    def __init__(self, space: Source, seed: int, draws: int) -> None:
+        super().__init__(space, seed)
+        self._draws = draws
+
+    def _begin(self) -> None:
+        if self._asked >= self._draws:
+            super()._begin()
+
+    def _may_draw(self, already: int) -> bool:
+        return self._asked < self._draws or super()._may_draw(already)
+
+    def _draw(self, rng: np.random.Generator) -> tuple[None, Genome]:
+        return None, self._proposals.fresh(rng)
+
+
+def hunt(world: World, strategy: Strategy, budget: int) -> Course:
+    """The course of a strategy that reports causes."""
+    space, course, spent = space_of(world.task), Course(), 0
+    verdicts: dict[tuple[bytes, tuple[str, ...]], Verdict] = {}
+    for tried in search(world, strategy, budget):
+        spent += len(tried)
+        course.touched.append((spent, touched(world, tried)))
+        reported = [(cause.genome.tobytes(), cause.operators) for cause in causes(strategy)]
+        for key, cause in zip(reported, causes(strategy), strict=True):
+            if key not in verdicts:
+                verdicts[key] = judge(world, space.decode(cause.genome), cause.operators)
+        course.report(spent, [verdicts[key] for key in reported])
+    return course
+
+
+def arms() -> dict[str, Play]:
+    """What may be compared, by name."""
+    searching = [name for name in registry.STRATEGIES if name != HUNTING]
+    hunting = [name for name in (*registry.STRATEGIES, *registry.ABLATIONS) if name.startswith(HUNTING)]
+    return {
+        **{name: partial(_hunt, name) for name in hunting},
+        ATTRIBUTION: _attribute,
+        **{
+            f"{name} + {kind}": partial(_triage, name, certified=kind == TRIAGE)
+            for kind in (TRIAGE, SHRINKING)
+            for name in searching
+        },
+    }
+
+
+def _hunt(name: str, world: World, budgets: Sequence[int], splits: Sequence[float]) -> Courses:
+    """A strategy that reports causes: what it does first does not depend on the budget."""
+    strategy = registry.strategy_factory(name)(space_of(world.task), world.seed, max(budgets))
+    course = hunt(world, strategy, max(budgets))
+    return {(budget, 0.0): course for budget in budgets}
+
+
+def _attribute(world: World, budgets: Sequence[int], splits: Sequence[float]) -> Courses:
+    """Random scenes and then attribution: budgets with as many random scenes have one run."""
+    space = space_of(world.task)
+    draws = {key: round(key[0] * key[1]) for key in product(budgets, (0.0, *splits))}
+    longest = {number: max(key[0] for key in draws if draws[key] == number) for number in draws.values()}
+    courses = {
+        number: hunt(world, Later(space, world.seed, number), budget) for number, budget in longest.items()
+    }
+    return {key: courses[number] for key, number in draws.items()}
+
+
+def _triage(
+    name: str, world: World, budgets: Sequence[int], splits: Sequence[float], *, certified: bool
+) -> Courses:
+    longest = round(max(budgets) * max(splits))
+    return {
+        (budget, split): _triages(
+            world, name, round(split * budget) if name in POPULATIONS else longest
+        ).course(split, budget, certified=certified)
+        for budget, split in product(budgets, splits)
+    }
+
+
+@lru_cache(64)
+def _triages(world: World, name: str, rollouts: int) -> Triages:
+    """Of the failures of a strategy's run, shared by its arms."""
+    strategy = registry.strategy_factory(name)(space_of(world.task), world.seed, rollouts)
+    return Triages(world, [pair for batch in search(world, strategy, rollouts) for pair in batch])

@@ -1,0 +1,179 @@
+"""Faults identified: arms played on worlds with planted faults, at equal numbers of rollouts in total."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from statistics import median
+from typing import Any
+
+from strategies.arms import ATTRIBUTION, RANDOM_TRIAGE, arms
+from strategies.faults import Density, world
+from strategies.results import Row, estimate, shown, side_by_side
+from vlafuzz.statistics import holm, mean_estimate, mean_ratio, signed_rank
+
+BASES = {"triage": RANDOM_TRIAGE, "attribution": ATTRIBUTION}
+FAULTS = (1, 2, 4, 6, 8, 10)  # identified, whose rollouts are reported
+
+Splits = Mapping[str, Mapping[str, float]]  # by case and arm
+
+
+@dataclass(frozen=True)
+class Played:
+    """A run: its figures, and the rollouts after which one fault, two and so on were identified."""
+
+    figures: Mapping[str, float]
+    times: Sequence[int]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A world for some arms, at all budgets and splits."""
+
+    density: Density
+    seed: int
+    arms: tuple[str, ...]
+    budgets: tuple[int, ...]
+    splits: tuple[float, ...]
+
+    def play(self) -> dict[str, dict[tuple[int, float], Played]]:
+        known, here = arms(), world(self.density, self.seed)
+        return {
+            name: {
+                (budget, split): Played(course.figures(budget), course.times(budget))
+                for (budget, split), course in known[name](here, self.budgets, self.splits).items()
+            }
+            for name in self.arms
+        }
+
+
+def case(density: str, budget: int) -> str:
+    return f"{density}, {budget} rollouts"
+
+
+def play(jobs: Sequence[Job], workers: int, splits: Splits) -> dict[str, Any]:
+    """All figures: rows by density, budget and arm, and rollouts until so many faults are identified.
+
+    Args:
+        splits: to be used, where they are given; else the best in the worlds played.
+    """
+    played = side_by_side(jobs, Job.play, workers)
+    rows, speeds = [], []
+    for density in dict.fromkeys(job.density for job in jobs):
+        worlds = [runs for job, runs in zip(jobs, played, strict=True) if job.density == density]
+        budgets, names = jobs[0].budgets, jobs[0].arms
+        chosen = {
+            (budget, name): _split(worlds, name, budget, splits.get(case(density, budget), {}).get(name))
+            for budget, name in product(budgets, names)
+        }
+        runs = {key: [runs[key[1]][key[0], split] for runs in worlds] for key, split in chosen.items()}
+        rows += [
+            {"case": case(density, budget), "density": density, "rollouts": budget, "arm": name}
+            | {"split": chosen[budget, name]}
+            | _row(runs[budget, name], {label: runs.get((budget, base)) for label, base in BASES.items()})
+            for budget, name in product(budgets, names)
+        ]
+        for name in names:
+            soonest = [
+                _soonest(several) for several in zip(*(runs[budget, name] for budget in budgets), strict=True)
+            ]
+            speeds.append({"density": density, "arm": name} | _speed(soonest))
+    tests = [row[label] for row in rows for label in BASES if row.get(label)]
+    for test, corrected in zip(tests, holm([test["p"] for test in tests]), strict=True):
+        test |= {"p_holm": corrected, "tests": len(tests)}
+    return {"identified": rows, "rollouts to the k-th fault": speeds}
+
+
+def _split(worlds: Sequence[Any], name: str, budget: int, given: float | None) -> float:
+    """The split with which most faults are identified."""
+    known = [split for of, split in worlds[0][name] if of == budget]
+    if given in known:
+        return given
+    return max(
+        known, key=lambda split: sum(runs[name][budget, split].figures["identified"] for runs in worlds)
+    )
+
+
+def _row(runs: Sequence[Played], bases: Mapping[str, Sequence[Played] | None]) -> Row:
+    """The figures of an arm, compared with the bases; precision is the share of all causes reported."""
+
+    def of(figure: str, played: Sequence[Played] = runs) -> list[float]:
+        return [run.figures[figure] for run in played]
+
+    row: Row = {"runs": of("identified"), "identified": estimate(mean_estimate(of("identified")))}
+    row |= {name: _mean(of(name)) for name in ("exact", "reported", "right", "touched")}
+    row["precision"] = _share(of("right"), of("reported"))
+    row["exact precision"] = _share(of("rightly exact"), of("reported"))
+    for label, base in bases.items():
+        if base and base is not runs:
+            paired = of("identified"), of("identified", base)
+            row[label] = {"ratio": estimate(mean_ratio(*paired)), **asdict(signed_rank(*paired))}
+    return row
+
+
+def _share(part: Sequence[float], whole: Sequence[float]) -> Row | None:
+    row = estimate(mean_ratio(part, whole))
+    if row and row["high"] is not None:
+        row["high"] = min(row["high"], 1.0)
+    return row
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _soonest(runs: Sequence[Played]) -> list[float]:
+    """Rollouts until so many faults are identified, with the best of the budgets for each number."""
+    return [
+        min((run.times[number - 1] for run in runs if len(run.times) >= number), default=math.inf)
+        for number in FAULTS
+    ]
+
+
+def _speed(soonest: Sequence[Sequence[float]]) -> Row:
+    """The median over worlds; None where fewer than half come so far."""
+    medians = [median(times) for times in zip(*soonest, strict=True)]
+    return {
+        str(number): value if math.isfinite(value) else None
+        for number, value in zip(FAULTS, medians, strict=True)
+    }
+
+
+def splits_of(content: Mapping[str, Any]) -> Splits:
+    """The splits that were used for figures as ``play`` returns them."""
+    splits: dict[str, dict[str, float]] = {}
+    for row in content["identified"]:
+        splits.setdefault(row["case"], {})[row["arm"]] = row["split"]
+    return splits
+
+
+def show(content: Mapping[str, Any]) -> None:
+    """Print the figures as tables."""
+    current = None
+    for row in content["identified"]:
+        if row["case"] != current:
+            current = row["case"]
+            print(
+                f"\n{current}\n{'':23}{'split':>5}{'identified (95 %)':>19}{'exact':>6}{'causes':>7}", end=""
+            )
+            print(f"{'precision (95 %)':>18}{'exact':>6}{'touched':>8}", end="")
+            print("".join(f"{'ratio to random + ' + label:>32}{'p':>8}" for label in BASES))
+        print(f"{row['arm']:23}{row['split'] or '':>5}{shown(row['identified'], 1):>19}", end="")
+        print(f"{row['exact']:6.1f}{row['reported']:7.1f}{shown(row['precision']):>18}", end="")
+        exactly = row["exact precision"]
+        print(f"{exactly['value'] if exactly else math.nan:6.2f}{row['touched']:8.1f}", end="")
+        for test in (row.get(label) for label in BASES):
+            print(f"{shown(test['ratio']):>32}{test['p_holm']:8.1g}" if test else " " * 40, end="")
+        print()
+    print(f"\nmedian rollouts until so many faults are identified\n{'':36}", end="")
+    print("".join(f"{number:8}" for number in FAULTS))
+    for speed in content["rollouts to the k-th fault"]:
+        times = (speed[str(number)] for number in FAULTS)
+        print(f"{speed['density']:13}{speed['arm']:23}", end="")
+        print("".join(f"{time:8.0f}" if time else f"{'–':>8}" for time in times))
+    tests = max(
+        (row[label]["tests"] for row in content["identified"] for label in BASES if row.get(label)), default=0
+    )
+    print(f"\np: Wilcoxon's signed-rank test over worlds, Holm's correction for {tests} tests")
