@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -36,15 +37,13 @@ TUNING = 100  # first seed of the worlds that something may be tuned on; figures
 
 
 def identify(options: argparse.Namespace) -> dict[str, Any]:
-    jobs = [
-        identified.Job(density, seed, tuple(options.arms), tuple(options.budgets), tuple(options.splits))
-        for density in options.densities
-        for seed in range(options.seed, options.seed + options.repeats)
-    ]
-    splits = (
-        identified.splits_of(json.loads(options.tuned.read_text(encoding="utf-8"))) if options.tuned else {}
-    )
-    content = identified.play(jobs, options.workers, splits)
+    tuned = options.tuned and identified.tuned(json.loads(options.tuned.read_text(encoding="utf-8")))
+    jobs = []
+    for policy, density, seed in product(options.policies or [None], options.densities, _seeds(options)):
+        ground = identified.SIMULATOR if policy else density
+        settings = identified.settings(ground, options.arms, options.budgets, options.splits, tuned or {})
+        jobs.append(identified.Job(density, seed, policy, ground, settings))
+    content = identified.play(jobs, options.workers)
     identified.show(content)
     if options.plot:
         plot(content["identified"], options.plot)
@@ -96,7 +95,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
     compared = simulated.simulate(
         options.tasks,
         options.strategies,
-        range(options.seed, options.seed + options.repeats),
+        _seeds(options),
         policy=options.ground,
         budget=options.budget,
         witnesses=options.witnesses,
@@ -110,8 +109,13 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(cases: list[Any], options: argparse.Namespace) -> dict[str, dict[str, list[dict[str, float]]]]:
-    seeds = range(options.seed, options.seed + options.repeats)
-    return results.run(cases, options.strategies, seeds=seeds, budget=options.budget, workers=options.workers)
+    return results.run(
+        cases, options.strategies, seeds=_seeds(options), budget=options.budget, workers=options.workers
+    )
+
+
+def _seeds(options: argparse.Namespace) -> range:
+    return range(options.seed, options.seed + options.repeats)
 
 
 def main() -> None:
@@ -123,6 +127,9 @@ def main() -> None:
         "--arms", nargs="+", choices=arms(), default=list(arms()), metavar="ARM", help=", ".join(arms())
     )
     ground.add_argument("--densities", nargs="+", choices=DENSITIES, default=list(DENSITIES))
+    ground.add_argument(
+        "--policies", nargs="+", help="that get the faults, in the simulator; else no physics"
+    )
     ground.add_argument(
         "--budgets", nargs="+", type=int, default=[150, 300, 600, 1200], help="rollouts in all"
     )

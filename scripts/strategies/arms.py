@@ -4,13 +4,14 @@
 - ``random + triage``: a strategy with a share of the budget, the split, then triage of its failures with the
   rest. With ``shrinking`` instead, certificates and thresholds are free, and need not hold;
 - ``random + attribution``: random scenes, then the attribution of ``causes``; with the split 0, as they come.
+
+A strategy's runs of several budgets are one run, as far as its beginning does not depend on the budget.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from itertools import product
 
 import numpy as np
 
@@ -27,9 +28,10 @@ MOST_IDLE = 50  # batches without a rollout after which a strategy has nothing l
 HUNTING = "causes"
 ATTRIBUTION, TRIAGE, SHRINKING = "random + attribution", "triage", "shrinking"
 RANDOM_TRIAGE = f"random + {TRIAGE}"
-SPLITS = (0.2, 0.3, 0.5, 0.7)  # shares of a budget that search takes
-Courses = dict[tuple[int, float], Course]  # by budget and split
-Play = Callable[[World, Sequence[int], Sequence[float]], Courses]
+SPLITS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)  # shares of a budget that search takes
+Setting = tuple[int, float]  # budget and split
+Courses = dict[Setting, Course]
+Play = Callable[[World, Sequence[Setting]], Courses]
 POPULATIONS = ("nsga2", "nsga2d")  # of a size that depends on the budget
 
 
@@ -86,6 +88,13 @@ def hunt(world: World, strategy: Strategy, budget: int) -> Course:
     return course
 
 
+def splits_of(arm: str, splits: Sequence[float]) -> Sequence[float]:
+    """The splits that make a difference to an arm."""
+    if arm.startswith(HUNTING):
+        return (0.0,)
+    return (0.0, *splits) if arm == ATTRIBUTION else splits
+
+
 def arms() -> dict[str, Play]:
     """What may be compared, by name."""
     searching = [name for name in registry.STRATEGIES if name != HUNTING]
@@ -101,33 +110,34 @@ def arms() -> dict[str, Play]:
     }
 
 
-def _hunt(name: str, world: World, budgets: Sequence[int], splits: Sequence[float]) -> Courses:
-    """A strategy that reports causes: what it does first does not depend on the budget."""
-    strategy = registry.strategy_factory(name)(space_of(world.task), world.seed, max(budgets))
-    course = hunt(world, strategy, max(budgets))
-    return {(budget, 0.0): course for budget in budgets}
+def _hunt(name: str, world: World, settings: Sequence[Setting]) -> Courses:
+    longest = max(budget for budget, _ in settings)
+    course = hunt(world, registry.strategy_factory(name)(space_of(world.task), world.seed, longest), longest)
+    return dict.fromkeys(settings, course)
 
 
-def _attribute(world: World, budgets: Sequence[int], splits: Sequence[float]) -> Courses:
-    """Random scenes and then attribution: budgets with as many random scenes have one run."""
-    space = space_of(world.task)
-    draws = {key: round(key[0] * key[1]) for key in product(budgets, (0.0, *splits))}
-    longest = {number: max(key[0] for key in draws if draws[key] == number) for number in draws.values()}
+def _attribute(world: World, settings: Sequence[Setting]) -> Courses:
+    """Random scenes and then attribution: settings with as many random scenes have one run."""
+    draws = {setting: round(setting[0] * setting[1]) for setting in settings}
     courses = {
-        number: hunt(world, Later(space, world.seed, number), budget) for number, budget in longest.items()
+        number: hunt(
+            world,
+            Later(space_of(world.task), world.seed, number),
+            max(budget for budget, split in settings if round(budget * split) == number),
+        )
+        for number in set(draws.values())
     }
-    return {key: courses[number] for key, number in draws.items()}
+    return {setting: courses[number] for setting, number in draws.items()}
 
 
-def _triage(
-    name: str, world: World, budgets: Sequence[int], splits: Sequence[float], *, certified: bool
-) -> Courses:
-    longest = round(max(budgets) * max(splits))
+def _triage(name: str, world: World, settings: Sequence[Setting], *, certified: bool) -> Courses:
+    searched = {setting: round(setting[0] * setting[1]) for setting in settings}
+    longest = max(searched.values())
     return {
-        (budget, split): _triages(
-            world, name, round(split * budget) if name in POPULATIONS else longest
-        ).course(split, budget, certified=certified)
-        for budget, split in product(budgets, splits)
+        (budget, split): _triages(world, name, rollouts if name in POPULATIONS else longest).course(
+            split, budget, certified=certified
+        )
+        for (budget, split), rollouts in searched.items()
     }
 
 

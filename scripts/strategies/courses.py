@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from strategies.faults import World
+from strategies.faulty import SimulatedWorld
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
 
@@ -19,10 +20,12 @@ class Verdict:
     Attributes:
         faults: whose conditions its smallest failing scene meets.
         exact: there is one, and the operators are the fault's.
+        unplanted: it meets none, but the policy fails there anyway: right or wrong, nobody knows.
     """
 
     faults: tuple[int, ...]
     exact: bool
+    unplanted: bool = False
 
     @property
     def right(self) -> bool:
@@ -49,7 +52,8 @@ class Course:
         return {
             "identified": len(identified(last)),
             "exact": len({verdict.faults for verdict in last if verdict.exact}),
-            "reported": len(last),
+            "reported": sum(not verdict.unplanted for verdict in last),
+            "unplanted": sum(verdict.unplanted for verdict in last),
             "right": len(right),
             "rightly exact": sum(verdict.exact for verdict in last),
             "touched": len(frozenset().union(*touched)),
@@ -75,7 +79,8 @@ def judge(
     """A reported cause beside the truth. ``unnamed``: operators that are never reported."""
     faults = tuple(world.met(scene))
     exact = len(faults) == 1 and frozenset(operators) == world.faults[faults[0]].operators - unnamed
-    return Verdict(faults, exact)
+    unplanted = not faults and isinstance(world, SimulatedWorld) and world.fails_anyway(scene)
+    return Verdict(faults, exact, unplanted)
 
 
 def touched(world: World, tried: Sequence[Tried]) -> frozenset[int]:

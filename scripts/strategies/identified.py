@@ -9,12 +9,14 @@ from itertools import product
 from statistics import median
 from typing import Any
 
-from strategies.arms import ATTRIBUTION, RANDOM_TRIAGE, arms
+from strategies.arms import ATTRIBUTION, RANDOM_TRIAGE, Setting, arms, splits_of
 from strategies.faults import Density, world
+from strategies.faulty import simulated
 from strategies.results import Row, estimate, shown, side_by_side
 from vlafuzz.statistics import holm, mean_estimate, mean_ratio, signed_rank
 
 BASES = {"triage": RANDOM_TRIAGE, "attribution": ATTRIBUTION}
+SIMULATOR = "simulator"
 FAULTS = (1, 2, 4, 6, 8, 10)  # identified, whose rollouts are reported
 
 Splits = Mapping[str, Mapping[str, float]]  # by case and arm
@@ -30,69 +32,81 @@ class Played:
 
 @dataclass(frozen=True)
 class Job:
-    """A world for some arms, at all budgets and splits."""
+    """A world, and the settings in which each arm is played there.
+
+    Attributes:
+        policy: in the simulator; None without physics.
+        ground: the worlds that it is reported with.
+    """
 
     density: Density
     seed: int
-    arms: tuple[str, ...]
-    budgets: tuple[int, ...]
-    splits: tuple[float, ...]
+    policy: str | None
+    ground: str
+    settings: Mapping[str, Sequence[Setting]]
 
-    def play(self) -> dict[str, dict[tuple[int, float], Played]]:
-        known, here = arms(), world(self.density, self.seed)
+    def play(self) -> dict[str, dict[Setting, Played]]:
+        policy, known = self.policy, arms()
+        here = simulated(self.density, self.seed, policy) if policy else world(self.density, self.seed)
         return {
             name: {
                 (budget, split): Played(course.figures(budget), course.times(budget))
-                for (budget, split), course in known[name](here, self.budgets, self.splits).items()
+                for (budget, split), course in known[name](here, settings).items()
             }
-            for name in self.arms
+            for name, settings in self.settings.items()
         }
 
 
-def case(density: str, budget: int) -> str:
-    return f"{density}, {budget} rollouts"
+def case(ground: str, budget: int) -> str:
+    """The name of a case."""
+    return f"{ground}, {budget} rollouts"
 
 
-def play(jobs: Sequence[Job], workers: int, splits: Splits) -> dict[str, Any]:
-    """All figures: rows by density, budget and arm, and rollouts until so many faults are identified.
+def settings(
+    ground: str, names: Sequence[str], budgets: Sequence[int], splits: Sequence[float], tuned: Splits
+) -> dict[str, list[Setting]]:
+    """How each arm is played: with all splits where none is tuned."""
 
-    Args:
-        splits: to be used, where they are given; else the best in the worlds played.
+    def several(name: str, budget: int) -> Sequence[float]:
+        known = tuned.get(case(ground, budget), {}).get(name)
+        return splits_of(name, splits) if known is None else (known,)
+
+    return {
+        name: [(budget, split) for budget in budgets for split in several(name, budget)] for name in names
+    }
+
+
+def play(jobs: Sequence[Job], workers: int) -> dict[str, Any]:
+    """All figures, with the split that is best for an arm and budget in the worlds of a ground.
+
+    Returns:
+        Rows by ground, budget and arm; and rollouts until so many faults are identified.
     """
     played = side_by_side(jobs, Job.play, workers)
     rows, speeds = [], []
-    for density in dict.fromkeys(job.density for job in jobs):
-        worlds = [runs for job, runs in zip(jobs, played, strict=True) if job.density == density]
-        budgets, names = jobs[0].budgets, jobs[0].arms
-        chosen = {
-            (budget, name): _split(worlds, name, budget, splits.get(case(density, budget), {}).get(name))
-            for budget, name in product(budgets, names)
-        }
-        runs = {key: [runs[key[1]][key[0], split] for runs in worlds] for key, split in chosen.items()}
-        rows += [
-            {"case": case(density, budget), "density": density, "rollouts": budget, "arm": name}
-            | {"split": chosen[budget, name]}
-            | _row(runs[budget, name], {label: runs.get((budget, base)) for label, base in BASES.items()})
-            for budget, name in product(budgets, names)
-        ]
-        for name in names:
-            soonest = [
-                _soonest(several) for several in zip(*(runs[budget, name] for budget in budgets), strict=True)
-            ]
-            speeds.append({"density": density, "arm": name} | _speed(soonest))
-    tests = [row[label] for row in rows for label in BASES if row.get(label)]
+    for ground in dict.fromkeys(job.ground for job in jobs):
+        worlds = [runs for job, runs in zip(jobs, played, strict=True) if job.ground == ground]
+        budgets = sorted({budget for runs in worlds[0].values() for budget, _ in runs})
+        chosen = {key: _best(worlds, *key) for key in product(budgets, worlds[0])}
+        runs = {key: [arms[key[1]][key[0], split] for arms in worlds] for key, split in chosen.items()}
+        for (budget, name), split in chosen.items():
+            bases = {label: runs.get((budget, base)) for label, base in BASES.items()}
+            about = {"case": case(ground, budget), "ground": ground, "rollouts": budget}
+            rows.append(about | {"arm": name, "split": split} | _row(runs[budget, name], bases))
+        for name in worlds[0]:
+            soonest = zip(*(runs[budget, name] for budget in budgets), strict=True)
+            speeds.append({"ground": ground, "arm": name} | _speed(list(map(_soonest, soonest))))
+    tests = [row[label] for row in rows for label in BASES if label in row]
     for test, corrected in zip(tests, holm([test["p"] for test in tests]), strict=True):
         test |= {"p_holm": corrected, "tests": len(tests)}
     return {"identified": rows, "rollouts to the k-th fault": speeds}
 
 
-def _split(worlds: Sequence[Any], name: str, budget: int, given: float | None) -> float:
+def _best(worlds: Sequence[Mapping[str, Mapping[Setting, Played]]], budget: int, name: str) -> float:
     """The split with which most faults are identified."""
-    known = [split for of, split in worlds[0][name] if of == budget]
-    if given in known:
-        return given
+    splits = [split for of, split in worlds[0][name] if of == budget]
     return max(
-        known, key=lambda split: sum(runs[name][budget, split].figures["identified"] for runs in worlds)
+        splits, key=lambda split: sum(runs[name][budget, split].figures["identified"] for runs in worlds)
     )
 
 
@@ -103,7 +117,7 @@ def _row(runs: Sequence[Played], bases: Mapping[str, Sequence[Played] | None]) -
         return [run.figures[figure] for run in played]
 
     row: Row = {"runs": of("identified"), "identified": estimate(mean_estimate(of("identified")))}
-    row |= {name: _mean(of(name)) for name in ("exact", "reported", "right", "touched")}
+    row |= {name: _mean(of(name)) for name in ("exact", "reported", "right", "unplanted", "touched")}
     row["precision"] = _share(of("right"), of("reported"))
     row["exact precision"] = _share(of("rightly exact"), of("reported"))
     for label, base in bases.items():
@@ -141,8 +155,8 @@ def _speed(soonest: Sequence[Sequence[float]]) -> Row:
     }
 
 
-def splits_of(content: Mapping[str, Any]) -> Splits:
-    """The splits that were used for figures as ``play`` returns them."""
+def tuned(content: Mapping[str, Any]) -> Splits:
+    """The splits of figures as ``play`` returns them."""
     splits: dict[str, dict[str, float]] = {}
     for row in content["identified"]:
         splits.setdefault(row["case"], {})[row["arm"]] = row["split"]
@@ -171,7 +185,7 @@ def show(content: Mapping[str, Any]) -> None:
     print("".join(f"{number:8}" for number in FAULTS))
     for speed in content["rollouts to the k-th fault"]:
         times = (speed[str(number)] for number in FAULTS)
-        print(f"{speed['density']:13}{speed['arm']:23}", end="")
+        print(f"{speed['ground']:13}{speed['arm']:23}", end="")
         print("".join(f"{time:8.0f}" if time else f"{'–':>8}" for time in times))
     tests = max(
         (row[label]["tests"] for row in content["identified"] for label in BASES if row.get(label)), default=0

@@ -1,4 +1,4 @@
-"""A plot of the faults identified by rollouts, a panel for each density."""
+"""A plot of the faults identified by rollouts, a panel for each ground."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def plot(rows: Sequence[Row], file: Path) -> None:
     """Means with their 95 % intervals, as PNG."""
     from matplotlib.figure import Figure
 
-    densities = list(dict.fromkeys(row["density"] for row in rows))
+    grounds = list(dict.fromkeys(row["ground"] for row in rows))
     names = list(dict.fromkeys(row["arm"] for row in rows))
-    figure = Figure(figsize=(4 * len(densities), 4.6), layout="constrained")
-    panels = figure.subplots(1, len(densities), squeeze=False)[0]
-    for axes, density in zip(panels, densities, strict=True):
-        shown = [row for row in rows if row["density"] == density]
+    figure = Figure(figsize=(4 * len(grounds), 4.6), layout="constrained")
+    panels = figure.subplots(1, len(grounds), squeeze=False)[0]
+    for axes, ground in zip(panels, grounds, strict=True):
+        shown = [row for row in rows if row["ground"] == ground]
         for name in names:
             _draw(axes, [row for row in shown if row["arm"] == name], name)
         budgets = sorted({row["rollouts"] for row in shown})
-        axes.set(xscale="log", xlabel="rollouts, search and triage", title=density)
+        axes.set(xscale="log", xlabel="rollouts, search and triage", title=ground)
         axes.set_xticks(budgets, budgets)
         axes.minorticks_off()
         axes.set_ylim(
@@ -37,7 +37,7 @@ def plot(rows: Sequence[Row], file: Path) -> None:
         plain(axes)
     panels[0].set_ylabel("faults identified")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(densities), frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(grounds), frameon=False)
     figure.savefig(file, dpi=150)
 
 

@@ -1,0 +1,124 @@
+"""Worlds in the simulator: a policy that also has planted faults, of the same kinds as without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
+
+import numpy as np
+
+from strategies.faults import Density, World, space_of, world
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.stored import visible_json
+from vlafuzz.execute.base import evaluate_safely
+from vlafuzz.objects import Catalogue
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Policy
+from vlafuzz.policies.registry import make_policy
+from vlafuzz.scene import Scene
+from vlafuzz.sim.base import Evaluator, make_evaluator
+from vlafuzz.space import load_operators
+from vlafuzz.tasks.base import State
+from vlafuzz.tasks.tabletop import LIFTED
+
+STEADY = 2  # control steps that a lifted object is held before it is let go: the stage counts as reached
+OPEN, CLOSED = 1.0, -1.0  # commands of the built-in policies to the gripper
+LIFT = 1  # the second of three stages
+
+
+@dataclass(frozen=True)
+class SimulatedWorld(World):
+    """A world whose rollouts are the simulator's. ``policy``: that the faults are planted in."""
+
+    policy: str = "expert"
+
+    def evaluate(self, scene: Scene, number: int = 0) -> Outcome:
+        """One rollout, whatever its number: policies and simulator are deterministic."""
+        return evaluate_safely(_evaluator(self), [scene])[0]
+
+    def fails_anyway(self, scene: Scene) -> bool:
+        """Whether the policy fails in a scene without any planted fault."""
+        (outcome,) = evaluate_safely(_evaluator(replace(self, faults=())), [scene])
+        return outcome.verdict is Verdict.FAILED
+
+
+def simulated(density: Density, seed: int, policy: str) -> SimulatedWorld:
+    """The world without physics of that seed, with another policy."""
+    planted = world(density, seed, rate=1.0)
+    return SimulatedWorld(
+        **{field.name: getattr(planted, field.name) for field in fields(World)}, policy=policy
+    )
+
+
+@cache
+def _evaluator(world: SimulatedWorld) -> Evaluator:
+    operators = load_operators()
+    conditions = Conditions(
+        task=world.task,
+        min_distance=operators.min_distance,
+        visible=visible_json(operators.visible),
+        stop_early=True,
+    )
+    policy = Faulty(make_policy(world.policy), world)
+    return make_evaluator(conditions, policy, catalogue=space_of(world.task).catalogue)
+
+
+class Faulty:
+    """Loses the earliest stage of the planted faults whose conditions a scene meets.
+
+    It does not move, or stays where it has grasped, or lets go of what it has lifted.
+    """
+
+    def __init__(self, policy: Policy, world: World) -> None:
+        self.spec = replace(policy.spec, privileged=True)
+        self._policy, self._world = policy, world
+        self._rollouts: dict[str, _Rollout] = {}
+
+    def know(self, catalogue: Catalogue) -> None:
+        """See ``Knowing``."""
+        if isinstance(self._policy, Knowing):
+            self._policy.know(catalogue)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self._rollouts.clear()
+        self._policy.reset(episodes)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [self._act(seen) for seen in observations]
+
+    def close(self) -> None:
+        self._policy.close()
+
+    def _act(self, seen: Observation) -> ActionChunk:
+        known = seen.privileged
+        assert known is not None
+        if seen.episode not in self._rollouts:
+            stages = (self._world.faults[fault].stage for fault in self._world.met(known.scene))
+            height = float(known.state.positions[0, 2])
+            self._rollouts[seen.episode] = _Rollout(min(stages, default=None), height)
+        gripper = self._rollouts[seen.episode].stopped(known.state)
+        if gripper is None:
+            return self._policy.act([seen])[0]
+        return ActionChunk(np.array([[0.0] * 6 + [gripper]]))
+
+
+@dataclass
+class _Rollout:
+    """A rollout of a faulty policy. ``lost``: the stage, if any; ``height``: of the target at the start."""
+
+    lost: int | None
+    height: float
+    lifted: int = 0
+    over: bool = False
+
+    def stopped(self, state: State) -> float | None:
+        """The gripper's command once the policy moves no more; None while it does."""
+        held = state.held == 0
+        raised = held and state.positions[0, 2] - self.height >= LIFTED
+        self.lifted = self.lifted + 1 if raised else 0
+        if self.lost is not None and not self.over:
+            self.over = (True, held, self.lifted > STEADY)[self.lost]
+        if not self.over:
+            return None
+        return CLOSED if self.lost == LIFT else OPEN
