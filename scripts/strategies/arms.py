@@ -10,21 +10,19 @@ A strategy's runs of several budgets are one run, as far as its beginning does n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
 import numpy as np
 
-from strategies.courses import Course, Tried, Verdict, judge, touched
+from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
+from strategies.search import search
 from strategies.triaged import Triages
-from vlafuzz.scoring import Score, score
 from vlafuzz.search import registry
 from vlafuzz.search.base import Genome, Source, Strategy, causes
 from vlafuzz.search.causes.strategy import Causes
 
-BATCH = 16
-MOST_IDLE = 50  # batches without a rollout after which a strategy has nothing left to propose
 HUNTING = "causes"
 ATTRIBUTION, TRIAGE, SHRINKING = "random + attribution", "triage", "shrinking"
 RANDOM_TRIAGE = f"random + {TRIAGE}"
@@ -33,26 +31,6 @@ Setting = tuple[int, float]  # budget and split
 Courses = dict[Setting, Course]
 Play = Callable[[World, Sequence[Setting]], Courses]
 POPULATIONS = ("nsga2", "nsga2d")  # of a size that depends on the budget
-
-
-def search(world: World, strategy: Strategy, budget: int) -> Iterator[list[Tried]]:
-    """The new scenes of every batch that took a rollout; known and invalid scenes cost nothing."""
-    space = space_of(world.task)
-    known: dict[str, Score] = {}
-    spent = idle = 0
-    while spent < budget and idle < MOST_IDLE:
-        proposals = strategy.ask(min(BATCH, budget - spent))
-        scores, tried = [], []
-        for scene in (space.decode(proposal.genome) for proposal in proposals):
-            if scene.digest not in known:
-                known[scene.digest] = score(scene, world.evaluate(scene), space)
-                if known[scene.digest].rolled_out:
-                    tried.append((scene, known[scene.digest]))
-            scores.append(known[scene.digest])
-        strategy.tell(proposals, scores)
-        spent += len(tried)
-        idle = 0 if tried else idle + 1
-        yield tried
 
 
 class Later(Causes):
@@ -77,7 +55,7 @@ def hunt(world: World, strategy: Strategy, budget: int) -> Course:
     """The course of a strategy that reports causes."""
     space, course, spent = space_of(world.task), Course(), 0
     verdicts: dict[tuple[bytes, tuple[str, ...]], Verdict] = {}
-    for tried in search(world, strategy, budget):
+    for tried in search(space, world.evaluate, strategy, budget):
         spent += len(tried)
         course.touched.append((spent, touched(world, tried)))
         reported = [(cause.genome.tobytes(), cause.operators) for cause in causes(strategy)]
@@ -144,5 +122,7 @@ def _triage(name: str, world: World, settings: Sequence[Setting], *, certified: 
 @lru_cache(64)
 def _triages(world: World, name: str, rollouts: int) -> Triages:
     """Of the failures of a strategy's run, shared by its arms."""
-    strategy = registry.strategy_factory(name)(space_of(world.task), world.seed, rollouts)
-    return Triages(world, [pair for batch in search(world, strategy, rollouts) for pair in batch])
+    space = space_of(world.task)
+    strategy = registry.strategy_factory(name)(space, world.seed, rollouts)
+    batches = search(space, world.evaluate, strategy, rollouts)
+    return Triages(world, [pair for batch in batches for pair in batch])

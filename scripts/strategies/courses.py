@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 
 from strategies.faults import World
 from strategies.faulty import SimulatedWorld
+from strategies.search import Tried
 from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
-
-Tried = tuple[Scene, Score]  # a scene that took a rollout
 
 
 @dataclass(frozen=True)
@@ -55,6 +53,7 @@ class Course:
             "reported": sum(not verdict.unplanted for verdict in last),
             "unplanted": sum(verdict.unplanted for verdict in last),
             "right": len(right),
+            "duplicates": len(right) - len(identified(last)),
             "rightly exact": sum(verdict.exact for verdict in last),
             "touched": len(frozenset().union(*touched)),
         }

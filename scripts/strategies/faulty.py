@@ -35,12 +35,13 @@ class SimulatedWorld(World):
 
     def evaluate(self, scene: Scene, number: int = 0) -> Outcome:
         """One rollout, whatever its number: policies and simulator are deterministic."""
-        return evaluate_safely(_evaluator(self), [scene])[0]
+        evaluator, policy = _evaluator(self.policy, self.task)
+        policy.world = self
+        return evaluate_safely(evaluator, [scene])[0]
 
     def fails_anyway(self, scene: Scene) -> bool:
         """Whether the policy fails in a scene without any planted fault."""
-        (outcome,) = evaluate_safely(_evaluator(replace(self, faults=())), [scene])
-        return outcome.verdict is Verdict.FAILED
+        return replace(self, faults=()).evaluate(scene).verdict is Verdict.FAILED
 
 
 def simulated(density: Density, seed: int, policy: str) -> SimulatedWorld:
@@ -52,16 +53,16 @@ def simulated(density: Density, seed: int, policy: str) -> SimulatedWorld:
 
 
 @cache
-def _evaluator(world: SimulatedWorld) -> Evaluator:
-    operators = load_operators()
+def _evaluator(policy: str, task: str) -> tuple[Evaluator, Faulty]:
+    """One for all worlds of a policy."""
+    operators, faulty = load_operators(), Faulty(make_policy(policy))
     conditions = Conditions(
-        task=world.task,
+        task=task,
         min_distance=operators.min_distance,
         visible=visible_json(operators.visible),
         stop_early=True,
     )
-    policy = Faulty(make_policy(world.policy), world)
-    return make_evaluator(conditions, policy, catalogue=space_of(world.task).catalogue)
+    return make_evaluator(conditions, faulty, catalogue=space_of(task).catalogue), faulty
 
 
 class Faulty:
@@ -70,9 +71,10 @@ class Faulty:
     It does not move, or stays where it has grasped, or lets go of what it has lifted.
     """
 
-    def __init__(self, policy: Policy, world: World) -> None:
-        self.spec = replace(policy.spec, privileged=True)
-        self._policy, self._world = policy, world
+    world: World  # with the faults
+
+    def __init__(self, policy: Policy) -> None:
+        self.spec, self._policy = replace(policy.spec, privileged=True), policy
         self._rollouts: dict[str, _Rollout] = {}
 
     def know(self, catalogue: Catalogue) -> None:
@@ -94,7 +96,7 @@ class Faulty:
         known = seen.privileged
         assert known is not None
         if seen.episode not in self._rollouts:
-            stages = (self._world.faults[fault].stage for fault in self._world.met(known.scene))
+            stages = (self.world.faults[fault].stage for fault in self.world.met(known.scene))
             height = float(known.state.positions[0, 2])
             self._rollouts[seen.episode] = _Rollout(min(stages, default=None), height)
         gripper = self._rollouts[seen.episode].stopped(known.state)

@@ -17,6 +17,7 @@ from vlafuzz.statistics import holm, mean_estimate, mean_ratio, signed_rank
 
 BASES = {"triage": RANDOM_TRIAGE, "attribution": ATTRIBUTION}
 SIMULATOR = "simulator"
+HEAD = "split identified (95 %) exact causes twice  precision (95 %) exact touched"
 FAULTS = (1, 2, 4, 6, 8, 10)  # identified, whose rollouts are reported
 
 Splits = Mapping[str, Mapping[str, float]]  # by case and arm
@@ -117,7 +118,9 @@ def _row(runs: Sequence[Played], bases: Mapping[str, Sequence[Played] | None]) -
         return [run.figures[figure] for run in played]
 
     row: Row = {"runs": of("identified"), "identified": estimate(mean_estimate(of("identified")))}
-    row |= {name: _mean(of(name)) for name in ("exact", "reported", "right", "unplanted", "touched")}
+    row |= {
+        name: _mean(of(name)) for name in ("exact", "reported", "right", "duplicates", "unplanted", "touched")
+    }
     row["precision"] = _share(of("right"), of("reported"))
     row["exact precision"] = _share(of("rightly exact"), of("reported"))
     for label, base in bases.items():
@@ -165,29 +168,32 @@ def tuned(content: Mapping[str, Any]) -> Splits:
 
 def show(content: Mapping[str, Any]) -> None:
     """Print the figures as tables."""
-    current = None
+    case = None
     for row in content["identified"]:
-        if row["case"] != current:
-            current = row["case"]
-            print(
-                f"\n{current}\n{'':23}{'split':>5}{'identified (95 %)':>19}{'exact':>6}{'causes':>7}", end=""
-            )
-            print(f"{'precision (95 %)':>18}{'exact':>6}{'touched':>8}", end="")
+        if row["case"] != case:
+            case = row["case"]
+            print(f"\n{case}\n{'':23}{HEAD}", end="")
             print("".join(f"{'ratio to random + ' + label:>32}{'p':>8}" for label in BASES))
-        print(f"{row['arm']:23}{row['split'] or '':>5}{shown(row['identified'], 1):>19}", end="")
-        print(f"{row['exact']:6.1f}{row['reported']:7.1f}{shown(row['precision']):>18}", end="")
-        exactly = row["exact precision"]
-        print(f"{exactly['value'] if exactly else math.nan:6.2f}{row['touched']:8.1f}", end="")
-        for test in (row.get(label) for label in BASES):
-            print(f"{shown(test['ratio']):>32}{test['p_holm']:8.1g}" if test else " " * 40, end="")
-        print()
+        _show_row(row)
     print(f"\nmedian rollouts until so many faults are identified\n{'':36}", end="")
     print("".join(f"{number:8}" for number in FAULTS))
     for speed in content["rollouts to the k-th fault"]:
         times = (speed[str(number)] for number in FAULTS)
         print(f"{speed['ground']:13}{speed['arm']:23}", end="")
         print("".join(f"{time:8.0f}" if time else f"{'–':>8}" for time in times))
-    tests = max(
-        (row[label]["tests"] for row in content["identified"] for label in BASES if row.get(label)), default=0
+    tests = {row[label]["tests"] for row in content["identified"] for label in BASES if label in row}
+    print("\nexact: with the fault's operators; twice: causes that are about the fault of another one")
+    for number in tests:
+        print(f"p: Wilcoxon's signed-rank test over worlds, Holm's correction for {number} tests")
+
+
+def _show_row(row: Row) -> None:
+    exactly = row["exact precision"]
+    print(
+        f"{row['arm']:23}{row['split'] or '':>5}{shown(row['identified'], 1):>18}{row['exact']:6.1f}", end=""
     )
-    print(f"\np: Wilcoxon's signed-rank test over worlds, Holm's correction for {tests} tests")
+    print(f"{row['reported']:7.1f}{row['duplicates']:6.1f}{shown(row['precision']):>18}", end="")
+    print(f"{exactly['value'] if exactly else math.nan:6.2f}{row['touched']:8.1f}", end="")
+    for test in (row.get(label) for label in BASES):
+        print(f"{shown(test['ratio']):>32}{test['p_holm']:8.1g}" if test else " " * 40, end="")
+    print()

@@ -31,9 +31,8 @@ def plot(rows: Sequence[Row], file: Path) -> None:
         axes.set(xscale="log", xlabel="rollouts, search and triage", title=ground)
         axes.set_xticks(budgets, budgets)
         axes.minorticks_off()
-        axes.set_ylim(
-            0, 1.3 * max(row["identified"]["value"] for row in shown) or 1
-        )  # whatever few worlds give
+        highest = max(row["identified"]["value"] for row in shown)
+        axes.set_ylim(0, 1.3 * highest or 1)  # intervals of few worlds may be much higher
         plain(axes)
     panels[0].set_ylabel("faults identified")
     handles, labels = panels[0].get_legend_handles_labels()

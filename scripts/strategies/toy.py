@@ -8,15 +8,14 @@ from functools import cache
 
 import numpy as np
 
+from strategies.search import search
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import Scene
-from vlafuzz.scoring import score
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.sim.toy import Region, Signal, Toy, among, band, near
 from vlafuzz.space import SearchSpace, load_operators
 
 TASK = "pick-up"
-BATCH = 16
 SAMPLES = 20_000  # scenes to measure a region's share with: 100 of them are in a region of 0.5 %
 SHAPES = {
     "box of 3 genes": Region(
@@ -78,20 +77,9 @@ class Planted:
         region = replace(SHAPES[self.shape], width=self.width)
         toy = Toy(region, space.catalogue, min_distance=space.operators.min_distance, signal=self.signal)
         searching = strategy_factory(strategy)(space, seed, budget)
-        known, cells, failures, spent = {}, set(), 0, 0
-        while spent < budget:
-            proposals = searching.ask(min(BATCH, budget - spent))
-            scores = []
-            for scene in (space.decode(proposal.genome) for proposal in proposals):
-                if scene.digest not in known:
-                    (outcome,) = toy.evaluate([scene])
-                    spent += len(outcome.rollouts)
-                    known[scene.digest] = score(scene, outcome, space)
-                    failures += known[scene.digest].failed
-                scores.append(known[scene.digest])
-            cells |= {judged.cell for judged in scores if judged.failed}
-            searching.tell(proposals, scores)
-        return {"cells": len(cells), "failures": failures}
+        batches = search(space, lambda scene: toy.evaluate([scene])[0], searching, budget)
+        failures = [judged for batch in batches for _, judged in batch if judged.failed]
+        return {"cells": len({judged.cell for judged in failures}), "failures": len(failures)}
 
 
 def cases(shares: Sequence[float], signals: Sequence[Signal], seed: int) -> list[Planted]:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 
-from strategies.courses import Course, Tried, Verdict, judge, touched
+from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
+from strategies.search import Tried
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
