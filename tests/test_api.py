@@ -4,7 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz.api import fuzz, triage
+from tests.doubles import Idle
+from tests.triage.planted import CONDITIONS
+from tests.triage.runners import PlantedEvaluator, PlantedRunner
+from vlafuzz import api
+from vlafuzz.api import causes, fuzz, triage
+from vlafuzz.campaign import launch
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.expert import Expert
@@ -35,6 +40,22 @@ def test_an_object_is_fuzzed_and_its_causes_are_found(tmp_path: Path):
     assert (finding.bucket, finding.signature) == ("minimal", "pick-up|grasp|light:dark")
     assert finding.causes[0].startswith("light: fails from intensity × 0.48")
     assert (seen[-1].done, AfraidOfTheDark.closed) == (1, 0)
+
+
+def test_a_run_that_looks_for_causes_certifies_and_gives_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    dark = [CONDITIONS["light"][0]]
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(dark))
+    monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner(dark))
+    run = fuzz(Idle(), budget=40, strategy="causes", store=tmp_path / "a.db")
+    found = causes(run.store)
+    assert "pick-up|grasp|light:dark" in {cause.signature for cause in found.causes}
+    assert found.rollouts > found.certified > 0
+    fuzz(Idle(), budget=40, strategy="causes", store=tmp_path / "a.db", certify=False, seed=1)
+    assert (causes(run.store).run, causes(run.store).certified, causes(run.store, 1)) == (2, 0, found)
+    fuzz(Idle(), budget=2, strategy="random", store=tmp_path / "b.db")
+    assert causes(tmp_path / "b.db") is None
 
 
 def test_its_source_is_part_of_the_conditions(tmp_path: Path):

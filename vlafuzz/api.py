@@ -2,7 +2,12 @@
 
 For example::
 
-    run = fuzz(policy, task="pick-up", budget=100)
+    run = fuzz(policy, task="pick-up", budget=300, strategy="causes")
+    for cause in causes(run.store).causes:
+        print(*cause.conditions, cause.rate, cause.scene)
+
+With another strategy, ``triage`` finds the causes::
+
     for finding in triage(run.store, policy).triaged_findings:
         print(finding.bucket, finding.signature, *finding.causes)
 
@@ -20,6 +25,8 @@ from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
+from vlafuzz.report.causes import CauseList, all_causes
+from vlafuzz.search.base import looks_for_causes
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.triage import pipeline
@@ -28,25 +35,45 @@ from vlafuzz.triage.summary import TriageSummary, summarise
 
 
 def fuzz(
-    policy: Policy | str, *, watch: Callable[[Tally], None] = lambda tally: None, **flags: Any
+    policy: Policy | str,
+    *,
+    certify: bool | None = None,
+    watch: Callable[[Tally], None] = lambda tally: None,
+    **flags: Any,
 ) -> Summary:
-    """Run a campaign; it ends when its budget is spent.
+    """Run a campaign; it ends when its budget is spent, and the causes that it has found are certified.
 
     Args:
         policy: an object, which stays open and works in this process, or a name as on the command line.
+        certify: whether to triage the scenes that show causes; by default if the strategy looks for them.
         watch: called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
     Returns:
-        What the run came to; ``store`` is the path of its store.
+        What the run came to; ``store`` is the path of its store, from which ``causes`` reads the causes.
 
     Raises:
         UsageError: a name, number or file is wrong.
     """
-    if isinstance(policy, str):
-        return launch.start(plan(RunConfig(policy=policy, **flags)), watch)
-    config = RunConfig(policy=f"{OBJECT}{policy.spec.name}", **flags)
-    return launch.start(plan(config, policy=_kept_open(policy)), watch)
+    own = None if isinstance(policy, str) else policy
+    name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
+    planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
+    summary = launch.start(planned, watch)
+    if looks_for_causes(planned.strategy) if certify is None else certify:
+        with Store.open(Path(summary.store), "write") as store:
+            shown = pipeline.cause_findings(store, summary.run)
+            pipeline.triage(store, partial(_runner, Path(summary.store), own), findings=shown)
+    return summary
+
+
+def causes(store: Path | str, run: int | None = None) -> CauseList | None:
+    """The causes that a run has found, by default the last one whose strategy looked for causes.
+
+    None if there is no such run.
+    """
+    with Store.open(Path(store)) as opened:
+        lists = [one for one in all_causes(opened) if run in (None, one.run)]
+    return lists[-1] if lists else None
 
 
 def triage(

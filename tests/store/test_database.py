@@ -308,7 +308,7 @@ def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
     written(path)
     set_back(path, 1, "DROP TABLE triage", *TIMES)
     with Store.open(path, "write") as store:
-        assert (len(store.findings()), store.triaged()) == (30, [])
+        assert (len(store.findings()), store.triaged(), store.causes(1)) == (30, [], None)
         told = {(run.manifest.packs, run.manifest.robot, run.manifest.placement) for run in store.runs()}
         assert {(run.manifest.scene_file, run.manifest.source) for run in store.runs()} == {("", "")}
         assert told == {("[]", "panda", "resting")}

@@ -14,9 +14,9 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.phrasing import describe
 from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Triaged, Trial
+from vlafuzz.store.records import Attribution, FoundCause, Triaged, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import Progress, triage
+from vlafuzz.triage.pipeline import Progress, cause_findings, triage
 from vlafuzz.triage.summary import summarise
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
@@ -201,6 +201,15 @@ def test_with_a_limit_every_cell_has_its_turn(tmp_path: Path):
             )
         chosen = [each.scene for each in triaged(store, PlantedRunner([TILTED]), limit=4)]
     assert set(chosen) == {failing[0], failing[1], failing[3], failing[4]}
+
+
+def test_findings_that_show_causes_come_first(store):
+    opened = store(scenes([TILTED], 4))
+    shown = [opened.findings()[index].scene for index in (3, 1)]
+    causes = [FoundCause(scene, ("camera-orientation",), 1) for scene in shown]
+    opened.keep_causes(1, Attribution((FoundCause(None, ("light",), 1), *causes)))
+    assert [finding.scene for finding in cause_findings(opened, 1)] == shown
+    assert [each.scene for each in triaged(opened, PlantedRunner([TILTED]), limit=2)] == shown
 
 
 class Broken(PlantedRunner):

@@ -22,13 +22,18 @@ from vlafuzz.cli.flags import (
     listed,
     opened,
 )
-from vlafuzz.cli.output import Bar, interruptible, print_json
+from vlafuzz.cli.output import Bar, interruptible, print_json, stdout
 from vlafuzz.errors import PolicyError, VlafuzzError
+from vlafuzz.text import plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.results import Beside
     from vlafuzz.campaign.tally import Summary
+    from vlafuzz.report.causes import CauseList
+
+# The keys of ``CauseList.document`` for a strategy that does not look for causes.
+_NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
 
 def command(
@@ -82,6 +87,14 @@ def command(
     triage: Annotated[
         bool, typer.Option("--triage", help="Then triage the store, as `vlafuzz triage` does.")
     ] = False,
+    certify: Annotated[
+        bool | None,
+        typer.Option(
+            "--certify/--no-certify",
+            help="Then triage the scenes that show the causes found.",
+            show_default="with strategy causes",
+        ),
+    ] = None,
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="Skip the check whether the policy sees, hears and moves.")
     ] = False,
@@ -90,7 +103,7 @@ def command(
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
     ] = False,
 ) -> None:
-    """Fuzz a policy: find scenes in which it fails.
+    """Fuzz a policy: find scenes in which it fails, and with strategy causes why.
 
     Runs are kept in a store, by default runs/<task>-<policy>-<strategy>-<seed>.db. Scenes that a store knows
     are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
@@ -99,9 +112,9 @@ def command(
     from vlafuzz.campaign import config
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
-    from vlafuzz.cli.triage import triage_store
+    from vlafuzz.cli.triage import print_causes
     from vlafuzz.diagnostics.before_run import checked_plan
-    from vlafuzz.search.base import about
+    from vlafuzz.search.base import about, looks_for_causes
 
     values = {
         "task": task,
@@ -136,10 +149,19 @@ def command(
     beside, strategy_about = _beside_random(summary), about(plan.strategy)
     if not json:
         print_summary(summary, beside, strategy_about)
-    triaged = triage_store(Path(summary.store), workers=workers or 1, show=not json) if triage else None
+    certifying = looks_for_causes(plan.strategy) if certify is None else certify
+    triaged = _triage(plan, summary, everything=triage, show=not json) if triage or certifying else None
+    found = _causes(summary)
     if json:
         document = asdict(summary) | {"about": strategy_about, "random": asdict(beside) if beside else None}
-        print_json(document | ({"triage": triaged} if triaged else {}))
+        document |= found.document() if found else _NO_CAUSES
+        print_json(document | ({"triage": triaged} if triage else {}))
+    elif found:
+        print_causes(found)
+    elif summary.findings and not triage:
+        command = shlex.join(["vlafuzz", "triage", summary.store])
+        failures = plural(summary.findings, "failure")
+        stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
     if summary.stopped:
         Bar.note(f"stopped: {summary.stopped}")
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
@@ -168,6 +190,33 @@ def _start(plan: Plan) -> Summary:
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
+
+
+def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> dict[str, Any]:
+    """Triage all findings of the store, or only those that show causes of the run."""
+    from vlafuzz.cli.triage import triage_store
+    from vlafuzz.policies.registry import is_shared
+
+    found = None if everything else _causes(summary)
+    if found and found.found:
+        count = plural(found.found, "cause")
+        Bar.note(f"certifying {count}, about 100 rollouts each; --no-certify leaves this out")
+    # Triage makes a policy in each of its processes, which are on this machine.
+    alone = plan.place.kind == "ray" or is_shared(plan.manifest.policy)
+    return triage_store(
+        Path(summary.store),
+        workers=1 if alone else plan.place.workers,
+        causes_of=None if everything else summary.run,
+        show=everything and show,
+    )
+
+
+def _causes(summary: Summary) -> CauseList | None:
+    from vlafuzz.report.causes import causes_of
+    from vlafuzz.store.store import Store
+
+    with Store.open(Path(summary.store)) as store:
+        return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
 
 
 def _beside_random(summary: Summary) -> Beside | None:

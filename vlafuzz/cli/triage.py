@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
+    from vlafuzz.report.causes import CauseList
     from vlafuzz.triage.summary import TriageSummary
 
 
@@ -43,20 +44,38 @@ def command(
         check_number(name, value, 1)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
+    from vlafuzz.report.causes import all_causes
+    from vlafuzz.store.store import Store
+
     result = triage_store(store, max_rollouts, limit, workers, show=not json)
+    with Store.open(store) as opened:
+        found = all_causes(opened)
     if json:
-        print_json(result)
+        print_json(result | {"runs": [{"run": one.run, **one.document()} for one in found]})
+        return
+    for one in found:
+        print_causes(one)
 
 
 def triage_store(
-    store: Path, max_rollouts: int | None = None, limit: int | None = None, workers: int = 1, *, show: bool
+    store: Path,
+    max_rollouts: int | None = None,
+    limit: int | None = None,
+    workers: int = 1,
+    *,
+    causes_of: int | None = None,
+    show: bool,
 ) -> dict[str, Any]:
-    """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed."""
+    """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed.
+
+    Args:
+        causes_of: a run: only the findings that show its causes.
+    """
     again = shlex.join(["vlafuzz", "triage", str(store)])
     with interruptible(
         f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
     ) as bar:
-        summary, unjudged = _triage(store, max_rollouts, limit, workers, bar)
+        summary, unjudged = _triage(store, max_rollouts, limit, workers, causes_of, bar)
     if show:
         _print(summary)
     if unjudged:
@@ -66,23 +85,30 @@ def triage_store(
 
 
 def _triage(
-    store: Path, max_rollouts: int | None, limit: int | None, workers: int, bar: Bar
+    store: Path,
+    max_rollouts: int | None,
+    limit: int | None,
+    workers: int,
+    causes_of: int | None,
+    bar: Bar,
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import triage
+    from vlafuzz.triage.pipeline import cause_findings, triage
     from vlafuzz.triage.scene_runner import runner_of_run
     from vlafuzz.triage.summary import summarise
 
+    noun = "findings" if causes_of is None else "causes"
     Store.open(store).close()  # to write, an empty file would be made a store
     with Store.open(store, "write") as opened:
         unjudged = triage(
             opened,
             partial(runner_of_run, store, note=Bar.note),
+            findings=None if causes_of is None else cause_findings(opened, causes_of),
             max_rollouts=max_rollouts,
             limit=limit,
             workers=workers,
-            watch=lambda now: bar.progress(f"findings, {now.rollouts} rollouts", now.done, now.findings),
+            watch=lambda now: bar.progress(f"{noun}, {now.rollouts} rollouts", now.done, now.findings),
         )
         return summarise(opened), unjudged
 
@@ -109,6 +135,15 @@ def _print(summary: TriageSummary) -> None:
     if summary.signatures:
         bugs = [{"signature": name, "findings": count} for name, count in summary.signatures.items()]
         print_rows(bugs, title="bugs")
+
+
+def print_causes(found: CauseList) -> None:
+    """Print the causes of a run as a table, and what is known beside them."""
+    table = found.table
+    if table.rows:
+        print_rows(table.rows, title=table.title)
+    for sentence in found.sentences:
+        stdout().print(sentence, soft_wrap=True)
 
 
 def _share(count: int, of: int) -> str:

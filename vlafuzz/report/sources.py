@@ -4,11 +4,13 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 from vlafuzz.conditions.place import by_place, in_words
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
+from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.view import (
     SHARES,
@@ -33,7 +35,7 @@ def view_of_store(store: Store) -> View:
     """The runs, and the findings with the results of triage."""
     runs, counts, summary = store.runs(), count(store), summarise(store)
     manifests = tuple(run.manifest for run in runs)
-    triaged = store.triaged()
+    triaged, causes = store.triaged(), all_causes(store)
     shrunk = (row for row in triaged if row.shrunk is not None and row.bucket != "base")
     return View(
         title=title_of(manifests),
@@ -45,7 +47,8 @@ def view_of_store(store: Store) -> View:
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
-        cards=in_order(_merged(_cards(store, runs, triaged))),
+        causes=tuple(one.table for one in causes),
+        cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
     )
 
 
@@ -146,6 +149,13 @@ def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Ite
             yield card_of_finding(store.path, finding, run, spaces.of(run))
         else:
             yield card_of_triaged(store.path, row, finding, run, spaces.of(run))
+
+
+def _causes_first(cards: Sequence[Card], lists: Sequence[CauseList]) -> tuple[Card, ...]:
+    """The cards of causes, in the order of their lists, then the others."""
+    digests = [digest for one in lists for cause in one.causes for digest in cause.found]
+    ranks = {digest: rank for rank, digest in reversed(list(enumerate(digests)))}
+    return tuple(sorted(cards, key=lambda card: min(ranks.get(name, inf) for name in card.findings)))
 
 
 def _merged(cards: Iterable[Card]) -> Iterable[Card]:

@@ -91,6 +91,24 @@ class Deviation:
     fails_from: str = ""
 
 
+@dataclass(frozen=True)
+class Table:
+    """Rows with the same keys, which are the column heads; the first column names the row."""
+
+    title: str
+    rows: Sequence[Mapping[str, object]]
+    says: str = ""
+
+    @property
+    def columns(self) -> Mapping[str, bool]:
+        """Column heads, and whether the column holds numbers."""
+        return {head: all(_is_number(row[head]) for row in self.rows) for head in self.rows[0]}
+
+
+def _is_number(value: object) -> bool:
+    return str(value).startswith(tuple("–0123456789"))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Card:
     """A failure in the gallery.
@@ -156,7 +174,8 @@ class View:
     Attributes:
         headline: the result in a sentence.
         todo: next steps, each a sentence and the command.
-        cards: ordered by evidence, most first, then by signature.
+        causes: those of each run whose strategy looks for them.
+        cards: those of causes, then the others, by evidence, most first, and by signature.
         notes: caveats, in sentences.
     """
 
@@ -170,6 +189,7 @@ class View:
     charts: tuple[Chart, ...]
     operators: tuple[OperatorRow, ...]
     cards: tuple[Card, ...]
+    causes: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -235,24 +255,6 @@ class Picture:
     title: str
     png: bytes
     says: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows with the same keys, which are the column heads; the first column names the row."""
-
-    title: str
-    rows: Sequence[Mapping[str, object]]
-    says: str = ""
-
-    @property
-    def columns(self) -> Mapping[str, bool]:
-        """Column heads, and whether the column holds numbers."""
-        return {head: all(_is_number(row[head]) for row in self.rows) for head in self.rows[0]}
-
-
-def _is_number(value: object) -> bool:
-    return str(value).startswith(tuple("–0123456789"))
 
 
 @dataclass(frozen=True, kw_only=True)

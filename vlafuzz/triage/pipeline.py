@@ -34,8 +34,8 @@ def triage(
 ) -> int:
     """Triage every finding that was not triaged yet; each result is stored at once.
 
-    Under a limit, the first finding of every cell comes before the second of any, as it is more likely to
-    have another cause.
+    Under a limit, findings that show causes come first, and the first finding of every other cell before the
+    second of any, as it is more likely to have another cause.
 
     Args:
         runner: makes a scene runner for the findings of a run; picklable where there are several workers.
@@ -53,10 +53,11 @@ def triage(
         SimulatorError: a worker died.
     """
     done = {triaged.key for triaged in store.triaged()}
-    ordered = _cells_first(store.findings() if findings is None else findings)
+    runs = {run.id: run for run in store.runs()}
+    causes = [finding.key for run in runs for finding in cause_findings(store, run)]
+    ordered = _causes_first(store.findings() if findings is None else findings, causes)
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
-    runs = {run.id: run for run in store.runs()}
     jobs = [
         Job(runs[number], list(several), max_rollouts, store.passing(number))
         for number, several in groupby(todo, lambda finding: finding.run)
@@ -110,7 +111,18 @@ def _in_processes(make: Make, jobs: Sequence[Job], workers: int) -> Iterator[Tri
             threads.shutdown(cancel_futures=True)
 
 
-def _cells_first(findings: Sequence[Finding]) -> list[Finding]:
-    """Findings sorted: the first of each cell, then the second ones, and so on."""
+def cause_findings(store: Store, run: int) -> list[Finding]:
+    """The findings that show the causes of a run, in order of rank."""
+    attribution = store.causes(run)
+    if attribution is None:
+        return []
+    findings = {finding.scene: finding for finding in store.findings(run)}
+    scenes = dict.fromkeys(cause.scene for cause in attribution.causes)
+    return [findings[scene] for scene in scenes if scene in findings]
+
+
+def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]) -> list[Finding]:
+    """Findings sorted: those of causes, by their keys, then the first of each cell, the second, and so on."""
     number: defaultdict[str, Iterator[int]] = defaultdict(count)
-    return sorted(findings, key=lambda finding: next(number[finding.cell]))
+    ranks = {key: rank - len(causes) for rank, key in enumerate(causes)}
+    return sorted(findings, key=lambda finding: ranks.get(finding.key, next(number[finding.cell])))

@@ -1,0 +1,79 @@
+"""``vlafuzz run`` with a strategy that looks for causes ends with them."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.triage.planted import CONDITIONS
+from tests.triage.runners import PlantedEvaluator, PlantedRunner
+from vlafuzz.campaign import launch
+from vlafuzz.cli import main
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner
+
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
+RUN = ("run", "--policy", "python:tests.doubles:make_idle", "--unchecked", "--store", "a.db")
+CAUSES = (*RUN, "--strategy", "causes", "--budget", "60")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Runs happen in a folder of their own, without a simulator: policies fail in the dark, or if tilted."""
+    faults = [lambda scene: DARK(scene) or TILTED(scene)]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(faults))
+    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner(faults))
+    return tmp_path
+
+
+def test_a_run_prints_its_causes_with_thresholds_and_what_certifying_them_took(
+    capsys: pytest.CaptureFixture[str],
+):
+    assert main([*CAUSES]) == 0
+    shown = capsys.readouterr().out
+    assert "light (dark): fails from intensity × 0." in shown
+    assert "camera-orientation (+yaw): fails from yaw 2." in shown
+    assert re.search(r"\d+ more rollouts certified \d+ of \d+ causes", shown)
+    assert "unexplained failures: " in shown
+
+
+def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
+    capsys: pytest.CaptureFixture[str],
+):
+    assert main([*CAUSES, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    causes = {cause["signature"]: cause for cause in printed["causes"]}
+    assert causes.keys() >= {"pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw"}
+    first = causes["pick-up|grasp|light:dark"]
+    assert (first["bucket"], first["lost_stage"], first["witness"]) == ("minimal", "grasp", "seeing")
+    assert first["rate"]["failures"] == first["rate"]["rollouts"] >= 5
+    assert (first["share"], printed["probability"]) == (None, None)
+    certification = printed["certification"]
+    assert 2 <= certification["certified"] <= certification["causes"]
+    with Store.open(Path("a.db")) as store:
+        assert certification["rollouts"] == sum(row.policy_rollouts for row in store.triaged())
+        assert {row.scene for row in store.triaged()} == {one.scene for one in store.causes(1).causes}
+    assert main(["triage", "a.db", "--limit", "1", "--json"]) == 0
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    assert run["causes"] == printed["causes"]
+    assert main(["report", "a.db", "--no-videos", "--out", "a.html"]) == 0
+    assert "light (dark): fails from intensity" in Path("a.html").read_text()
+
+
+def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pytest.CaptureFixture[str]):
+    assert main([*CAUSES, "--no-certify"]) == 0
+    shown = capsys.readouterr().out
+    assert "not triaged" in shown
+    assert "more rollouts" not in shown
+    assert main(["triage", "a.db", "--limit", "1"]) == 0
+    assert "certified 1 of " in capsys.readouterr().out
+
+
+def test_after_another_strategy_triage_finds_the_causes(capsys: pytest.CaptureFixture[str]):
+    assert main([*RUN, "--strategy", "random", "--budget", "10"]) == 0
+    assert "failures; `vlafuzz triage a.db` finds their causes" in capsys.readouterr().out
+    assert main([*RUN, "--strategy", "random", "--budget", "10", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert [printed[key] for key in ("causes", "unexplained", "probability", "certification")] == [None] * 4

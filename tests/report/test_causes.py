@@ -1,0 +1,129 @@
+"""The causes of a run as a list, before and after triage."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed
+from tests.report.stores import MANIFEST
+from tests.triage.planted import CONDITIONS, SPACE, Planted
+from tests.triage.runners import PlantedRunner
+from vlafuzz.probability import Probability
+from vlafuzz.report.causes import CauseList, causes_of
+from vlafuzz.report.page import render
+from vlafuzz.report.sources import view_of_store
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Attribution, FoundCause, Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import cause_findings, triage
+
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
+SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)
+
+
+def only(operator: str, seed: int) -> Scene:
+    """A failing scene in which no other operator is off nominal."""
+    condition = CONDITIONS[operator][0]
+    scene = Planted([condition]).finding(seed)
+    others = [name for name in SPACE.severities(scene) if name not in (operator, "target-type")]
+    return SPACE.reset(scene, others)
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """A run with a finding for each of three causes: tilted, dark, tilted again; and one of no cause."""
+    tilted, dark, tilted_too = only("camera-orientation", 0), only("light", 1), only("camera-orientation", 2)
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(MANIFEST)
+        for proposal, scene in enumerate((Planted([DARK]).finding(9), tilted, dark, tilted_too)):
+            kept = Trial(
+                proposal=proposal, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0"
+            )
+            opened.add(1, kept)
+        causes = (
+            FoundCause(tilted, ("camera-orientation",), 5),
+            FoundCause(dark, ("light",), 4),
+            FoundCause(tilted_too, ("camera-orientation",), 2),
+        )
+        opened.keep_causes(1, Attribution(causes, 3))
+        yield opened
+
+
+def certified(store: Store, *conditions) -> CauseList:
+    """The causes after triage of a policy that fails where one of the conditions holds."""
+    runner = PlantedRunner([lambda scene: any(condition(scene) for condition in conditions)])
+    triage(store, lambda run: runner, findings=cause_findings(store, 1))
+    return listed(store)
+
+
+def listed(store: Store) -> CauseList:
+    found = causes_of(store, store.runs()[0])
+    assert found is not None
+    return found
+
+
+def test_before_triage_causes_are_listed_as_the_strategy_found_them(store: Store):
+    found = listed(store)
+    assert [cause.failures for cause in found.causes] == [5, 4, 2]
+    assert {cause.bucket for cause in found.causes} == {"observed"}
+    assert found.causes[1].conditions[0].startswith("light: × 0.")
+    assert found.sentences == ("unexplained failures: 3",)
+
+
+def test_causes_with_one_certified_signature_are_one(store: Store):
+    found = certified(store, TILTED, DARK)
+    tilted, dark = found.causes
+    assert (tilted.failures, dark.failures) == (7, 4)
+    assert tilted.signature == "pick-up|grasp|camera-orientation:+yaw"
+    assert tilted.conditions[0].startswith("camera-orientation (+yaw): fails from yaw 2.")
+    assert dark.conditions[0].startswith("light (dark): fails from intensity × 0.")
+    assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 5, "seeing")
+    more = f"{found.rollouts} more rollouts certified 3 of 3 causes, 2 of them distinct"
+    assert found.sentences == (more, "unexplained failures: 3")
+
+
+def test_a_certified_cause_names_its_minimal_scene(store: Store):
+    found = certified(store, TILTED, DARK)
+    assert all(TILTED(store.scene(cause.scene)) or DARK(store.scene(cause.scene)) for cause in found.causes)
+
+
+def test_a_cause_that_is_not_confirmed_is_listed_last_and_says_so(store: Store):
+    found = certified(store, DARK)
+    assert [cause.row()["evidence"] for cause in found.causes] == [
+        "certified",
+        "not confirmed: flaky",
+        "not confirmed: flaky",
+    ]
+    assert (found.certified, found.found) == (1, 3)
+
+
+def test_shares_rank_and_are_shown_where_they_are_known(store: Store):
+    assert "share" not in listed(store).table.columns
+    rare = FoundCause(only("camera-orientation", 0), ("camera-orientation",), 9)
+    shared = FoundCause(only("light", 1), ("light",), 1, SHARE)
+    store.keep_causes(1, Attribution((rare, shared), 0, PROBABILITY))
+    found = listed(store)
+    assert [row["share"] for row in found.table.rows] == ["20% (15–26%)", "–"]
+    assert found.sentences[-1] == "failure probability of random scenes: 40% (30–50%)"
+    document = found.document()
+    assert document["causes"][0]["share"] == {"value": 0.2, "low": 0.15, "high": 0.26}
+    assert document["probability"] == {"value": 0.4, "low": 0.3, "high": 0.5}
+
+
+def test_a_cause_that_no_stored_failure_shows_is_listed_with_the_reason(store: Store):
+    store.keep_causes(1, Attribution((FoundCause(None, ("wording", "light"), 1),)))
+    (cause,) = listed(store).causes
+    assert (cause.conditions, cause.scene) == (("wording", "light"), None)
+    assert cause.detail == "no stored failure has these operators alone"
+
+
+def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Store):
+    found = certified(store, TILTED, DARK)
+    triage(store, lambda run: PlantedRunner([DARK]))
+    view = view_of_store(store)
+    page = render(view)
+    assert page.index("Causes of run 1") < page.index("Summary") < page.index("Findings")
+    assert "light (dark): fails from intensity" in page
+    shown = [digest for cause in found.causes for digest in cause.found]
+    assert {digest for card in view.cards[:3] for digest in card.findings} >= set(shown)
+    assert view.cards[0].findings[0] in found.causes[0].found

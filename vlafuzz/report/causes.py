@@ -1,0 +1,236 @@
+"""The causes of a run as a list: what its strategy found, and what triage says of the scenes that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from vlafuzz.evidence import Rate, Solver
+from vlafuzz.probability import Probability
+from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
+from vlafuzz.report.view import Card, Table
+from vlafuzz.space.operators import TargetType
+from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
+from vlafuzz.store.store import Store
+from vlafuzz.text import count_of, interval, percent, plural
+
+# Buckets in words, those of causes that are not confirmed last.
+EVIDENCE: Mapping[str, str] = {
+    "minimal": "certified",
+    "witnessed": "confirmed",
+    "base": "confirmed",
+    "unproven": "confirmed, but the expert fails, too",
+    "observed": "not triaged",
+    "edge": "not confirmed: edge",
+    "flaky": "not confirmed: flaky",
+}
+_UNCONFIRMED = ("edge", "flaky")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedCause:
+    """A cause in words; those with the same certified signature are one.
+
+    Attributes:
+        conditions: one for each operator: the range that fails, or its value in ``scene``.
+        bucket: of the scene after triage, ``observed`` before it.
+        share: of random scenes that fail for this reason; of several causes in one the largest.
+        failures: of the run that it explains.
+        rate: how often the policy fails around ``scene``.
+        witness: who solves ``scene``.
+        scene: digest of the minimal scene, or without one of the failure that shows the cause.
+        found: digests of the failures that show it.
+        detail: the evidence, in a sentence.
+    """
+
+    conditions: tuple[str, ...]
+    lost_stage: str | None = None
+    share: Probability | None = None
+    failures: int
+    bucket: str = "observed"
+    signature: str | None = None
+    rate: Rate | None = None
+    witness: Solver | None = None
+    scene: str | None = None
+    found: tuple[str, ...] = ()
+    detail: str
+
+    def row(self) -> dict[str, object]:
+        """The columns of a table."""
+        rate = self.rate
+        return {
+            "cause": "\n".join(self.conditions),
+            "loses": self.lost_stage or "–",
+            "explains": self.failures,
+            "share": _estimate(self.share) if self.share else "–",
+            "evidence": EVIDENCE[self.bucket],
+            "fails": count_of(rate.failures, rate.rollouts, rate.low, rate.high) if rate else "–",
+            "solved by": self.witness or "–",
+            "scene": self.scene[:12] if self.scene else "–",
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseList:
+    """The causes of a run: confirmed ones first, then by share of random scenes, else by failures explained.
+
+    Attributes:
+        unexplained: failures of the run for which no cause was found.
+        probability: that the policy fails in a random scene; None if unknown.
+        found: number of causes before those with the same signature became one; ``certified`` of them are.
+        rollouts: of the policy, to triage their scenes; not part of the run's budget.
+    """
+
+    run: int
+    causes: tuple[ListedCause, ...]
+    unexplained: int
+    probability: Probability | None
+    found: int
+    certified: int
+    rollouts: int
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All but the causes themselves."""
+        found = [] if self.causes else ["no cause was found"]
+        if self.rollouts:
+            distinct = sum(cause.bucket == "minimal" for cause in self.causes)
+            same = "" if distinct == self.certified else f", {distinct} of them distinct"
+            of = plural(self.found, "cause")
+            found.append(f"{plural(self.rollouts, 'more rollout')} certified {self.certified} of {of}{same}")
+        found.append(f"unexplained failures: {self.unexplained}")
+        if self.probability:
+            found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
+        return tuple(found)
+
+    @property
+    def table(self) -> Table:
+        """The causes; the share is left out where none is known."""
+        rows = [cause.row() for cause in self.causes]
+        if not any(cause.share for cause in self.causes):
+            rows = [{head: value for head, value in row.items() if head != "share"} for row in rows]
+        says = "; ".join(self.sentences)
+        return Table(f"Causes of run {self.run}", rows, f"{says[0].upper()}{says[1:]}.")
+
+    def document(self) -> dict[str, Any]:
+        """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""
+        return {
+            "causes": [asdict(cause) | {"share": _named(cause.share)} for cause in self.causes],
+            "unexplained": self.unexplained,
+            "probability": _named(self.probability),
+            "certification": {
+                "causes": self.found,
+                "certified": self.certified,
+                "rollouts": self.rollouts,
+            },
+        }
+
+
+def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList | None:
+    """The causes of a run; None if its strategy does not look for causes."""
+    kept = store.causes(run.id)
+    if kept is None:
+        return None
+    findings = {finding.scene: finding for finding in store.findings(run.id)}
+    keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
+    triaged = {row.scene: row for row in store.triaged() if row.key in keys}
+    maker = _Maker(store, run, spaces or Spaces(store.path))
+    merged: dict[object, ListedCause] = {}
+    for number, cause in enumerate(kept.causes):
+        finding = findings.get(cause.scene) if cause.scene else None
+        listed = maker.make(cause, finding, triaged.get(cause.scene) if cause.scene else None)
+        certain = listed.bucket in ("minimal", "base")
+        key = (listed.signature, _target_types(cause)) if certain else number
+        merged[key] = _united(merged[key], listed) if key in merged else listed
+    return CauseList(
+        run=run.id,
+        causes=tuple(sorted(merged.values(), key=_rank)),
+        unexplained=kept.unexplained,
+        probability=kept.probability,
+        found=len(kept.causes),
+        certified=sum(
+            cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes
+        ),
+        rollouts=sum(row.policy_rollouts for row in triaged.values()),
+    )
+
+
+def all_causes(store: Store) -> tuple[CauseList, ...]:
+    """The causes of every run whose strategy looks for them."""
+    spaces = Spaces(store.path)
+    lists = (causes_of(store, run, spaces) for run in store.runs())
+    return tuple(one for one in lists if one is not None)
+
+
+class _Maker:
+    def __init__(self, store: Store, run: Run, spaces: Spaces) -> None:
+        self._path, self._run, self._spaces = store.path, run.manifest, spaces
+
+    def make(self, cause: FoundCause, finding: Finding | None, triaged: Triaged | None) -> ListedCause:
+        if finding is None:
+            detail = "no stored failure has these operators alone"
+            return ListedCause(
+                conditions=cause.operators, share=cause.share, failures=cause.failures, detail=detail
+            )
+        card, rate = self._card(finding, triaged), None
+        if triaged:
+            rate = triaged.certified if card.bucket == "minimal" else triaged.rate
+        return ListedCause(
+            conditions=_conditions(cause, card),
+            lost_stage=card.lost_stage,
+            share=cause.share,
+            failures=cause.failures,
+            bucket=card.bucket,
+            signature=card.signature or None,
+            rate=rate,
+            witness=card.witness.solver if card.witness else None,
+            scene=card.scene.digest,
+            found=card.findings,
+            detail=card.detail,
+        )
+
+    def _card(self, finding: Finding, triaged: Triaged | None) -> Card:
+        about = finding, self._run, self._spaces.of(self._run)
+        if triaged is None:
+            return card_of_finding(self._path, *about)
+        return card_of_triaged(self._path, triaged, *about)
+
+
+def _conditions(cause: FoundCause, card: Card) -> tuple[str, ...]:
+    """What it takes, in words: of a certified cause what is left, else what the strategy blames."""
+    types, certified = ", ".join(_target_types(cause)), card.bucket == "minimal"
+    # Triage never replaces a target.
+    parts = [f"{TargetType.name}: {types}" + " (not certified)" * certified] if types else []
+    if card.bucket == "base":
+        return (*parts, "fails at nominal")
+    directions = {one.operator: f" ({one.direction})" for one in card.causes.thresholds if one.direction}
+    for part in card.deviations:
+        if part.operator in (card.operators if certified else cause.operators):
+            name = part.operator + directions.get(part.operator, "")
+            parts.append(f"{name}: {part.fails_from or part.value}")
+    return tuple(parts) or cause.operators
+
+
+def _target_types(cause: FoundCause) -> tuple[str, ...]:
+    """The objects that the instruction names, where they are part of the cause."""
+    if cause.scene is None or TargetType.name not in cause.operators:
+        return ()
+    return tuple(target.object.replace("_", " ") for target in cause.scene.targets)
+
+
+def _united(one: ListedCause, other: ListedCause) -> ListedCause:
+    first, second = sorted((one, other), key=_rank)
+    return replace(first, failures=one.failures + other.failures, found=first.found + second.found)
+
+
+def _rank(cause: ListedCause) -> tuple[bool, float, int]:
+    return (cause.bucket in _UNCONFIRMED, -cause.share.value if cause.share else 0.0, -cause.failures)
+
+
+def _estimate(estimate: Probability) -> str:
+    return f"{percent(estimate.value)} ({interval(estimate.low, estimate.high)})"
+
+
+def _named(estimate: Probability | None) -> dict[str, float] | None:
+    return estimate._asdict() if estimate else None
