@@ -118,9 +118,10 @@ def test_a_cause_that_no_stored_failure_shows_is_listed_with_the_reason(store: S
 
 
 def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Store):
+    assert view_of_store(store).todo
     found = certified(store, TILTED, DARK)
-    triage(store, lambda run: PlantedRunner([DARK]))
     view = view_of_store(store)
+    assert not view.todo
     page = render(view)
     assert page.index("Causes of run 1") < page.index("Summary") < page.index("Findings")
     assert "light (dark): fails from intensity" in page

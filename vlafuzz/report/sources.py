@@ -42,7 +42,7 @@ def view_of_store(store: Store) -> View:
         source=str(store.path),
         headline=_headline(counts, summary),
         facts=_facts(runs, counts, summary),
-        todo=_todo(store.path, summary),
+        todo=() if _explained(runs, causes) else _todo(store.path, summary),
         runs=manifests,
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
@@ -108,6 +108,12 @@ def _places(runs: Mapping[int, Manifest]) -> tuple[str, str]:
 
 def _spent(policy: int, expert: int, seconds: float) -> str:
     return f"{policy} rollouts of the policy, {expert} of the expert, {duration(seconds)}"
+
+
+def _explained(runs: Sequence[Run], lists: Sequence[CauseList]) -> bool:
+    """Whether every run found causes, and all of them are triaged."""
+    buckets = {cause.bucket for one in lists for cause in one.causes}
+    return len(lists) == len(runs) and all(one.causes for one in lists) and "observed" not in buckets
 
 
 def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
