@@ -104,11 +104,13 @@ def play(jobs: Sequence[Job], workers: int) -> dict[str, Any]:
 
 
 def _best(worlds: Sequence[Mapping[str, Mapping[Setting, Played]]], budget: int, name: str) -> float:
-    """The split with which most faults are identified."""
-    splits = [split for of, split in worlds[0][name] if of == budget]
-    return max(
-        splits, key=lambda split: sum(runs[name][budget, split].figures["identified"] for runs in worlds)
-    )
+    """The split with which most faults are identified; of several, that which touches most."""
+
+    def worth(split: float) -> tuple[float, float]:
+        figures = [runs[name][budget, split].figures for runs in worlds]
+        return sum(run["identified"] for run in figures), sum(run["touched"] for run in figures)
+
+    return max((split for of, split in worlds[0][name] if of == budget), key=worth)
 
 
 def _row(runs: Sequence[Played], bases: Mapping[str, Sequence[Played] | None]) -> Row:
