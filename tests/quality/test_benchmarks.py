@@ -73,3 +73,11 @@ def test_causes_identifies_more_planted_faults_than_random_scenes_and_triage(tmp
     causes, triage = content["identified"]
     assert sum(causes["runs"]) >= sum(triage["runs"])
     assert causes["precision"]["value"] > 0.8
+
+
+@pytest.mark.slow
+def test_an_expert_with_planted_faults_fails_in_the_simulator_for_no_other_reason(tmp_path: Path):
+    flags = ["--policies", "expert", "--arms", "causes", "--densities", "dense", "--budgets", "60"]
+    (causes,) = bench(tmp_path, "faults", *flags, "--repeats", "1")["identified"]
+    assert causes["reported"] >= 1
+    assert causes["unplanted"] == 0
