@@ -10,7 +10,7 @@ from strategies.arms import ATTRIBUTION, HUNTING
 from strategies.results import Row
 from vlafuzz.compare.plots import plain
 
-# Okabe, Ito 2008; arms without a colour are grey.
+# Okabe, Ito 2008; other strategies are grey.
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#000000")
 _MARKERS = ("o", "s", "^", "D")
 
@@ -36,13 +36,14 @@ def plot(rows: Sequence[Row], file: Path) -> None:
         plain(axes)
     panels[0].set_ylabel("faults identified")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(grounds), frameon=False)
+    once = dict(zip(labels, handles, strict=True))
+    figure.legend(once.values(), once, loc="outside lower center", ncols=1 + len(grounds), frameon=False)
     figure.savefig(file, dpi=150)
 
 
 def _draw(axes: Any, rows: Sequence[Row], name: str) -> None:
     main = [HUNTING, ATTRIBUTION, "random + shrinking", "random + triage"]
-    style: dict[str, Any] = {"color": "#999999", "linewidth": 0.8, "zorder": 1}
+    style: dict[str, Any] = {"color": "#999999", "linewidth": 0.8, "zorder": 1, "label": "other strategies"}
     if name in main:
         place = main.index(name)
         style = {"color": _COLOURS[place], "marker": _MARKERS[place], "linewidth": 1.8, "zorder": 3}
@@ -55,6 +56,5 @@ def _draw(axes: Any, rows: Sequence[Row], name: str) -> None:
         [known["high"] - known["value"] if known["low"] is not None else 0 for known in estimates],
     ]
     budgets = [row["rollouts"] for row in rows]
-    axes.errorbar(
-        budgets, values, yerr=ends if name in main else None, capsize=2, markersize=4, label=name, **style
-    )
+    intervals = ends if name in main else None
+    axes.errorbar(budgets, values, yerr=intervals, capsize=2, markersize=4, **{"label": name} | style)
