@@ -11,12 +11,12 @@ import numpy as np
 from vlafuzz.scoring import Score
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.rules import Rule
-from vlafuzz.search.causes.suspects import Mask, Suspects
+from vlafuzz.search.causes.suspects import FIRM, RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Numbers, Units
 from vlafuzz.search.proposals import ProposalFactory
 
 SURE = 0.9  # probability of a set of units that ends an attribution
-GUIDED_TESTS, MOST_TESTS = 12, 30  # of an attribution: after so many units are removed one by one
+TESTS = {True: (12, 30), False: (22, 45)}  # of an attribution: after so many units are removed one by one
 AT_ONCE = 3  # attributions at a time
 PROBES = 2
 KNOWN = 0.85
@@ -26,6 +26,7 @@ LARGEST = 4  # units of a cause
 SUPPLY = 4
 FLOOR = 0.08
 MEMORY = 400
+REPEATS = 6  # of the first failures as they are: they show how often a fault makes the policy fail
 DRAWS_AT_ONCE = 4
 
 
@@ -47,8 +48,22 @@ class Test:
 
 
 class Causes:
-    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+    def __init__(
+        self,
+        space: Source,
+        seed: int,
+        budget: int | None = None,
+        *,
+        first: float = 0.0,
+        explain: bool = True,
+        avoid: bool = True,
+        stretch: float = 0.5,
+        floor: float = 0.08,
+    ) -> None:
+        self._stretch, self._floor, self._recent = stretch, floor, deque[bool](maxlen=30)
         self._space, self._seed, self._asked, self._round = space, seed, 0, 0
+        self._first = first * (budget or 0)  # random scenes before anything is attributed
+        self._explains, self._avoids = explain, avoid
         self._proposals = ProposalFactory(space)
         reference = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, reference)
@@ -59,14 +74,15 @@ class Causes:
         self._queue: deque[Test] = deque()
         self._out: dict[int, Test | None] = {}
         self._known: deque[tuple[Numbers, bool, float]] = deque(maxlen=MEMORY)
-        self._rate = [0.92 * 6, 6.0]
+        self._rates, self._repeats = RATE_PRIOR, REPEATS
 
     # -- proposals
 
     def ask(self, n: int) -> list[Proposal]:
         self._round += 1
         rng = np.random.default_rng([self._seed, self._asked])
-        self._begin()
+        if self._asked >= self._first:
+            self._begin()
         proposals: list[Proposal] = []
         while len(proposals) < n:
             made = self._test(rng) or (self._draw(rng) if self._may_draw(len(proposals)) else None)
@@ -80,6 +96,8 @@ class Causes:
         return proposals
 
     def _may_draw(self, already: int) -> bool:
+        if self._asked < self._first:
+            return True
         return not already or (not self._pending and len(self._active) < AT_ONCE)
 
     def _begin(self) -> None:
@@ -95,21 +113,17 @@ class Causes:
         deviations = self._units.deviations(levels[None])[0]
         here = np.abs(deviations[:-1])
         severity = np.where(here == 0, 0.0, np.where(here > 1, CATEGORY, np.minimum(LEAST + here, 1.0)))
-        suspects = Suspects(here > 0, severity, self.rate)
+        suspects = Suspects(severity, self._rates)
         if self._known:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             suspects.learn_scenes(self._units.alike(scenes, deviations), failed, otherwise)
         return Attribution(levels, deviations, suspects)
 
-    @property
-    def rate(self) -> float:
-        return min(self._rate[0] / self._rate[1], 0.98)
-
     def _explain(self, levels: Levels) -> bool:
         """Whether a rule surely explains a failure, or may and is to be tried first."""
         deviations = self._units.deviations(levels[None])
         chances = [float(rule.chance(deviations, self._units)[0]) for rule in self.rules]
-        if not chances:
+        if not chances or not self._explains:
             return False
         rule = self.rules[int(np.argmax(chances))]
         if max(chances) >= KNOWN:
@@ -146,10 +160,14 @@ class Causes:
     def _next_test(self, attribution: Attribution, rng: np.random.Generator) -> Mask | None:
         """The units to keep in the next test; None once the attribution has ended."""
         suspects = attribution.suspects
-        kept = suspects.next_test(rng) if suspects.tests < GUIDED_TESTS else None
+        if self._repeats:
+            self._repeats -= 1
+            return suspects.deviating
+        few, most = TESTS[suspects.rate > FIRM]
+        kept = suspects.next_test(rng) if suspects.tests < few else None
         if kept is None:
-            kept = suspects.without_one() if suspects.tests < MOST_TESTS else None
-            if kept is None and suspects.tests < MOST_TESTS and suspects.smallest.sum() <= LARGEST:
+            kept = suspects.without_one() if suspects.tests < most else None
+            if kept is None and suspects.tests < most and suspects.smallest.sum() <= LARGEST:
                 self._establish(suspects.smallest, attribution)
             elif kept is None:
                 self._give_up(attribution)
@@ -174,12 +192,25 @@ class Causes:
         return None
 
     def _draw(self, rng: np.random.Generator) -> tuple[None, Genome]:
-        genomes = [self._proposals.drawn(rng) for _ in range(SUPPLY if self.rules else 1)]
-        levels = np.array([self._units.levels(genome) for genome in genomes])
-        weights = 1 - self._explained(self._units.deviations(levels))
-        weights = np.maximum(weights, FLOOR)
+        stretched = self._avoids and rng.random() < self._stretch * self._quiet()
+        genomes = [self._candidate(rng, stretched) for _ in range(SUPPLY if self._avoids else 1)]
+        if len(genomes) == 1:
+            return None, self._proposals.registered(genomes[0])
+        deviations = self._units.deviations(np.array([self._units.levels(genome) for genome in genomes]))
+        weights = 1 - self._explained(deviations)
+        weights = np.maximum(weights, self._floor)
         index = int(rng.choice(len(genomes), p=weights / weights.sum()))
         return None, self._proposals.registered(genomes[index])
+
+    def _candidate(self, rng: np.random.Generator, stretched: bool) -> Genome:
+        genome = self._proposals.drawn(rng)
+        if not stretched:
+            return genome
+        return self._proposals.fair(self._units.genome(self._units.stretched(self._units.levels(genome), rng)), rng)
+
+    def _quiet(self) -> float:
+        """How rare unexplained failures have been of late, in [0, 1]."""
+        return max(0.0, 1 - 3 * float(np.mean(self._recent))) if self._recent else 1.0
 
     def _explained(self, deviations: Numbers) -> Numbers:
         left = np.ones(len(deviations))
@@ -205,10 +236,8 @@ class Causes:
             return
         deviations = self._units.deviations(levels[None])
         explained = float(self._explained(deviations)[0])
-        if explained > 0.95:
-            self._rate[0] += score.failed
-            self._rate[1] += 1
         self._known.append((deviations[0], score.failed, max(0.1, explained)))
+        self._recent.append(score.failed and explained < 0.5)
         if score.failed:
             self._pending.append(levels)
 
@@ -218,6 +247,9 @@ class Causes:
         attribution.waiting = False
         if not score.rolled_out or attribution not in self._active:
             return
+        if np.array_equal(test.kept, attribution.suspects.deviating):
+            rates = self._rates * (RATES if score.failed else 1 - RATES)
+            self._rates = rates / rates.sum()
         attribution.suspects.learn_test(test.kept, failed=score.failed)
         kept, chance, confirmed = attribution.suspects.best()
         if chance >= SURE and confirmed:
@@ -225,10 +257,6 @@ class Causes:
 
     def _establish(self, kept: Mask, attribution: Attribution) -> None:
         self._active.remove(attribution)
-        for test, failed in attribution.suspects.log:
-            if not (kept & ~test).any():
-                self._rate[0] += failed
-                self._rate[1] += 1
         levels = self._units.keep(attribution.levels, kept)
         deviations = self._units.deviations(levels[None])[0]
         rule = Rule.of(kept, levels, deviations, self._units)

@@ -12,50 +12,59 @@ Mask = NDArray[np.bool_]  # (units,)
 Numbers = NDArray[np.float64]
 
 SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
-ELSEWISE = 0.04  # chance that a scene fails in which nothing but the suspects is reset: by another fault
-MISSED = 0.01  # chance that a suspect's absence does not matter
+RATES = np.array([0.98, 0.75, 0.5])  # of failure inside a fault, of which one holds
+RATE_PRIOR = np.array([0.6, 0.25, 0.15])
+ELSEWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
 HALVES = 48  # random sets of units that are considered as a test
-EXACT = 0.3
-SURELY, AGAIN = 0.93, 3  # failure rate from which one test is enough; else up to three
+EXACT = 0.3  # worth in bits of a test that may end the attribution
 RIVALS = 12  # most likely suspects whose unions and differences are considered
+FIRM, AGAIN = 0.93, 3  # expected failure rate from which one test is enough; else up to three
 
 
 class Suspects:
     """Sets of units that may be why a scene fails.
 
     Args:
-        deviating: ``(units,)`` that differ from the reference.
-        severity: ``(units,)`` chance that a value as far from the reference is in a fault.
-        rate: of failure inside a fault.
+        severity: ``(units,)`` chance that a value as far from the reference is in a fault; 0 where it is that
+            of the reference.
+        rates: ``(3,)`` probability of each of ``RATES``.
+
+    Attributes:
+        smallest: set of units with which alone the scene has failed.
+        tests: number of tests so far.
     """
 
-    def __init__(self, deviating: Mask, severity: Numbers, rate: float) -> None:
-        units = np.flatnonzero(deviating)
+    def __init__(self, severity: Numbers, rates: Numbers) -> None:
+        self.deviating = severity > 0
+        units = np.flatnonzero(self.deviating)
         masks, prior = [], []
         for size, weight in enumerate(SIZES[: len(units)], 1):
-            chosen = list(combinations(units, size))
-            for members in chosen:
-                mask = np.zeros(len(deviating), dtype=bool)
-                mask[list(members)] = True
-                masks.append(mask)
-            some = np.array([np.prod(severity[list(members)]) for members in chosen])
-            prior.append(weight * some / some.sum())
+            chosen = [list(members) for members in combinations(units, size)]
+            masks += [np.isin(np.arange(len(severity)), members) for members in chosen]
+            plausible = np.array([severity[members].prod() for members in chosen])
+            prior.append(weight * plausible / plausible.sum())
         self.masks = np.array(masks)
-        self._log = np.log(np.concatenate(prior))
-        self.rate, self.deviating = rate, deviating
-        self.tests = 0
-        self.log: list[tuple[Mask, bool]] = []
-        self.smallest = deviating  # set of units with which alone the scene has failed
-        self._confirmed = np.zeros(len(self.masks), dtype=bool)
-        self._impossible: set[bytes] = set()
+        self._log = np.log(rates)[:, None] + np.log(np.concatenate(prior))
+        self.tests, self.smallest = 0, self.deviating
+        self._failed = np.zeros(len(self.masks), dtype=bool)
         self._tried: Counter[bytes] = Counter()
-        self._passes: list[Mask] = []  # sets of units with which alone it has passed, or cannot be fair
+        self._passed: Counter[bytes] = Counter()
+        self._unfair: set[bytes] = set()
 
     @property
     def chances(self) -> Numbers:
-        """``(n,)`` the probability of each set."""
-        weights = np.exp(self._log - self._log.max())
-        return np.asarray(weights / weights.sum())
+        """``(sets,)`` the probability of each set."""
+        return np.asarray(self._joint().sum(axis=0))
+
+    @property
+    def rates(self) -> Numbers:
+        """``(3,)`` the probability of each of ``RATES``."""
+        return np.asarray(self._joint().sum(axis=1))
+
+    @property
+    def rate(self) -> float:
+        """The expected failure rate inside the fault."""
+        return float(self.rates @ RATES)
 
     def learn_scenes(self, alike: Numbers, failed: Mask, otherwise: Numbers) -> None:
         """Learn from other scenes.
@@ -64,36 +73,34 @@ class Suspects:
             alike: ``(n, units)`` chance that each value is in the fault's range.
             otherwise: ``(n,)`` chance that the scene fails for another reason.
         """
-        inside = self.rate * np.exp(np.log(alike) @ self.masks.T.astype(float))
-        failing = inside + (1 - inside) * otherwise[:, None]
-        likely = np.where(failed[:, None], failing, 1 - failing)
-        self._log += np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
+        inside = np.exp(np.log(alike) @ self.masks.T.astype(float))
+        for row, rate in enumerate(RATES):
+            failing = rate * inside + (1 - rate * inside) * otherwise[:, None]
+            likely = np.where(failed[:, None], failing, 1 - failing)
+            self._log[row] += np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
 
     def learn_test(self, kept: Mask, *, failed: bool) -> None:
         """Learn from the scene itself with all units reset but these."""
         self.tests += 1
-        self.log.append((kept, failed))
         self._tried[kept.tobytes()] += 1
-        inside = ~(self.masks & ~kept).any(axis=1)
-        failing = np.where(inside, self.rate + (1 - self.rate) * ELSEWISE, ELSEWISE)
+        failing = np.where(self._inside(kept), RATES[:, None], ELSEWISE)
         self._log += np.log(failing if failed else 1 - failing)
         if not failed:
-            self._passes.append(kept)
+            self._passed[kept.tobytes()] += 1
             return
-        self._confirmed |= (self.masks == kept).all(axis=1)
+        self._failed |= (self.masks == kept).all(axis=1)
         if kept.sum() < self.smallest.sum():
             self.smallest = kept
+
+    def rule_out(self, kept: Mask) -> None:
+        """The scene with these units alone is not fair."""
+        self._unfair.add(kept.tobytes())
 
     def best(self) -> tuple[Mask, float, bool]:
         """The most likely set, its probability, and whether the scene with it alone has failed."""
         chances = self.chances
         top = int(np.argmax(chances))
-        return self.masks[top], float(chances[top]), bool(self._confirmed[top])
-
-    def rule_out(self, kept: Mask) -> None:
-        """The scene with these units alone is not fair."""
-        self._passes.append(kept)
-        self._impossible.add(kept.tobytes())
+        return self.masks[top], float(chances[top]), bool(self._failed[top])
 
     def without_one(self) -> Mask | None:
         """The smallest failing set with one unit less, the least likely first; None if all are tried."""
@@ -102,7 +109,7 @@ class Suspects:
         for unit in units[np.argsort(weights[units], kind="stable")] if len(units) > 1 else ():
             kept = self.smallest.copy()
             kept[unit] = False
-            if not any(not (kept & ~passing).any() for passing in self._passes):
+            if not self._passes(kept):
                 return kept
         return None
 
@@ -110,26 +117,39 @@ class Suspects:
         """The units to keep in the most informative test; None if nothing new can be learnt."""
         chances = self.chances
         ranked = self.masks[np.argsort(-chances)[:RIVALS]]
-        unions = [a | b for a, b in combinations(ranked[:6], 2)]
+        unions = [one | other for one, other in combinations(ranked[:6], 2)]
         halves = rng.random((HALVES, len(self.deviating))) < rng.uniform(0.3, 0.8, (HALVES, 1))
-        without = [self.deviating & ~mask for mask in ranked]
-        candidates = np.concatenate([ranked, unions or ranked, halves & self.deviating, without])
-        new = np.array([candidate.any() and self._open(candidate) for candidate in candidates])
-        if not new.any():
+        candidates = np.concatenate([ranked, [*ranked, *unions], halves & self.deviating, self.deviating & ~ranked])
+        candidates = candidates[[bool(kept.any()) and self._is_open(kept) for kept in candidates]]
+        if not len(candidates):
             return None
-        candidates = candidates[new]
         inside = ~(self.masks[None] & ~candidates[:, None]).any(axis=2)
-        fails = self.rate * (inside @ chances) + ELSEWISE * (1 - inside @ chances)
+        fails = ELSEWISE + (self.rate - ELSEWISE) * (inside @ chances)
         exact = (self.masks[None] == candidates[:, None]).all(axis=2) @ chances
-        best = int(np.argmax(_entropy(fails) + EXACT * exact))
-        return np.asarray(candidates[best])
+        return np.asarray(candidates[int(np.argmax(_entropy(fails) + EXACT * exact))])
 
-    def _open(self, kept: Mask) -> bool:
+    def _joint(self) -> Numbers:
+        weights = np.exp(self._log - self._log.max())
+        return np.asarray(weights / weights.sum())
+
+    def _inside(self, kept: Mask) -> Mask:
+        """``(sets,)`` whether each is kept as a whole."""
+        return np.asarray(~(self.masks & ~kept).any(axis=1))
+
+    def _passes(self, kept: Mask) -> bool:
+        """Whether tests show, or fairness prevents, that the scene fails with these units alone."""
+        enough = 1 if self.rate > FIRM else 2
+        passes = sum(
+            count
+            for mark, count in self._passed.items()
+            if not (kept & ~np.frombuffer(mark, dtype=bool)).any()
+        )
+        return passes >= enough or kept.tobytes() in self._unfair
+
+    def _is_open(self, kept: Mask) -> bool:
         """Whether a test may still tell something: a sure answer is not asked for again."""
         mark = kept.tobytes()
-        if mark in self._impossible:
-            return False
-        return self._tried[mark] < (1 if self.rate > SURELY else AGAIN)
+        return mark not in self._unfair and self._tried[mark] < (1 if self.rate > FIRM else AGAIN)
 
 
 def _entropy(chance: Numbers) -> Numbers:

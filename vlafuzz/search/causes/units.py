@@ -94,6 +94,23 @@ class Units:
         near[index] += step
         return near
 
+    def stretched(self, levels: Levels, rng: np.random.Generator) -> Levels:
+        """The levels with some numbers moved farther from the reference, up to the ends of their ranges."""
+        moved = levels.copy()
+        for unit in self.units:
+            index = unit.indices[0]
+            if unit.kind != "number" or rng.random() < 0.5:
+                continue
+            start, last = self.reference[index], self._sizes[index] - 1
+            wraps = self.genes[index].grid.wraps
+            outwards = 1 if levels[index] > start or (levels[index] == start and rng.random() < 0.5) else -1
+            if start in (0, last):
+                outwards = 1 if start == 0 else -1
+            end = start + outwards * (self._sizes[index] // 2) if wraps else (last if outwards > 0 else 0)
+            share = rng.random()
+            moved[index] = round(levels[index] + (end - levels[index]) * share) % self._sizes[index]
+        return moved
+
     def deviating(self, levels: Levels) -> NDArray[np.bool_]:
         """``(units,)`` which differ from the reference in a way that shows."""
         return np.asarray(self.deviations(levels[None])[0, :-1] != 0)
