@@ -38,17 +38,17 @@ class Later(Causes):
 
     def __init__(self, space: Source, seed: int, draws: int) -> None:
         super().__init__(space, seed)
-        self._draws = draws
+        self._alone = draws
 
     def _begin(self) -> None:
-        if self._asked >= self._draws:
+        if self._asked >= self._alone:
             super()._begin()
 
     def _may_draw(self, already: int) -> bool:
-        return self._asked < self._draws or super()._may_draw(already)
+        return self._asked < self._alone or super()._may_draw(already)
 
-    def _draw(self, rng: np.random.Generator) -> tuple[None, Genome]:
-        return None, self._proposals.fresh(rng)
+    def _draw(self, rng: np.random.Generator) -> Genome:
+        return self._proposals.fresh(rng) if self._asked else super()._draw(rng)
 
 
 def hunt(world: World, strategy: Strategy, budget: int) -> Course:

@@ -53,8 +53,12 @@ def genomes(proposals: list[Proposal]) -> list[list[float]]:
 
 @strategies
 class TestStrategy:
-    def test_it_proposes_as_many_as_asked_for_with_consecutive_ids(self, name: str):
-        assert [proposal.id for proposal in play(MAKERS[name](0), 5, 0, 1, 7, 40, 3)] == list(range(56))
+    def test_it_proposes_at_most_as_many_as_asked_for_with_consecutive_ids(self, name: str):
+        proposals = play(MAKERS[name](0), 5, 0, 1, 7, 40, 3)
+        assert [proposal.id for proposal in proposals] == list(range(len(proposals)))
+        assert len(proposals) == 56 or (
+            name.startswith("causes") and 5 < len(proposals) < 56
+        )  # it waits for outcomes
 
     def test_a_genome_is_a_vector_of_the_space(self, name: str):
         for proposal in play(MAKERS[name](0), 20, 20):

@@ -56,11 +56,11 @@ def _surrogate(space: Source, seed: int, budget: int | None, **switches: bool) -
     return Surrogate(space, seed, budget, **switches)
 
 
-def _causes(space: Source, seed: int, budget: int | None) -> Strategy:
+def _causes(space: Source, seed: int, budget: int | None, **switches: Any) -> Strategy:
     """Attributes failures to operators as they come, and looks where no known cause explains a failure."""
     from vlafuzz.search.causes.strategy import Causes
 
-    return Causes(space, seed, budget)
+    return Causes(space, seed, budget, **switches)
 
 
 STRATEGIES: dict[str, Factory] = {
@@ -79,6 +79,9 @@ ABLATIONS: dict[str, Factory] = {
     "surrogate-without-forest": partial(_surrogate, forest=False),
     "surrogate-without-novelty": partial(_surrogate, novelty=False),
     "surrogate-without-fallback": partial(_surrogate, fallback=False),
+    "causes-without-avoiding": partial(_causes, avoid=False),
+    "causes-without-stretching": partial(_causes, stretched=0.0),
+    "causes-without-suspects": partial(_causes, guided=False),
 }
 POOL = "pool"
 _HINT = "see vlafuzz.search.base.Strategy"

@@ -1,4 +1,4 @@
-"""Rules: causes that are known, and which scenes they explain."""
+"""Rules: the causes that are known, and which scenes they explain."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ class Rule:
     """A cause: the units that it takes, and the nearest values to the reference that are known to fail.
 
     Attributes:
+        kept: ``(units,)`` those that it takes.
         levels: of its smallest failing scene.
-        inner: ``(units,)`` deviations nearest to the reference that fail; ``outer``: farthest.
+        inner: ``(units + 1,)`` deviations nearest to the reference that fail.
         values: of categories, those that fail.
-        safe: ``(units,)`` deviations that are known to pass while the others fail, 0 where none is.
+        safe: ``(units,)`` the farthest deviations that pass while the others fail, 0 where none is known.
+        hits: failures that it explains.
     """
 
     kept: Mask
     levels: Levels
     inner: Numbers
-    outer: Numbers
     values: dict[int, set[float]]
     safe: Numbers
     hits: int = 1
@@ -40,7 +41,7 @@ class Rule:
             if units.units[index].kind == "category"
         }
         safe = np.zeros(len(kept))
-        return cls(kept, levels, deviations.copy(), deviations.copy(), values, safe)
+        return cls(kept, levels, deviations.copy(), values, safe)
 
     def chance(self, deviations: Numbers, units: Units) -> Numbers:
         """``(n,)`` chance that scenes are in the fault."""
@@ -69,7 +70,6 @@ class Rule:
 
     def learn_failure(self, deviations: Numbers, levels: Levels, units: Units) -> None:
         """A scene with its units alone fails: its range reaches as far."""
-        self.hits += 1
         nearer = True
         for index in np.flatnonzero(self.kept).tolist():
             if index in self.values:
@@ -94,3 +94,31 @@ class Rule:
         ]
         if len(nearer) == 1 and abs(deviations[nearer[0]]) > abs(self.safe[nearer[0]]):
             self.safe[nearer[0]] = deviations[nearer[0]]
+
+
+class Rules(list[Rule]):
+    """All rules so far, in the order in which they were found."""
+
+    def explain(self, deviations: Numbers, units: Units) -> Numbers:
+        """``(n,)`` chance that scenes fail for a known reason."""
+        left = np.ones(len(deviations))
+        for rule in self:
+            left *= 1 - rule.chance(deviations, units)
+        return np.asarray(1 - left)
+
+    def likeliest(self, deviations: Numbers, units: Units) -> tuple[Rule | None, float]:
+        """The rule that most likely explains one scene, and the chance that it does."""
+        chances = [float(rule.chance(deviations[None], units)[0]) for rule in self]
+        if not chances:
+            return None, 0.0
+        best = int(np.argmax(chances))
+        return self[best], chances[best]
+
+    def add(self, rule: Rule, deviations: Numbers, units: Units) -> Rule:
+        """Add a rule; one of the same kind is widened instead. Returns the rule that is in the list."""
+        for other in self:
+            if other.same_kind(rule):
+                other.learn_failure(deviations, rule.levels, units)
+                return other
+        self.append(rule)
+        return rule

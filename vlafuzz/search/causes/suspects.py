@@ -17,6 +17,7 @@ RATE_PRIOR = np.array([0.6, 0.25, 0.15])
 ELSEWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
 HALVES = 48  # random sets of units that are considered as a test
 EXACT = 0.3  # worth in bits of a test that may end the attribution
+UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
 RIVALS = 12  # most likely suspects whose unions and differences are considered
 FIRM, AGAIN = 0.93, 3  # expected failure rate from which one test is enough; else up to three
 
@@ -31,7 +32,7 @@ class Suspects:
 
     Attributes:
         smallest: set of units with which alone the scene has failed.
-        tests: number of tests so far.
+        tests: number of tests so far; one that is not fair counts in part.
     """
 
     def __init__(self, severity: Numbers, rates: Numbers) -> None:
@@ -45,7 +46,7 @@ class Suspects:
             prior.append(weight * plausible / plausible.sum())
         self.masks = np.array(masks)
         self._log = np.log(rates)[:, None] + np.log(np.concatenate(prior))
-        self.tests, self.smallest = 0, self.deviating
+        self.tests, self.smallest = 0.0, self.deviating
         self._failed = np.zeros(len(self.masks), dtype=bool)
         self._tried: Counter[bytes] = Counter()
         self._passed: Counter[bytes] = Counter()
@@ -94,6 +95,7 @@ class Suspects:
 
     def rule_out(self, kept: Mask) -> None:
         """The scene with these units alone is not fair."""
+        self.tests += UNFAIR
         self._unfair.add(kept.tobytes())
 
     def best(self) -> tuple[Mask, float, bool]:
@@ -119,8 +121,11 @@ class Suspects:
         ranked = self.masks[np.argsort(-chances)[:RIVALS]]
         unions = [one | other for one, other in combinations(ranked[:6], 2)]
         halves = rng.random((HALVES, len(self.deviating))) < rng.uniform(0.3, 0.8, (HALVES, 1))
-        candidates = np.concatenate([ranked, [*ranked, *unions], halves & self.deviating, self.deviating & ~ranked])
-        candidates = candidates[[bool(kept.any()) and self._is_open(kept) for kept in candidates]]
+        candidates = np.concatenate(
+            [ranked, [*ranked, *unions], halves & self.deviating, self.deviating & ~ranked]
+        )
+        most = 1 if self.rate > FIRM else AGAIN
+        candidates = candidates[[bool(kept.any()) and self._is_open(kept, most) for kept in candidates]]
         if not len(candidates):
             return None
         inside = ~(self.masks[None] & ~candidates[:, None]).any(axis=2)
@@ -146,10 +151,10 @@ class Suspects:
         )
         return passes >= enough or kept.tobytes() in self._unfair
 
-    def _is_open(self, kept: Mask) -> bool:
+    def _is_open(self, kept: Mask, most: int) -> bool:
         """Whether a test may still tell something: a sure answer is not asked for again."""
         mark = kept.tobytes()
-        return mark not in self._unfair and self._tried[mark] < (1 if self.rate > FIRM else AGAIN)
+        return mark not in self._unfair and self._tried[mark] < most
 
 
 def _entropy(chance: Numbers) -> Numbers:

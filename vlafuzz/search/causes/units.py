@@ -16,6 +16,7 @@ Numbers = NDArray[np.float64]
 
 CONFOUNDERS = "confounders"
 SAME, OTHER, NOMINAL = 0.95, 0.2, 0.03  # chance that a category, another one or the reference's is in a fault
+CATEGORY, LEAST = 0.5, 0.15  # severity of a category, and of the smallest number
 BEYOND = 0.92  # chance that a value farther from the reference than one in a fault is in it, too
 FEWER, AS_MANY = 0.1, 0.35  # the same with fewer confounders, and with at least as many
 FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
@@ -77,17 +78,22 @@ class Units:
         for unit, stays in zip(self.units, kept, strict=True):
             if stays:
                 reset[list(unit.indices)] = levels[list(unit.indices)]
-        for target, around in self._axes:  # what matters of confounders may be how near they are
-            if kept[self._around]:
-                moved = reset[around] + reset[target] - levels[target]
-                reset[around] = np.clip(moved, 0, self._sizes[around] - 1)
+        if self._axes and kept[self._around]:  # what matters of confounders may be how near they are
+            moved = [
+                (around, reset[around] + reset[target] - levels[target]) for target, around in self._axes
+            ]
+            if all(((there >= 0) & (there < self._sizes[around])).all() for around, there in moved):
+                for around, there in moved:
+                    reset[around] = there
         return reset
 
     def jittered(self, levels: Levels, rng: np.random.Generator) -> Levels:
-        """The levels with one number a grid step off."""
+        """The levels with one number a grid step off, if there is any number."""
         numbers = [index for index, gene in enumerate(self.genes) if gene.kind not in ("category", "count")]
-        index = int(rng.choice(numbers))
         near = levels.copy()
+        if not numbers:
+            return near
+        index = int(rng.choice(numbers))
         step = (
             1 if levels[index] + 1 < self._sizes[index] and (rng.random() < 0.5 or not levels[index]) else -1
         )
@@ -111,9 +117,16 @@ class Units:
             moved[index] = round(levels[index] + (end - levels[index]) * share) % self._sizes[index]
         return moved
 
-    def deviating(self, levels: Levels) -> NDArray[np.bool_]:
-        """``(units,)`` which differ from the reference in a way that shows."""
-        return np.asarray(self.deviations(levels[None])[0, :-1] != 0)
+    def numbers(self, kept: NDArray[np.bool_]) -> list[int]:
+        """The genes of those units that are a number."""
+        pairs = zip(self.units, kept, strict=True)
+        return [unit.indices[0] for unit, stays in pairs if stays and unit.kind == "number"]
+
+    def severity(self, deviations: Numbers) -> Numbers:
+        """``(units,)`` chance that values as far from the reference are in a fault; 0 for the reference's."""
+        here = np.abs(deviations[:-1])
+        number = np.array([unit.kind == "number" for unit in self.units])
+        return np.where(here == 0, 0.0, np.where(number, np.minimum(LEAST + here, 1.0), CATEGORY))
 
     def deviations(self, levels: NDArray[np.int64]) -> Numbers:
         """``(n, units + 1)`` signed distances from the reference, as shares of the range on that side.

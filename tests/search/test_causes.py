@@ -1,0 +1,117 @@
+"""What the strategy `causes` finds in policies that fail for known reasons."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.search.worlds import space
+from vlafuzz.outcome import Verdict
+from vlafuzz.scene import Scene
+from vlafuzz.scoring import Score
+from vlafuzz.search.causes.strategy import Causes
+
+PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
+FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
+
+Fails = Callable[[Scene], bool]
+
+
+def played(fails: Fails, budget: int = 150, seed: int = 0, rate: float = 1.0) -> Causes:
+    """The strategy after a run against a policy that fails at a rate where it ``fails``."""
+    strategy, rng, asked = Causes(space(), seed, budget), np.random.default_rng(seed), 0
+    while asked < budget:
+        proposals = strategy.ask(16)
+        scenes = [space().decode(proposal.genome) for proposal in proposals]
+        strategy.tell(proposals, [FAILED if fails(s) and rng.random() < rate else PASSED for s in scenes])
+        asked += len(proposals)
+    return strategy
+
+
+def dark(scene: Scene) -> bool:
+    return scene.light.intensity < 0.25
+
+
+def turned_left_and_far(scene: Scene) -> bool:
+    return scene.camera.yaw > 2 and scene.camera.distance > 0.02
+
+
+def operators(strategy: Causes) -> set[tuple[str, ...]]:
+    return {cause.operators for cause in strategy.causes()}
+
+
+def test_a_cause_of_one_operator_is_found_once():
+    (cause,) = played(dark).causes()
+    assert cause.operators == ("light",)
+    assert cause.failures > 3
+
+
+def test_the_smallest_scene_of_a_cause_fails_and_has_nothing_else_in_it():
+    (cause,) = played(dark).causes()
+    scene = space().decode(cause.genome)
+    assert dark(scene)
+    deviating = {name for name, severity in space().severities(scene).items() if severity > 0.02}
+    assert deviating == {"light"}
+
+
+def test_two_causes_are_told_apart_and_both_conditions_of_one_are_kept():
+    found = operators(played(lambda scene: dark(scene) or turned_left_and_far(scene), 200))
+    assert found == {("light",), ("camera-position", "camera-orientation")}
+
+
+def test_a_policy_that_fails_seven_times_of_ten_has_the_same_cause():
+    assert ("light",) in operators(played(dark, 200, rate=0.7))
+
+
+def test_confounders_that_are_near_the_target_are_one_cause():
+    def crowded(scene: Scene) -> bool:
+        target = scene.targets[0]
+        return any(np.hypot(other.x - target.x, other.y - target.y) < 0.18 for other in scene.confounders)
+
+    assert ("confounders",) in operators(played(crowded, 200))
+
+
+def test_known_causes_are_avoided():
+    drawn = []
+
+    def fails(scene: Scene) -> bool:
+        drawn.append(scene.light.intensity < 1)
+        return drawn[-1]
+
+    played(fails, 200)
+    assert np.mean(drawn[:40]) > np.mean(drawn[-80:])
+
+
+def test_a_policy_that_fails_in_the_nominal_scene_is_compared_with_a_scene_that_it_passes():
+    def fails(scene: Scene) -> bool:
+        return scene.targets[0].x < 0.0
+
+    found = operators(played(fails, 200))
+    assert found == {("target-position",)}
+
+
+def test_a_failure_that_is_not_attributed_yet_counts_as_unexplained():
+    strategy = Causes(space(), 0, 100)
+    proposals = strategy.ask(16)
+    strategy.tell(proposals, [PASSED, *[FAILED] * 15])
+    assert len(strategy.unexplained) == 15
+    assert strategy.causes() == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_probability_of_failure_lies_in_its_interval(seed: int):
+    rng = np.random.default_rng(99)
+    true = np.mean([dark(space().sample(rng)) for _ in range(400)])
+    value, low, high = played(dark, 150, seed).probability()
+    assert low - 0.03 <= true <= high + 0.03  # the sample is small, too
+    assert low <= value <= high
+    assert high - low < 0.4
+
+
+def test_a_cause_says_what_share_of_random_scenes_lies_in_its_range():
+    rng = np.random.default_rng(99)
+    true = np.mean([dark(space().sample(rng)) for _ in range(400)])
+    (cause,) = played(dark, 200).causes()
+    assert cause.share is not None
+    assert cause.share.low - 0.03 <= true <= cause.share.high + 0.03
+    assert cause.share.high < 0.6

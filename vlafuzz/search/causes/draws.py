@@ -1,0 +1,96 @@
+"""Draws: random scenes, fewer of those that known causes explain, and severe ones while failures are rare."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from vlafuzz.probability import Draw, Probability, failure_probability
+from vlafuzz.search.base import Genome, Source
+from vlafuzz.search.causes.rules import Rule, Rules
+from vlafuzz.search.causes.units import Numbers, Units
+from vlafuzz.search.proposals import ProposalFactory
+from vlafuzz.statistics import wilson
+
+SUPPLY = 4  # random scenes of which one is proposed
+FLOOR = 0.3  # of the weight of a scene that is explained: a wrong rule is found out, and bounds hold
+STRETCHED = 0.5  # largest share of scenes that are made more severe: none where a third of all fail
+RECENT = 30  # scenes by which that is judged
+POOL, ENOUGH = 4000, 200  # random scenes by which shares are estimated, at most and at least
+EXPLAINED, SURELY = 0.5, 0.95  # chance from which on a scene counts as explained, and is surely in a range
+NO_BUDGET = 1000  # rollouts that a run without a budget is taken to have
+
+
+class Draws:
+    """Draws scenes, and estimates from those that are not stretched how often the policy fails.
+
+    Of some random scenes one is taken with a probability proportional to ``h``, which is small where a rule
+    explains the failure: ``mean(h) / h`` of the scene that is taken is an unbiased weight.
+    """
+
+    def __init__(
+        self, space: Source, proposals: ProposalFactory, budget: int | None, stretched: float
+    ) -> None:
+        self._space, self._proposals = space, proposals
+        self._budget, self._stretched = budget or NO_BUDGET, stretched
+        self._pool: deque[Numbers] = deque(maxlen=POOL)
+        self._recent: deque[bool] = deque(maxlen=RECENT)
+        self._open: dict[int, tuple[float, float, float, int]] = {}
+        self._judged: dict[int, Draw] = {}
+
+    def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
+        """A scene for the proposal with this number."""
+        severe = rng.random() < self._stretched * self._rarity()
+        genomes = [self._candidate(units, rng, severe=severe) for _ in range(SUPPLY)]
+        deviations = units.deviations(np.array([units.levels(genome) for genome in genomes]))
+        explained = rules.explain(deviations, units)
+        worths = np.maximum(1 - explained, FLOOR)
+        taken = int(rng.choice(SUPPLY, p=worths / worths.sum()))
+        if not severe:
+            mean = (
+                float(rules.explain(np.array(self._pool), units).mean()) if len(self._pool) >= ENOUGH else 0.0
+            )
+            guess = float(explained[taken]) if len(self._pool) >= ENOUGH else 0.0
+            left = max(self._budget - number, 1)
+            self._open[number] = float(worths.mean() / worths[taken]), guess, mean, left
+            self._pool.extend(deviations)
+        return self._proposals.registered(genomes[taken])
+
+    def learn(self, number: int, *, failed: bool, explained: float) -> None:
+        """Learn the outcome of a scene that was rolled out."""
+        self._recent.append(failed and explained < EXPLAINED)
+        if number in self._open:
+            weight, guess, mean, left = self._open.pop(number)
+            self._judged[number] = Draw(
+                failed=failed,
+                left=left,
+                weight=weight,
+                heaviest=1 / FLOOR,
+                heaviest_miss=1 if guess else np.inf,
+                prediction=guess,
+                mean_prediction=mean,
+            )
+
+    def probability(self) -> Probability:
+        """The probability that the policy fails in a random scene; its interval holds at any time."""
+        return failure_probability([self._judged[number] for number in sorted(self._judged)])
+
+    def share(self, rule: Rule, units: Units) -> Probability | None:
+        """The share of random scenes in a rule's range; the interval allows for doubt about the range."""
+        size = len(self._pool)
+        if size < ENOUGH:
+            return None
+        chances = rule.chance(np.array(self._pool), units)
+        low, high = wilson(int((chances >= SURELY).sum()), size)[0], wilson(int((chances > 0).sum()), size)[1]
+        return Probability(float(chances.mean()), low, high)
+
+    def _rarity(self) -> float:
+        """How rare unexplained failures have been of late: 1 for none, 0 from a third of all scenes on."""
+        return max(0.0, 1 - 3 * float(np.mean(self._recent))) if self._recent else 1.0
+
+    def _candidate(self, units: Units, rng: np.random.Generator, *, severe: bool) -> Genome:
+        genome = self._proposals.drawn(rng)
+        if not severe:
+            return genome
+        return self._proposals.fair(units.genome(units.stretched(units.levels(genome), rng)), rng)
