@@ -49,7 +49,9 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
     first = causes["pick-up|grasp|light:dark"]
     assert (first["bucket"], first["lost_stage"], first["witness"]) == ("minimal", "grasp", "seeing")
     assert first["rate"]["failures"] == first["rate"]["rollouts"] >= 5
-    assert (first["share"], printed["probability"]) == (None, None)
+    assert first["share"] is None  # too few random scenes for an estimate
+    probability = printed["probability"]
+    assert 0 <= probability["low"] <= probability["value"] <= probability["high"] <= 1
     certification = printed["certification"]
     assert 2 <= certification["certified"] <= certification["causes"]
     with Store.open(Path("a.db")) as store:
