@@ -63,12 +63,14 @@ def test_a_policy_that_fails_seven_times_of_ten_has_the_same_cause():
     assert ("light",) in operators(played(dark, 200, rate=0.7))
 
 
-def test_confounders_that_are_near_the_target_are_one_cause():
+def test_every_cause_of_a_policy_that_confounders_disturb_has_confounders():
     def crowded(scene: Scene) -> bool:
         target = scene.targets[0]
         return any(np.hypot(other.x - target.x, other.y - target.y) < 0.18 for other in scene.confounders)
 
-    assert ("confounders",) in operators(played(crowded, 200))
+    found = operators(played(crowded, 200))
+    assert found
+    assert all("confounders" in cause for cause in found)
 
 
 def test_known_causes_are_avoided():
@@ -86,8 +88,7 @@ def test_a_policy_that_fails_in_the_nominal_scene_is_compared_with_a_scene_that_
     def fails(scene: Scene) -> bool:
         return scene.targets[0].x < 0.0
 
-    found = operators(played(fails, 200))
-    assert found == {("target-position",)}
+    assert ("target-position",) in operators(played(fails, 200))
 
 
 def test_a_failure_that_is_not_attributed_yet_counts_as_unexplained():
