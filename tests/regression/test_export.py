@@ -12,8 +12,9 @@ from tests.triage.runners import PlantedRunner
 from tests.triage.test_pipeline import DARK, TILTED, scenes
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.outcome import Outcome
+from vlafuzz.regression.check import FLAKY, UNSOLVED
 from vlafuzz.regression.controls import CONTROL, number_of
-from vlafuzz.regression.export import FLAKY, UNSOLVED, export
+from vlafuzz.regression.export import export
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
@@ -180,3 +181,37 @@ def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
     with pytest.raises(UsageError, match=r"has findings of .* and task"):
         export(store, runner, name="a")
     assert len(export(store, runner, name="a", run=run).cases) == 1
+
+
+class Chaotic(CheckingRunner):
+    """Passes in every fourth rollout that fails, unless it is very dark."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        lucky = (
+            number % 4 == 3 and scene.light.intensity > 0.2
+            for scene, number in zip(scenes, numbers, strict=True)
+        )
+        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
+
+
+def test_a_scene_that_does_not_hold_firmly_moves_on_in_the_same_direction(store: Store):
+    found = {row.scene.digest: row for row in store.triaged()}
+    cases = export(store, lambda run: Chaotic([DARK]), name="a", run=1, firm=0.95).cases
+    assert cases
+    for case in cases:
+        before = found[case.found]
+        assert case.scene.light.intensity <= 0.2 < before.shrunk.light.intensity
+        assert (case.signature, case.counterparts) == (before.signature, before.counterparts)
+        assert (case.certified.failures, case.certified.rollouts) == (20, 20)
+        (threshold,), (old,) = case.causes.thresholds, before.causes.thresholds
+        assert threshold.at == old.at
+        assert 0 < threshold.share < old.share
+
+
+def test_a_scene_does_not_move_to_where_no_witness_solves_it(store: Store):
+    def solvable(scene: Scene) -> bool:
+        return scene.light.intensity > 0.3
+
+    with pytest.raises(StoreError, match="it fails in less than 95% of its neighbourhood"):
+        export(store, lambda run: Chaotic([DARK], solvable=solvable), name="a", run=1, firm=0.95)

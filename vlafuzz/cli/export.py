@@ -53,7 +53,7 @@ def export(
         float | None,
         typer.Option(
             help="Share of 20 rollouts, 19 jittered and one exact, that have to fail in a scene of a corpus, "
-            "and to pass in its counterparts.",
+            "and to pass in its counterparts. A scene that fails less often moves on in the same direction.",
             show_default="until it is clear that most do",
         ),
     ] = None,

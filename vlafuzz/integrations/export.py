@@ -12,7 +12,7 @@ from vlafuzz.formats.vlatest.write import write_vlatest
 from vlafuzz.integrations.demonstrations import Demonstration, Demonstrations
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.packs import packs_of
-from vlafuzz.regression.export import UNSOLVED
+from vlafuzz.regression.check import UNSOLVED
 from vlafuzz.regression.folder import whole
 from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store

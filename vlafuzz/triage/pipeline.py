@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from itertools import count, groupby
 from typing import NamedTuple
@@ -10,7 +9,7 @@ from typing import NamedTuple
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pool import Make, PooledRunner, process_pool
+from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
 from vlafuzz.triage.triager import SceneRunner, Triager
 
 
@@ -100,15 +99,10 @@ def _in_processes(make: Make, jobs: Sequence[Job], workers: int) -> Iterator[Tri
     Results come in the order in which they are done.
     """
     with process_pool(workers) as pool:
-        threads = ThreadPoolExecutor(workers)
-        try:
-            for job in jobs:
-                triager = job.triager(PooledRunner(pool, make, job.run))
-                for future in as_completed([threads.submit(triager.triage, row) for row in job.findings]):
-                    yield future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # else the threads wait for it
-            threads.shutdown(cancel_futures=True)
+        for job in jobs:
+            triager = job.triager(PooledRunner(pool, make, job.run))
+            for _, triaged in side_by_side(pool, workers, triager.triage, job.findings):
+                yield triaged
 
 
 def cause_findings(store: Store, run: int) -> list[Finding]:

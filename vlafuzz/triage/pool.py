@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, TypeVar
 
 from vlafuzz.errors import SimulatorError
 from vlafuzz.evidence import Actions, Solver
@@ -18,6 +18,8 @@ from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
 from vlafuzz.triage.triager import SceneRunner
 
+T = TypeVar("T")
+R = TypeVar("R")
 Make = Callable[[Run], SceneRunner]
 
 
@@ -36,6 +38,26 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         raise SimulatorError("a worker died; finished findings are stored", hint=hint) from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def side_by_side(
+    pool: ProcessPoolExecutor, workers: int, function: Callable[[T], R], items: Sequence[T]
+) -> Iterator[tuple[int, R]]:
+    """Call a function, whose rollouts are the pool's, for several items at a time.
+
+    Yields each item's number with the result, in the order in which they are done. Where the caller stops,
+    the pool does, too: what is running could not end otherwise.
+    """
+    threads = ThreadPoolExecutor(workers)
+    try:
+        numbers = {threads.submit(function, item): number for number, item in enumerate(items)}
+        for future in as_completed(numbers):
+            yield numbers[future], future.result()
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    finally:
+        threads.shutdown(cancel_futures=True)
 
 
 class PooledRunner:
