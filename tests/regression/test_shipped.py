@@ -1,4 +1,4 @@
-"""The shipped corpora are complete, their scenes are fair, and the witnesses solve them."""
+"""The shipped corpora are complete, their scenes are fair, witnesses solve them, and the failures hold here."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -16,7 +16,7 @@ from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.validity import check_static
 
 RecordProperty = Callable[[str, object], None]
-SAMPLE = 4  # failures of each corpus that are run again; scripts/check_corpora.py runs all of them
+SAMPLE, HOLD = 6, 4  # failures of each corpus that are run again; scripts/check_corpora.py runs all of them
 FOLDERS = [corpus_dir() / f"mini-{task}" for task in TASKS]
 
 
@@ -54,9 +54,10 @@ def test_their_scenes_are_fair(shipped: tuple[Path, Corpus]):
 
 
 @pytest.mark.render
-def test_every_witness_solves_its_scene(shipped: tuple[Path, Corpus], record_property: RecordProperty):
-    """The verdicts of a learned policy depend on last bits, which differ between processors and renderers:
-    how many of the failures and counterparts hold on this machine is shown, not asserted."""
+def test_witnesses_solve_the_scenes_and_the_policy_fails_in_them_here_too(
+    shipped: tuple[Path, Corpus], record_property: RecordProperty
+):
+    """Of the failures about 98 % hold on another processor or renderer, so one or two of six may not."""
     folder, corpus = shipped
     cases = sorted(corpus.cases, key=lambda case: len(case.operators))
     with closing(SimulatorSceneRunner(folder, corpus.runs[0])) as runner:
@@ -71,4 +72,4 @@ def test_every_witness_solves_its_scene(shipped: tuple[Path, Corpus], record_pro
         "figure", f"{corpus.name}: {failed} of {SAMPLE} failures hold here, {passed} counterparts"
     )
     assert solved == [Verdict.PASSED] * len(cases)
-    assert all(outcome.rollouts for outcome in (*failures, *passes)), "every scene is fair and can be run"
+    assert min(failed, passed) >= HOLD
