@@ -1,15 +1,17 @@
 """What the strategy `causes` finds in policies that fail for known reasons."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.search.worlds import space
+from tests.search.worlds import CATALOGUE, space
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
 from vlafuzz.search.causes.strategy import Causes
+from vlafuzz.space import SearchSpace, load_operators
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
@@ -17,12 +19,15 @@ FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
 Fails = Callable[[Scene], bool]
 
 
-def played(fails: Fails, budget: int = 150, seed: int = 0, rate: float = 1.0) -> Causes:
+def played(
+    fails: Fails, budget: int = 150, seed: int = 0, rate: float = 1.0, where: SearchSpace | None = None
+) -> Causes:
     """The strategy after a run against a policy that fails at a rate where it ``fails``."""
-    strategy, rng, asked = Causes(space(), seed, budget), np.random.default_rng(seed), 0
+    where = where or space()
+    strategy, rng, asked = Causes(where, seed, budget), np.random.default_rng(seed), 0
     while asked < budget:
         proposals = strategy.ask(16)
-        scenes = [space().decode(proposal.genome) for proposal in proposals]
+        scenes = [where.decode(proposal.genome) for proposal in proposals]
         strategy.tell(proposals, [FAILED if fails(s) and rng.random() < rate else PASSED for s in scenes])
         asked += len(proposals)
     return strategy
@@ -63,11 +68,43 @@ def test_a_policy_that_fails_seven_times_of_ten_has_the_same_cause():
     assert ("light",) in operators(played(dark, 200, rate=0.7))
 
 
-def test_every_cause_of_a_policy_that_confounders_disturb_has_confounders():
-    def crowded(scene: Scene) -> bool:
-        target = scene.targets[0]
-        return any(np.hypot(other.x - target.x, other.y - target.y) < 0.18 for other in scene.confounders)
+def crowded(scene: Scene) -> bool:
+    target = scene.targets[0]
+    return any(np.hypot(other.x - target.x, other.y - target.y) < 0.18 for other in scene.confounders)
 
+
+@pytest.mark.parametrize(
+    "vary",
+    [
+        ("confounder-count", "confounder-position", "light"),  # the target stays where it is
+        ("confounder-count", "light"),
+    ],
+    ids=" ".join,
+)
+def test_some_operators_only_are_enough(vary: tuple[str, ...]):
+    found = operators(played(lambda scene: dark(scene) or crowded(scene), 120, where=space("pick-up", *vary)))
+    assert ("light",) in found
+    assert found <= {("light",), ("confounders",), ("light", "confounders"), ("confounders", "light")}
+
+
+@pytest.mark.parametrize("count", ["{low: 2, high: 2, nominal: 2}", "{low: 1, high: 3, nominal: 1}"])
+def test_there_may_always_be_confounders_in_ranges_of_their_own(count: str, tmp_path: Path):
+    (tmp_path / "own.yaml").write_text(
+        "extends: tabletop\n"
+        "vary: [light, target-position, confounder-position, confounder-count]\n"
+        "operators:\n"
+        "  confounder-position:\n"
+        "    x: {low: -0.18, high: 0.08, step: 0.02}\n"
+        "    y: {low: -0.2, high: 0.1, step: 0.02}\n"
+        "    nominal: [[0.08, -0.20], [-0.18, -0.20], [0.08, 0.1], [-0.18, 0.1]]\n"
+        f"  confounder-count: {count}\n"
+    )
+    own = SearchSpace(load_operators(tmp_path / "own.yaml"), CATALOGUE, "pick-up")
+    found = operators(played(dark, 120, where=own))
+    assert found == {("light",)}
+
+
+def test_every_cause_of_a_policy_that_confounders_disturb_has_confounders():
     found = operators(played(crowded, 200))
     assert found
     assert all("confounders" in cause for cause in found)

@@ -7,7 +7,7 @@ import numpy as np
 from vlafuzz.search.causes.suspects import FIRM, Mask, Suspects
 from vlafuzz.search.causes.units import Levels
 
-SURE = 0.9  # probability of a set of units that ends an attribution
+SURE = 0.95  # probability of a set of units that ends an attribution
 LARGEST = 4  # units of a cause
 FEW, MOST = (12, 30), (22, 45)  # tests of a firm failure and of others: by suspicion, and in all
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,7 +38,7 @@ class Draws:
         self._budget, self._stretched = budget or NO_BUDGET, stretched
         self._pool: deque[Numbers] = deque(maxlen=POOL)
         self._recent: deque[bool] = deque(maxlen=RECENT)
-        self._open: dict[int, tuple[float, float, float, int]] = {}
+        self._open: dict[int, Draw] = {}
         self._judged: dict[int, Draw] = {}
 
     def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
@@ -48,12 +50,7 @@ class Draws:
         worths = np.maximum(1 - explained, FLOOR)
         taken = int(rng.choice(SUPPLY, p=worths / worths.sum()))
         if not severe:
-            mean = (
-                float(rules.explain(np.array(self._pool), units).mean()) if len(self._pool) >= ENOUGH else 0.0
-            )
-            guess = float(explained[taken]) if len(self._pool) >= ENOUGH else 0.0
-            left = max(self._budget - number, 1)
-            self._open[number] = float(worths.mean() / worths[taken]), guess, mean, left
+            self._open[number] = self._density(number, worths, explained, taken, units, rules)
             self._pool.extend(deviations)
         return self._proposals.registered(genomes[taken])
 
@@ -61,16 +58,7 @@ class Draws:
         """Learn the outcome of a scene that was rolled out."""
         self._recent.append(failed and explained < EXPLAINED)
         if number in self._open:
-            weight, guess, mean, left = self._open.pop(number)
-            self._judged[number] = Draw(
-                failed=failed,
-                left=left,
-                weight=weight,
-                heaviest=1 / FLOOR,
-                heaviest_miss=1 if guess else np.inf,
-                prediction=guess,
-                mean_prediction=mean,
-            )
+            self._judged[number] = replace(self._open.pop(number), failed=failed)
 
     def probability(self) -> Probability:
         """The probability that the policy fails in a random scene; its interval holds at any time."""
@@ -84,6 +72,21 @@ class Draws:
         chances = rule.chance(np.array(self._pool), units)
         low, high = wilson(int((chances >= SURELY).sum()), size)[0], wilson(int((chances > 0).sum()), size)[1]
         return Probability(float(chances.mean()), low, high)
+
+    def _density(
+        self, number: int, worths: Numbers, explained: Numbers, taken: int, units: Units, rules: Rules
+    ) -> Draw:
+        """What is known of a draw before its outcome: its weight, and what rules predict."""
+        known = len(self._pool) >= ENOUGH
+        return Draw(
+            failed=False,
+            left=max(self._budget - number, 1),
+            weight=float(worths.mean() / worths[taken]),
+            heaviest=1 / FLOOR,
+            heaviest_miss=1 if known else math.inf,
+            prediction=float(explained[taken]) if known else 0.0,
+            mean_prediction=float(rules.explain(np.array(self._pool), units).mean()) if known else 0.0,
+        )
 
     def _rarity(self) -> float:
         """How rare unexplained failures have been of late: 1 for none, 0 from a third of all scenes on."""

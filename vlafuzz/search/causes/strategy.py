@@ -18,7 +18,7 @@ from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.proposals import ProposalFactory
 
-AT_ONCE = 3  # attributions at a time: more of them often look into the same cause
+BATCH = 16  # proposals for which there is one attribution at a time: several look into the same cause
 KNOWN, POSSIBLE = 0.85, 0.12  # chance from which a rule explains a failure, and from which it is tried first
 HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
@@ -62,7 +62,7 @@ class Causes:
         avoid: bool = True,
         guided: bool = True,
     ) -> None:
-        self._space, self._seed, self._asked = space, seed, 0
+        self._space, self._seed, self._asked, self._at_once = space, seed, 0, 1
         self._avoids, self._guided = avoid, guided
         self._proposals = ProposalFactory(space)
         self._draws = Draws(space, self._proposals, budget, stretched)
@@ -73,7 +73,7 @@ class Causes:
         self._pending: deque[Levels] = deque()
         self._active: list[Attribution] = []
         self._tests: deque[Test] = deque()
-        self._out: dict[int, Test | None] = {}
+        self._out: dict[int, tuple[Test | None, Genome]] = {}
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
         self._rates, self._repeats = RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
@@ -81,6 +81,7 @@ class Causes:
     def ask(self, n: int) -> list[Proposal]:
         """Up to ``n`` proposals: tests that are due, then draws unless there are failures to attribute."""
         rng = np.random.default_rng([self._seed, self._asked])
+        self._at_once = max(1, n // BATCH)
         self._begin()
         proposals: list[Proposal] = []
         while len(proposals) < n:
@@ -88,7 +89,7 @@ class Causes:
             if test is None and not self._may_draw(len(proposals)):
                 break
             genome = test[1] if test else self._draw(rng)
-            self._out[self._asked] = test[0] if test else None
+            self._out[self._asked] = test[0] if test else None, genome
             proposals.append(Proposal(self._asked, genome))
             self._asked += 1
         return proposals
@@ -96,8 +97,11 @@ class Causes:
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Learn from draws, and from tests for the attribution or the rule that they are for."""
         for proposal, score in zip(proposals, scores, strict=True):
-            test = self._out.pop(proposal.id)
+            test, asked = self._out.pop(proposal.id)
             levels = self._units.levels(proposal.genome)
+            if test is not None and proposal.genome is not asked:  # another scene of a pool: see Selection
+                self._miss(test)
+                test = None
             if test is None:
                 self._learn_draw(proposal.id, levels, score)
             elif test.attribution is not None:
@@ -120,7 +124,8 @@ class Causes:
     @property
     def unexplained(self) -> list[Genome]:
         """The failures for which no cause was found, or not yet."""
-        trials = [test.scene for test in (*self._tests, *filter(None, self._out.values())) if test.failure]
+        out = [test for test, _ in self._out.values() if test]
+        trials = [test.scene for test in (*self._tests, *out) if test.failure]
         open_ones = [attribution.levels for attribution in self._active]
         return [
             self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)
@@ -137,11 +142,11 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        return not already or (not self._pending and len(self._active) < AT_ONCE)
+        return not already or (not self._pending and len(self._active) < self._at_once)
 
     def _begin(self) -> None:
         """Attribute failures that wait, unless a rule explains them."""
-        while self._has_reference and self._pending and len(self._active) < AT_ONCE:
+        while self._has_reference and self._pending and len(self._active) < self._at_once:
             levels = self._pending.popleft()
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
@@ -227,16 +232,24 @@ class Causes:
             self._has_reference = True
 
     def _learn_test(self, test: Test, attribution: Attribution, score: Score) -> None:
-        attribution.waiting = False
         if not score.rolled_out:
-            attribution.suspects.rule_out(test.kept)
+            self._miss(test)
             return
+        attribution.waiting = False
         if np.array_equal(test.kept, attribution.suspects.deviating):
             rates = self._rates * (RATES if score.failed else 1 - RATES)
             self._rates = rates / rates.sum()
         attribution.learn(test.kept, failed=score.failed)
         if attribution.ended:
             self._end(attribution)
+
+    def _miss(self, test: Test) -> None:
+        """A test had no outcome."""
+        if test.attribution is not None:
+            test.attribution.waiting = False
+            test.attribution.suspects.rule_out(test.kept)
+        elif test.failure:
+            self._attribute(test.scene)
 
     def _learn_trial(self, test: Test, rule: Rule, levels: Levels, score: Score) -> None:
         deviations = self._units.deviations(levels[None])[0]
@@ -246,8 +259,7 @@ class Causes:
             return
         if score.rolled_out:
             rule.learn_pass(deviations)
-        if test.failure:
-            self._attribute(test.scene)
+        self._miss(test)
 
     def _end(self, attribution: Attribution) -> None:
         """Make a rule of what an attribution has found."""

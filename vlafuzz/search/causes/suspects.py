@@ -14,7 +14,7 @@ Numbers = NDArray[np.float64]
 SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
 RATES = np.array([0.98, 0.75, 0.5])  # of failure inside a fault, of which one holds
 RATE_PRIOR = np.array([0.6, 0.25, 0.15])
-ELSEWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
+OTHERWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
 HALVES = 48  # random sets of units that are considered as a test
 EXACT = 0.3  # worth in bits of a test that may end the attribution
 UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
@@ -84,7 +84,7 @@ class Suspects:
         """Learn from the scene itself with all units reset but these."""
         self.tests += 1
         self._tried[kept.tobytes()] += 1
-        failing = np.where(self._inside(kept), RATES[:, None], ELSEWISE)
+        failing = np.where(self._inside(kept), RATES[:, None], OTHERWISE)
         self._log += np.log(failing if failed else 1 - failing)
         if not failed:
             self._passed[kept.tobytes()] += 1
@@ -121,15 +121,13 @@ class Suspects:
         ranked = self.masks[np.argsort(-chances)[:RIVALS]]
         unions = [one | other for one, other in combinations(ranked[:6], 2)]
         halves = rng.random((HALVES, len(self.deviating))) < rng.uniform(0.3, 0.8, (HALVES, 1))
-        candidates = np.concatenate(
-            [ranked, [*ranked, *unions], halves & self.deviating, self.deviating & ~ranked]
-        )
+        candidates = np.concatenate([[*ranked, *unions], halves & self.deviating, self.deviating & ~ranked])
         most = 1 if self.rate > FIRM else AGAIN
         candidates = candidates[[bool(kept.any()) and self._is_open(kept, most) for kept in candidates]]
         if not len(candidates):
             return None
         inside = ~(self.masks[None] & ~candidates[:, None]).any(axis=2)
-        fails = ELSEWISE + (self.rate - ELSEWISE) * (inside @ chances)
+        fails = OTHERWISE + (self.rate - OTHERWISE) * (inside @ chances)
         exact = (self.masks[None] == candidates[:, None]).all(axis=2) @ chances
         return np.asarray(candidates[int(np.argmax(_entropy(fails) + EXACT * exact))])
 

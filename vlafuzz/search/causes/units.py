@@ -17,6 +17,7 @@ Numbers = NDArray[np.float64]
 CONFOUNDERS = "confounders"
 SAME, OTHER, NOMINAL = 0.95, 0.2, 0.03  # chance that a category, another one or the reference's is in a fault
 CATEGORY, LEAST = 0.5, 0.15  # severity of a category, and of the smallest number
+SLIGHT = 0.02  # deviation of a unit that differs, but not in its first gene
 BEYOND = 0.92  # chance that a value farther from the reference than one in a fault is in it, too
 FEWER, AS_MANY = 0.1, 0.35  # the same with fewer confounders, and with at least as many
 FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
@@ -45,18 +46,16 @@ class Units:
             Unit(name, _operator(genes[indices[0]]), tuple(indices), _kind(genes[indices[0]]))
             for name, indices in named.items()
         )
-
-        self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
         at = {gene.path: index for index, gene in enumerate(genes)}
+        self._count = at.get(CONFOUNDERS)  # None where their number does not vary
+        self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
         self._axes = [
-            (at[f"targets.0.{axis}"], [index for path, index in at.items() if _around(path, axis)])
+            (at[f"targets.0.{axis}"], [index for path, index in at.items() if _is_around(path, axis)])
             for axis in "xy"
-            if f"targets.0.{axis}" in at and self._around >= 0
+            if f"targets.0.{axis}" in at and self._count is not None
         ]
-        self._metres = [gene.grid.step for gene in genes]
-
-    def __len__(self) -> int:
-        return len(self.units)
+        self._steps = np.array([gene.grid.step for gene in genes])
+        self._lows = np.array([gene.grid.value(0) for gene in genes])
 
     def operators(self, kept: NDArray[np.bool_]) -> tuple[str, ...]:
         """The operators of some units, each once."""
@@ -78,14 +77,19 @@ class Units:
         for unit, stays in zip(self.units, kept, strict=True):
             if stays:
                 reset[list(unit.indices)] = levels[list(unit.indices)]
-        if self._axes and kept[self._around]:  # what matters of confounders may be how near they are
-            moved = [
-                (around, reset[around] + reset[target] - levels[target]) for target, around in self._axes
-            ]
-            if all(((there >= 0) & (there < self._sizes[around])).all() for around, there in moved):
-                for around, there in moved:
-                    reset[around] = there
+        if self._axes and kept[self._around]:
+            self._follow(reset, levels)
         return reset
+
+    def _follow(self, reset: Levels, levels: Levels) -> None:
+        """Move confounders with the target, as far as there is room: how near they are may matter."""
+        moved = {}
+        for target, around in self._axes:
+            metres = self._steps[target] * (reset[target] - levels[target])
+            moved[target] = reset[around] + np.round(metres / self._steps[around]).astype(np.int64)
+        fits = [(moved[target] >= 0) & (moved[target] < self._sizes[around]) for target, around in self._axes]
+        for target, around in self._axes:
+            reset[around] = np.where(np.all(fits, axis=0), moved[target], reset[around])
 
     def jittered(self, levels: Levels, rng: np.random.Generator) -> Levels:
         """The levels with one number a grid step off, if there is any number."""
@@ -94,10 +98,8 @@ class Units:
         if not numbers:
             return near
         index = int(rng.choice(numbers))
-        step = (
-            1 if levels[index] + 1 < self._sizes[index] and (rng.random() < 0.5 or not levels[index]) else -1
-        )
-        near[index] += step
+        steps = [step for step in (-1, 1) if 0 <= levels[index] + step < self._sizes[index]]
+        near[index] += rng.choice(steps or [0])
         return near
 
     def stretched(self, levels: Levels, rng: np.random.Generator) -> Levels:
@@ -131,41 +133,43 @@ class Units:
     def deviations(self, levels: NDArray[np.int64]) -> Numbers:
         """``(n, units + 1)`` signed distances from the reference, as shares of the range on that side.
 
-        Of a category 1 + its level, 0 for the reference's; of confounders their number. The last column is
-        the distance of the nearest confounder from the first target, metres.
+        Of a category 1 + its level, of confounders 1 + their number; 0 for the reference's. The last column
+        is the distance of the nearest confounder from the first target, metres; infinite if there is none.
         """
         return np.stack(
             [*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1
         )
 
     def _nearest(self, levels: NDArray[np.int64]) -> Numbers:
-        nearest = np.full(len(levels), np.inf)
         if len(self._axes) < 2:
-            return nearest
-        count = self._deviation(self.units[self._around], levels)
-        squares = [
-            (self._metres[target] * (levels[:, around] - levels[:, [target]])) ** 2
-            for target, around in self._axes
-        ]
+            return np.full(len(levels), np.inf)
+        at = self._lows + self._steps * levels
+        squares = [(at[:, around] - at[:, [target]]) ** 2 for target, around in self._axes]
         distances = np.sqrt(np.sum(squares, axis=0))
-        return np.asarray(
-            np.where(np.arange(distances.shape[1]) < count[:, None], distances, np.inf).min(axis=1)
-        )
+        used = np.arange(distances.shape[1]) < self._number(levels)[:, None]
+        return np.asarray(np.where(used, distances, np.inf).min(axis=1))
+
+    def _number(self, levels: NDArray[np.int64]) -> Numbers:
+        """``(n,)`` of confounders; 0 where it does not vary."""
+        if self._count is None:
+            return np.zeros(len(levels))
+        return np.asarray(self._lows[self._count] + levels[:, self._count])
 
     def _deviation(self, unit: Unit, levels: NDArray[np.int64]) -> Numbers:
-        index = unit.indices[0]
+        members = list(unit.indices)
+        differs = (levels[:, members] != self.reference[members]).any(axis=1)
         if unit.kind == CONFOUNDERS:
-            index = next(i for i in unit.indices if self.genes[i].path == CONFOUNDERS)
-            return levels[:, index].astype(float)
+            return np.where(differs, 1.0 + self._number(levels), 0.0)
+        index = unit.indices[0]
         here, start, size = levels[:, index], self.reference[index], self._sizes[index]
         if unit.kind == "category":
-            return np.where(here == start, 0.0, 1.0 + here)
+            return np.where(differs, 1.0 + here, 0.0)
         away = (here - start).astype(float)
         if self.genes[index].grid.wraps:
-            away = (away + size // 2) % size - size // 2
-            return np.asarray(away / (size / 2))
-        room = np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
-        return np.asarray(away / room)
+            away = ((away + size // 2) % size - size // 2) / (size / 2)
+        else:
+            away /= np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
+        return np.where(differs & (away == 0), SLIGHT, away)  # the camera as far off, in another direction
 
     def alike(self, others: Numbers, one: Numbers) -> Numbers:
         """``(n, units)`` chance that a value is in a fault's range, given that ``one`` is; by deviations."""
@@ -194,7 +198,7 @@ def _operator(gene: Gene) -> str:
     return CONFOUNDERS if gene.operator.startswith("confounder-") else gene.operator
 
 
-def _around(path: str, axis: str) -> bool:
+def _is_around(path: str, axis: str) -> bool:
     return path.startswith("confounders.") and path.endswith(f".{axis}")
 
 
