@@ -41,11 +41,12 @@ def fuzz(
     watch: Callable[[Tally], None] = lambda tally: None,
     **flags: Any,
 ) -> Summary:
-    """Run a campaign; it ends when its budget is spent, and the causes that it has found are certified.
+    """Run a campaign; it ends when its budget is spent, and the commonest causes are certified.
 
     Args:
         policy: an object, which stays open and works in this process, or a name as on the command line.
-        certify: whether to triage the scenes that show causes; by default if the strategy looks for them.
+        certify: whether to triage the scenes that show the commonest causes, with about as many rollouts as
+            the budget; by default if the strategy looks for causes.
         watch: called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
@@ -61,7 +62,7 @@ def fuzz(
     summary = launch.start(planned, watch)
     if looks_for_causes(planned.strategy) if certify is None else certify:
         with Store.open(Path(summary.store), "write") as store:
-            shown = pipeline.cause_findings(store, summary.run)
+            shown = pipeline.to_certify(store, summary.run)
             pipeline.triage(store, partial(_runner, Path(summary.store), own), findings=shown)
     return summary
 

@@ -15,7 +15,7 @@ from vlafuzz.triage import scene_runner
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 RUN = ("run", "--policy", "python:tests.doubles:make_idle", "--unchecked", "--store", "a.db")
-CAUSES = (*RUN, "--strategy", "causes", "--budget", "60")
+CAUSES = (*RUN, "--strategy", "causes", "--budget", "120")
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +49,9 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
     first = causes["pick-up|grasp|light:dark"]
     assert (first["bucket"], first["lost_stage"], first["witness"]) == ("minimal", "grasp", "seeing")
     assert first["rate"]["failures"] == first["rate"]["rollouts"] >= 5
-    assert first["share"] is None  # too few random scenes for an estimate
+    shares = [cause["share"]["value"] for cause in printed["causes"] if cause["bucket"] == "minimal"]
+    assert shares == sorted(shares, reverse=True)
+    assert min(shares) > 0
     probability = printed["probability"]
     assert 0 <= probability["low"] <= probability["value"] <= probability["high"] <= 1
     certification = printed["certification"]
@@ -62,6 +64,18 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
     assert run["causes"] == printed["causes"]
     assert main(["report", "a.db", "--no-videos", "--out", "a.html"]) == 0
     assert "light (dark): fails from intensity" in Path("a.html").read_text()
+
+
+def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(
+    capsys: pytest.CaptureFixture[str],
+):
+    assert main([*RUN, "--strategy", "causes", "--budget", "60", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["certification"]["certified"] == 1 < printed["certification"]["causes"]
+    assert [cause["bucket"] for cause in printed["causes"]][:2] == ["minimal", "observed"]
+    assert main(["triage", "a.db", "--json"]) == 0
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    assert run["certification"]["certified"] == run["certification"]["causes"]
 
 
 def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pytest.CaptureFixture[str]):

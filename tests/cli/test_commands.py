@@ -10,7 +10,7 @@ import pytest
 from vlafuzz.cli import main
 from vlafuzz.policies import registry
 
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 
 
 @pytest.mark.parametrize("flags", [("--policy", ""), ("--store=",), ("--scenes", "")])

@@ -10,7 +10,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import load_scenes
 
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.triage import scene_runner as runner
 
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 NAMES = ["failed", "passed", "invalid", "error"]
 
 
@@ -31,7 +31,7 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
     assert (summary["rollouts"], summary["task"], summary["strategy"], summary["seed"]) == (
         30,
         "pick-up",
-        "surrogate",
+        "causes",
         0,
     )
     assert list(summary["verdicts"]) == NAMES
@@ -67,7 +67,7 @@ def test_the_default_store_is_named_after_the_run_and_gets_one_run_more(folder: 
     for _ in range(2):
         assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0
     (store,) = (folder / "runs").iterdir()
-    assert store.name == "pick-up-python-tests.doubles-make_idle-surrogate-7.db"
+    assert store.name == "pick-up-python-tests.doubles-make_idle-causes-7.db"
     with Store.open(store) as opened:
         assert [run.manifest.seed for run in opened.runs()] == [7, 7]
 

@@ -1,4 +1,4 @@
-"""The shipped corpora are complete, their scenes are fair, witnesses solve them, and the failures hold here."""
+"""The shipped corpora are complete, their scenes fair and solved by witnesses, and the failures hold here."""
 
 from collections.abc import Callable
 from contextlib import closing

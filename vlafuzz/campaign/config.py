@@ -33,7 +33,8 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
-STRATEGY = "surrogate"  # finds most distinct cells: scripts/bench_strategies.py
+# Identifies most planted faults; with a pool, most failures: scripts/bench_strategies.py
+STRATEGY, STRATEGY_OF_POOL = "causes", "surrogate"
 MOST = 2**63 - 1  # the largest integer of SQLite
 _CAMERA = {CameraPosition.name, CameraOrientation.name}
 
@@ -46,7 +47,7 @@ class RunConfig:
         task: by default that of ``scenes``, else pick-up.
         robot: the name of a rig; by default that of ``scenes``, else panda.
         policy: by default ``default_policy``.
-        strategy: by default surrogate; the scenes of a file are taken in order.
+        strategy: by default causes, with a pool surrogate; the scenes of a file are taken in order.
         budget: in policy rollouts; by default all scenes of a file, else 100.
         batch: proposals that are asked for at once.
         repeats: rollouts a scene.
@@ -215,7 +216,7 @@ def named_rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
 def named_strategy(config: RunConfig) -> str:
     """The strategy that the user names, or the default; a file of scenes has one of its own."""
     if config.scenes is None:
-        return config.strategy or STRATEGY
+        return config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)
     if config.strategy not in (None, POOL):
         problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
         raise UsageError(problem, hint="--pool lets it choose from the file")

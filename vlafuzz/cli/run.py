@@ -44,7 +44,10 @@ def command(
     policy: PolicyFlag = None,
     strategy: Annotated[
         str | None,
-        typer.Option(help="What proposes scenes, or python:pkg.mod:factory.", show_default="surrogate"),
+        typer.Option(
+            help="What proposes scenes, or python:pkg.mod:factory.",
+            show_default="causes; with a pool surrogate",
+        ),
     ] = None,
     budget: Annotated[int | None, typer.Option(help="Policy rollouts.", show_default="100")] = None,
     seed: Annotated[
@@ -91,7 +94,7 @@ def command(
         bool | None,
         typer.Option(
             "--certify/--no-certify",
-            help="Then triage the scenes that show the causes found.",
+            help="Then triage the scenes that show the commonest causes, at about the cost of the run.",
             show_default="with strategy causes",
         ),
     ] = None,
@@ -196,11 +199,14 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
     """Triage all findings of the store, or only those that show causes of the run."""
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.policies.registry import is_shared
+    from vlafuzz.triage.pipeline import PER_CAUSE
 
     found = None if everything else _causes(summary)
     if found and found.found:
+        most = max(1, plan.manifest.budget // PER_CAUSE)
+        some = f"the {most} commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
-        Bar.note(f"certifying {count}, about 100 rollouts each; --no-certify leaves this out")
+        Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")
     # Triage makes a policy in each of its processes, which are on this machine.
     alone = plan.place.kind == "ray" or is_shared(plan.manifest.policy)
     return triage_store(

@@ -69,7 +69,7 @@ def triage_store(
     """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed.
 
     Args:
-        causes_of: a run: only the findings that show its causes.
+        causes_of: a run: only the findings that show its commonest causes.
     """
     again = shlex.join(["vlafuzz", "triage", str(store)])
     with interruptible(
@@ -94,7 +94,7 @@ def _triage(
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import cause_findings, triage
+    from vlafuzz.triage.pipeline import to_certify, triage
     from vlafuzz.triage.scene_runner import runner_of_run
     from vlafuzz.triage.summary import summarise
 
@@ -104,7 +104,7 @@ def _triage(
         unjudged = triage(
             opened,
             partial(runner_of_run, store, note=Bar.note),
-            findings=None if causes_of is None else cause_findings(opened, causes_of),
+            findings=None if causes_of is None else to_certify(opened, causes_of),
             max_rollouts=max_rollouts,
             limit=limit,
             workers=workers,

@@ -12,6 +12,8 @@ from vlafuzz.store.store import Store
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
 from vlafuzz.triage.triager import SceneRunner, Triager
 
+PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
+
 
 class Progress(NamedTuple):
     """How far triage is: findings done, findings in all, and rollouts so far."""
@@ -113,6 +115,12 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
     findings = {finding.scene: finding for finding in store.findings(run)}
     scenes = dict.fromkeys(cause.scene for cause in attribution.causes)
     return [findings[scene] for scene in scenes if scene in findings]
+
+
+def to_certify(store: Store, run: int) -> list[Finding]:
+    """Those that show the commonest causes of a run: so many that triage takes about as long as the run."""
+    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
+    return cause_findings(store, run)[: max(1, budget // PER_CAUSE)]
 
 
 def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]) -> list[Finding]:
