@@ -10,7 +10,9 @@ from tests.search.worlds import CATALOGUE, space
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
+from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes
+from vlafuzz.search.causes.units import Units
 from vlafuzz.space import SearchSpace, load_operators
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
@@ -102,6 +104,23 @@ def test_there_may_always_be_confounders_in_ranges_of_their_own(count: str, tmp_
     own = SearchSpace(load_operators(tmp_path / "own.yaml"), CATALOGUE, "pick-up")
     found = operators(played(dark, 120, where=own))
     assert found == {("light",)}
+
+
+def test_a_cause_that_takes_less_replaces_one_that_chance_has_left_more_in():
+    genes = space("pick-up", "light", "target-position").genes
+    units = Units(genes, np.array([gene.grid.nominal_level for gene in genes]))
+    light = next(i for i, unit in enumerate(units.units) if unit.operator == "light")
+    place = next(i for i, unit in enumerate(units.units) if unit.operator == "target-position")
+    rules = Rules()
+    for several in ([place, light], [light]):
+        levels, kept = units.reference.copy(), np.zeros(len(units.units), dtype=bool)
+        for index in several:
+            levels[list(units.units[index].indices)] = 0
+            kept[index] = True
+        deviations = units.deviations(levels[None])[0]
+        added = rules.add(Rule.of(kept, levels, deviations, units), deviations, units)
+    assert list(rules) == [added]
+    assert (added.kept.sum(), added.hits) == (1, 2)
 
 
 def test_every_cause_of_a_policy_that_confounders_disturb_has_confounders():

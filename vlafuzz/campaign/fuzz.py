@@ -17,7 +17,7 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Objective, cell, score
-from vlafuzz.search.base import Genome, Proposal, Strategy, causes, looks_for_causes
+from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 
@@ -127,7 +127,7 @@ class _Campaign:
             with self.tally.search:
                 self.strategy.tell(proposals, scores)
                 if looks_for_causes(self.strategy):
-                    self.tally.causes = len(causes(self.strategy))
+                    self.tally.causes = causes_found(self.strategy)
         self.past.check_empty()
 
     def _ask(self, room: int) -> list[Proposal]:

@@ -100,6 +100,12 @@ def causes(strategy: Strategy) -> Sequence[Cause]:
     return find() if find else ()
 
 
+def causes_found(strategy: Strategy) -> int:
+    """How many there are; a strategy whose ``causes`` take long says so in ``found``."""
+    found = getattr(strategy, "found", None)
+    return len(causes(strategy)) if found is None else int(found)
+
+
 def looks_for_causes(strategy: Strategy) -> bool:
     return hasattr(strategy, "causes")
 

@@ -15,11 +15,11 @@ from vlafuzz.search.causes.units import Numbers, Units
 from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.statistics import wilson
 
-SUPPLY = 4  # random scenes of which one is proposed
+SUPPLY = 3  # random scenes of which one is proposed, once there are rules
 FLOOR = 0.3  # of the weight of a scene that is explained: a wrong rule is found out, and bounds hold
 STRETCHED = 0.5  # largest share of scenes that are made more severe: none where a third of all fail
 RECENT = 30  # scenes by which that is judged
-POOL, ENOUGH = 4000, 200  # random scenes by which shares are estimated, at most and at least
+POOL, ENOUGH = 2000, 100  # random scenes by which shares are estimated, at most and at least
 EXPLAINED, SURELY = 0.5, 0.95  # chance from which on a scene counts as explained, and is surely in a range
 NO_BUDGET = 1000  # rollouts that a run without a budget is taken to have
 
@@ -36,7 +36,7 @@ class Draws:
     ) -> None:
         self._space, self._proposals = space, proposals
         self._budget, self._stretched = budget or NO_BUDGET, stretched
-        self._pool: deque[Numbers] = deque(maxlen=POOL)
+        self._pool: Numbers = np.zeros((0, 0))  # deviations of random scenes
         self._recent: deque[bool] = deque(maxlen=RECENT)
         self._open: dict[int, Draw] = {}
         self._judged: dict[int, Draw] = {}
@@ -44,14 +44,15 @@ class Draws:
     def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """A scene for the proposal with this number."""
         severe = rng.random() < self._stretched * self._rarity()
-        genomes = [self._candidate(units, rng, severe=severe) for _ in range(SUPPLY)]
+        supply = SUPPLY if rules else 1
+        genomes = [self._candidate(units, rng, severe=severe) for _ in range(supply)]
         deviations = units.deviations(np.array([units.levels(genome) for genome in genomes]))
         explained = rules.explain(deviations, units)
         worths = np.maximum(1 - explained, FLOOR)
-        taken = int(rng.choice(SUPPLY, p=worths / worths.sum()))
+        taken = int(rng.choice(supply, p=worths / worths.sum()))
         if not severe:
             self._open[number] = self._density(number, worths, explained, taken, units, rules)
-            self._pool.extend(deviations)
+            self._pool = np.concatenate([self._pool, deviations])[-POOL:] if len(self._pool) else deviations
         return self._proposals.registered(genomes[taken])
 
     def learn(self, number: int, *, failed: bool, explained: float) -> None:
@@ -59,6 +60,10 @@ class Draws:
         self._recent.append(failed and explained < EXPLAINED)
         if number in self._open:
             self._judged[number] = replace(self._open.pop(number), failed=failed)
+
+    def forget(self) -> None:
+        """There is another reference: deviations from the old one are of no use."""
+        self._pool = np.zeros((0, 0))
 
     def probability(self) -> Probability:
         """The probability that the policy fails in a random scene; its interval holds at any time."""
@@ -69,7 +74,7 @@ class Draws:
         size = len(self._pool)
         if size < ENOUGH:
             return None
-        chances = rule.chance(np.array(self._pool), units)
+        chances = rule.chance(self._pool, units)
         low, high = wilson(int((chances >= SURELY).sum()), size)[0], wilson(int((chances > 0).sum()), size)[1]
         return Probability(float(chances.mean()), low, high)
 
@@ -85,7 +90,7 @@ class Draws:
             heaviest=1 / FLOOR,
             heaviest_miss=1 if known else math.inf,
             prediction=float(explained[taken]) if known else 0.0,
-            mean_prediction=float(rules.explain(np.array(self._pool), units).mean()) if known else 0.0,
+            mean_prediction=float(rules.explain(self._pool, units).mean()) if known else 0.0,
         )
 
     def _rarity(self) -> float:

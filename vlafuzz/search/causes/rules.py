@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vlafuzz.search.causes.units import CONFOUNDERS, Levels, Numbers, Units
 
 Mask = NDArray[np.bool_]
+KNOWN = 0.85  # chance from which a rule explains a failure
 
 
 @dataclass(eq=False)
@@ -68,6 +69,10 @@ class Rule:
         numbers = [index for index in np.flatnonzero(self.kept).tolist() if index not in self.values]
         return bool((np.sign(self.inner[numbers]) == np.sign(other.inner[numbers])).all())
 
+    def needs_all_of(self, other: Rule) -> bool:
+        """Whether it takes all units of another rule, and more."""
+        return bool((self.kept >= other.kept).all() and (self.kept > other.kept).any())
+
     def learn_failure(self, deviations: Numbers, levels: Levels, units: Units) -> None:
         """A scene with its units alone fails: its range reaches as far."""
         nearer = True
@@ -115,10 +120,18 @@ class Rules(list[Rule]):
         return self[best], chances[best]
 
     def add(self, rule: Rule, deviations: Numbers, units: Units) -> Rule:
-        """Add a rule; one of the same kind is widened instead. Returns the rule that is in the list."""
+        """Add a rule; one of the same kind is widened instead. Returns the rule that is in the list.
+
+        Rules whose scene it explains with fewer units go: chance has kept a unit too many in them.
+        """
         for other in self:
             if other.same_kind(rule):
                 other.learn_failure(deviations, rule.levels, units)
                 return other
+        for other in [other for other in self if other.needs_all_of(rule)]:
+            scene = units.deviations(other.levels[None])
+            if rule.chance(scene, units)[0] >= KNOWN:
+                rule.hits += other.hits
+                self.remove(other)
         self.append(rule)
         return rule

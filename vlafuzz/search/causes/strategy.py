@@ -13,13 +13,13 @@ from vlafuzz.scoring import Score
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import Attribution
 from vlafuzz.search.causes.draws import STRETCHED, Draws
-from vlafuzz.search.causes.rules import Rule, Rules
+from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.proposals import ProposalFactory
 
 BATCH = 16  # proposals for which there is one attribution at a time: several look into the same cause
-KNOWN, POSSIBLE = 0.85, 0.12  # chance from which a rule explains a failure, and from which it is tried first
+POSSIBLE = 0.12  # chance from which a rule is tried on a failure
 HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
 REPEATS = 6  # of the first failures as they are: they show how often a fault makes the policy fail
@@ -120,6 +120,11 @@ class Causes:
             )
             for rule in self._rules
         ]
+
+    @property
+    def found(self) -> int:
+        """The number of causes so far."""
+        return len(self._rules)
 
     @property
     def unexplained(self) -> list[Genome]:
@@ -230,6 +235,7 @@ class Causes:
             severities = [self._units.severity(one).sum() for one in self._units.deviations(passing)]
             self._units = Units(self._space.genes, passing[int(np.argmin(severities))])
             self._has_reference = True
+            self._draws.forget()
 
     def _learn_test(self, test: Test, attribution: Attribution, score: Score) -> None:
         if not score.rolled_out:

@@ -126,9 +126,10 @@ class Suspects:
         candidates = candidates[[bool(kept.any()) and self._is_open(kept, most) for kept in candidates]]
         if not len(candidates):
             return None
-        inside = ~(self.masks[None] & ~candidates[:, None]).any(axis=2)
+        sizes = self.masks.sum(axis=1)
+        inside = candidates.astype(float) @ self.masks.T.astype(float) == sizes
         fails = OTHERWISE + (self.rate - OTHERWISE) * (inside @ chances)
-        exact = (self.masks[None] == candidates[:, None]).all(axis=2) @ chances
+        exact = (inside & (candidates.sum(axis=1)[:, None] == sizes)) @ chances
         return np.asarray(candidates[int(np.argmax(_entropy(fails) + EXACT * exact))])
 
     def _joint(self) -> Numbers:
