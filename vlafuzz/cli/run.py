@@ -204,7 +204,7 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
     found = None if everything else _causes(summary)
     if found and found.found:
         most = max(1, plan.manifest.budget // PER_CAUSE)
-        some = f"the {most} commonest of " if most < found.found else ""
+        some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")
     # Triage makes a policy in each of its processes, which are on this machine.
