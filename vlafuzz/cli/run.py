@@ -199,11 +199,11 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
     """Triage all findings of the store, or only those that show causes of the run."""
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.policies.registry import is_shared
-    from vlafuzz.triage.pipeline import PER_CAUSE
+    from vlafuzz.triage.pipeline import PER_CAUSE, affordable
 
     found = None if everything else _causes(summary)
     if found and found.found:
-        most = max(1, plan.manifest.budget // PER_CAUSE)
+        most = affordable(plan.manifest.budget)
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")

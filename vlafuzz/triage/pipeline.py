@@ -120,7 +120,12 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
 def to_certify(store: Store, run: int) -> list[Finding]:
     """Those that show the commonest causes of a run: so many that triage takes about as long as the run."""
     budget = next(each.manifest.budget for each in store.runs() if each.id == run)
-    return cause_findings(store, run)[: max(1, budget // PER_CAUSE)]
+    return cause_findings(store, run)[: affordable(budget)]
+
+
+def affordable(budget: int) -> int:
+    """The number of causes that a run with this budget certifies."""
+    return max(1, budget // PER_CAUSE)
 
 
 def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]) -> list[Finding]:

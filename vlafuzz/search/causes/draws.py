@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vlafuzz.probability import Draw, Probability, failure_probability
-from vlafuzz.search.base import Genome, Source
+from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.units import Numbers, Units
 from vlafuzz.search.proposals import ProposalFactory
@@ -31,10 +31,8 @@ class Draws:
     explains the failure: ``mean(h) / h`` of the scene that is taken is an unbiased weight.
     """
 
-    def __init__(
-        self, space: Source, proposals: ProposalFactory, budget: int | None, stretched: float
-    ) -> None:
-        self._space, self._proposals = space, proposals
+    def __init__(self, proposals: ProposalFactory, budget: int | None, stretched: float) -> None:
+        self._proposals = proposals
         self._budget, self._stretched = budget or NO_BUDGET, stretched
         self._pool: Numbers = np.zeros((0, 0))  # deviations of random scenes
         self._recent: deque[bool] = deque(maxlen=RECENT)

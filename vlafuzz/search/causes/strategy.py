@@ -65,7 +65,7 @@ class Causes:
         self._space, self._seed, self._asked, self._at_once = space, seed, 0, 1
         self._avoids, self._guided = avoid, guided
         self._proposals = ProposalFactory(space)
-        self._draws = Draws(space, self._proposals, budget, stretched)
+        self._draws = Draws(self._proposals, budget, stretched)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
         self._has_reference = False
