@@ -98,7 +98,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         _seeds(options),
         policy=options.ground,
         budget=options.budget,
-        witnesses=options.witnesses,
+        limit=options.triage_rollouts,
         workers=options.workers,
         processes=options.processes,
         folder=options.stores,
@@ -151,7 +151,9 @@ def main() -> None:
     ):
         ground = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
         ground.add_argument("--tasks", nargs="+", default=tasks)
-        ground.add_argument("--witnesses", type=int, default=5, help="failures per run that the expert tries")
+        ground.add_argument(
+            "--triage-rollouts", type=int, default=0, help="of every run, see `vlafuzz compare`"
+        )
         ground.add_argument(
             "--processes", type=int, default=1, help="processes per run; outcomes do not depend on it"
         )

@@ -7,61 +7,44 @@ second call resumes them, or only counts. The measures are those of `vlafuzz com
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from strategies.results import side_by_side
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
+from vlafuzz.compare.certified import certify
 from vlafuzz.compare.comparison import Comparison, compare_runs
-from vlafuzz.compare.failures import CountedRun, count_run
+from vlafuzz.compare.failures import CountedRun, count_run, with_causes
 from vlafuzz.compare.plots import plot
-from vlafuzz.compare.samples import Sampled, Solvable, Witnesses, sample, solvable
 from vlafuzz.compare.verdicts import corrected
 from vlafuzz.conditions.stored import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.store import Store
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.triage.scene_runner import runner_of_run
 from vlafuzz.watch import SILENT
 
 
 @dataclass(frozen=True)
-class Ran:
-    """The measures of a run, and which of a sample of its failures the expert solves."""
-
-    counted: CountedRun
-    sampled: tuple[Sampled, ...]
-    solved: dict[str, bool]
-
-    def numbered(self, number: int) -> Ran:
-        """With another run number: in a store of its own, every run is the first."""
-        counted = replace(self.counted, run=replace(self.counted.run, id=number))
-        return replace(
-            self, counted=counted, sampled=tuple(sampled._replace(run=number) for sampled in self.sampled)
-        )
-
-
-@dataclass(frozen=True)
 class Job:
-    """One run. ``witnesses``: how many failures the expert tries; ``workers``: processes of the run."""
+    """One run. ``limit``: rollouts of its triage; ``workers``: its processes."""
 
     task: str
     strategy: str
     seed: int
     policy: str
     budget: int
-    witnesses: int
+    limit: int
     workers: int
     store: Path
 
-    def play(self) -> Ran:
-        """Run, resume, or only count."""
+    def play(self) -> CountedRun:
+        """Run, resume, triage, or only count."""
         config = RunConfig(
             task=self.task,
             strategy=self.strategy,
@@ -80,9 +63,11 @@ class Job:
                 group=None,
             )
             do_missing(store, [run], SILENT)
+            if self.limit:
+                certify(store, partial(runner_of_run, self.store), store.runs(), self.limit)
         return self._counted()
 
-    def _counted(self) -> Ran:
+    def _counted(self) -> CountedRun:
         with Store.open(self.store) as store:
             (run,) = store.runs()
             if run.manifest.budget != self.budget:
@@ -90,13 +75,7 @@ class Job:
                 raise UsageError(message, hint="give another --stores")
             operators = stored_operators(self.store, run.manifest)
             counted = count_run(store, run, SearchSpace(operators, load_catalogue(), self.task).embed)
-        sampled = sample([counted], self.witnesses)
-        scenes = [failure.scene for failure in sampled]
-        witnesses = Witnesses(self.store.with_suffix(".witnesses.jsonl"), run.manifest)
-        if witnesses.missing(scenes):
-            with closing(SimulatorSceneRunner(self.store, run.manifest)) as runner:
-                witnesses.find(scenes, runner, lambda done, of: None)
-        return Ran(counted, tuple(sampled), dict(witnesses.solved))
+            return with_causes(store, [counted], self.limit)[0]
 
 
 def simulate(
@@ -106,7 +85,7 @@ def simulate(
     *,
     policy: str,
     budget: int,
-    witnesses: int,
+    limit: int,
     workers: int,
     processes: int,
     folder: Path,
@@ -123,7 +102,7 @@ def simulate(
             seed,
             policy,
             budget,
-            witnesses,
+            limit,
             processes,
             folder / f"{task}-{policy}-{name}-{seed}.db",
         )
@@ -132,19 +111,14 @@ def simulate(
         for name in strategies
     ]
     played = side_by_side(jobs, Job.play, workers)
-    ran = {job: run.numbered(number) for number, (job, run) in enumerate(zip(jobs, played, strict=True))}
+    ran = dict(zip(jobs, played, strict=True))
     compared = {}
     for task in tasks:
-        of = {
+        counted = {
             name: [run for job, run in ran.items() if (job.task, job.strategy) == (task, name)]
             for name in strategies
         }
-        compared[task] = compare_runs(
-            {name: [run.counted for run in runs] for name, runs in of.items()},
-            strategies[0],
-            store=str(folder),
-            solvable={name: _solvable(runs) for name, runs in of.items()},
-        )
+        compared[task] = compare_runs(counted, strategies[0], store=str(folder), limit=limit)
         (folder / task).mkdir(exist_ok=True)
         plot(compared[task], folder / task)
     return _corrected(compared)
@@ -157,11 +131,6 @@ def _corrected(compared: dict[str, Comparison]) -> dict[str, Comparison]:
         task: replace(comparison, against=tuple(islice(tests, len(comparison.against))))
         for task, comparison in compared.items()
     }
-
-
-def _solvable(runs: Sequence[Ran]) -> Solvable | None:
-    sampled = list(chain.from_iterable(run.sampled for run in runs))
-    return solvable(sampled, {digest: solved for run in runs for digest, solved in run.solved.items()})
 
 
 def contents(compared: dict[str, Comparison]) -> dict[str, Any]:

@@ -13,24 +13,37 @@ from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store
 from vlafuzz.triage import scene_runner as runner
 
 IDLE = ("--policy", "python:tests.doubles:make_idle")
-SMALL = (*IDLE, "--strategies", "random,feedback", "--budget", "12", "--repeats", "2", "--seed", "3")
+SMALL = (
+    *IDLE,
+    "--strategies",
+    "random,feedback",
+    "--budget",
+    "12",
+    "--repeats",
+    "2",
+    "--seed",
+    "3",
+    "--triage-rollouts",
+    "0",
+)
 HERE = ("--store", "a.db", "--out", "out")
+
+
+def dark(scene: Scene) -> bool:
+    return scene.light.intensity < 0.5
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """In the dark the policy fails; the expert solves what is left of the table's middle."""
+    """In the dark the policy fails."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    monkeypatch.setattr(
-        runner,
-        "SimulatorSceneRunner",
-        lambda *_, **__: PlantedRunner([], solvable=lambda scene: scene.targets[0].y > 0),
-    )
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner([dark]))
     return tmp_path
 
 
@@ -78,32 +91,35 @@ def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Pa
     standing = document["standings"][1]
     assert standing["strategy"] == "feedback"
     assert standing["figures"]["cells"]["median"] > 0
-    assert standing["solvable"]["of"] == standing["failures"]
-    assert {pair["measure"] for pair in document["against"]} >= {"cells", "failures", "cid", "qd_score"}
+    assert standing["means"]["failures"]["value"] > 0
     assert json.loads((folder / "out/compare.json").read_text()) == document
 
 
 def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFixture[str]):
     compare()
-    assert "2 repeats are too few to tell, p is never below 1; 9 could" in capsys.readouterr().out
+    assert "2 repeats are too few to tell, p is never below 0.5; 6 could" in capsys.readouterr().out
 
 
 def test_plots_and_tables_are_in_the_folder(folder: Path, capsys: pytest.CaptureFixture[str]):
     compare()
     assert {path.name for path in (folder / "out").iterdir()} == {
         "compare.html", "compare.json", "compare.md", "runs.csv", "curves.png", "figures.png",
-        "witnesses.jsonl",
     }  # fmt: skip
     assert (folder / "out/curves.png").read_bytes().startswith(b"\x89PNG")
     assert "written to out: compare.html, curves.png, figures.png" in capsys.readouterr().err
 
 
 def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: Path):
-    compare()
+    compare("--triage-rollouts", "50")
     page = (folder / "out/compare.html").read_text(encoding="utf-8")
     assert page.count('src="data:image/png;base64,iVBOR') == 2
-    for part in ("Found: pick-up", "All repeats together", "Cost", "Against random", "too few repeats"):
+    for part in (
+        "Causes: pick-up", "Against random", "too few repeats", "Triage, all repeats together", "Cost",
+        "Diagnostics", "do not count causes",
+    ):  # fmt: skip
         assert part in page
+        page = page[page.index(part) :]  # in this order
+    page = (folder / "out/compare.html").read_text(encoding="utf-8")
     assert "vlafuzz report a.db --out a.html" in page
     assert not re.search(r'(src|href)="(?!data:)', page)
 
@@ -111,7 +127,7 @@ def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: P
 def test_one_strategy_alone_has_a_page_without_tests(folder: Path):
     compare("--strategies", "random")
     page = (folder / "out/compare.html").read_text(encoding="utf-8")
-    assert "All repeats together" in page
+    assert "Failures: pick-up" in page
     assert "Against random" not in page
     assert "What can be said" not in page
 
@@ -120,22 +136,22 @@ def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):
     compare("--csv")
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
     assert [row["strategy"] for row in rows] == ["random", "feedback"]
-    assert float(rows[0]["cells_median"]) > 0
+    assert float(rows[0]["failures_value"]) > 0
 
 
 def test_the_cost_of_searching_is_told_apart(capsys: pytest.CaptureFixture[str]):
     compare("--markdown")
-    assert "| in rollouts | search | search share | store | store share |" in capsys.readouterr().out
+    assert "| seconds | in rollouts | search | store |" in capsys.readouterr().out
     compare("--json")
     cost = json.loads(capsys.readouterr().out)["standings"][0]["figures"]
     assert 0 < cost["search_share"]["median"] + cost["store_share"]["median"] < 1
 
 
 def test_markdown_can_be_pasted(capsys: pytest.CaptureFixture[str]):
-    compare("--markdown")
+    compare("--markdown", "--triage-rollouts", "50")
     shown = capsys.readouterr().out
-    assert "| strategy | failures | cells |" in shown
-    assert "- feedback: distinct cells beside random: 2 repeats are too few to tell" in shown
+    assert "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in shown
+    assert "- feedback: certified causes beside random: 2 repeats are too few to tell" in shown
 
 
 def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
@@ -147,50 +163,91 @@ def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], mon
     assert capsys.readouterr().out == first
 
 
-def in_the_dark(*_: object, **__: object) -> PlantedRunner:
-    """The policy that the runs had, with an expert that solves all scenes."""
-    return PlantedRunner([lambda scene: scene.light.intensity < 0.5])
+def test_strategies_are_judged_by_the_causes_that_triage_certifies(capsys: pytest.CaptureFixture[str]):
+    compare("--triage-rollouts", "200", "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert document["triage_rollouts"] == 200
+    for standing in document["standings"]:
+        assert standing["means"]["causes"]["value"] == 1.0
+        assert standing["triage"]["causes"] == {"pick-up|grasp|light:dark": 2}
+        assert standing["triage"]["only"] == 0
+    assert [pair["measure"] for pair in document["against"]] == ["causes", "failures"]
+    for run in document["runs"]:
+        assert 0 < run["triage_rollouts"] <= 200
+        assert run["causes_per_100"] == pytest.approx(100 / (12 + run["triage_rollouts"]))
 
 
-def test_a_sample_is_triaged_when_asked_for(
+def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys: pytest.CaptureFixture[str]):
+    compare("--strategies", "random,feedback,causes", "--triage-rollouts", "0", "--json")
+    document = json.loads(capsys.readouterr().out)
+    random, feedback, causes = document["standings"]
+    assert random["probability"]["value"] == pytest.approx(random["means"]["failures"]["value"] / 12)
+    assert feedback["probability"] is None
+    assert (
+        0
+        <= causes["probability"]["low"]
+        < causes["probability"]["value"]
+        < causes["probability"]["high"]
+        <= 1
+    )
+    compared = [(pair["strategy"], pair["measure"]) for pair in document["against"]]
+    assert compared == [("feedback", "failures"), ("causes", "failures"), ("causes", "probability_width")]
+
+
+def test_without_triage_failures_judge_and_it_says_so(capsys: pytest.CaptureFixture[str]):
+    compare("--triage-rollouts", "0")
+    shown = capsys.readouterr().out
+    assert shown.startswith("Failures: pick-up")
+    assert "Nothing was triaged (--triage-rollouts 0)" in shown
+    assert "feedback: failures beside random" in shown
+    assert "certified causes" not in shown
+    with Store.open(Path("a.db")) as store:
+        assert store.triaged() == []
+
+
+def test_a_limit_that_is_too_low_for_one_failure_is_told(capsys: pytest.CaptureFixture[str]):
+    compare("--triage-rollouts", "5")
+    assert "in 4 of 4 runs 5 rollouts are too few to triage one failure" in capsys.readouterr().out
+
+
+def test_a_larger_limit_goes_on_with_what_was_triaged(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", in_the_dark)
-    compare("--triage-sample", "2")
-    shown = capsys.readouterr().out
-    assert "2 of 2 (34.2–100%)" in shown
-    assert "1 of 2 triaged" in shown
+    compare("--triage-rollouts", "1")
+    with Store.open(Path("a.db")) as store:
+        first = store.triaged()
+    compare("--triage-rollouts", "100")
+    with Store.open(Path("a.db")) as store:
+        both = store.triaged()
+    assert [row.seconds for row in both[: len(first)]] == [row.seconds for row in first]
+    assert len(both) > len(first) > 0
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
-    compare("--triage-sample", "2", "--json")
-    document = json.loads(capsys.readouterr().out)["standings"][1]["evidence"]
-    assert (document["triaged"], document["confirmed"], document["minimal"], document["signatures"]) == (
-        2,
-        2,
-        2,
-        1,
-    )
-    compare("--triage-sample", "2", "--csv")
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert [row["evidence_signatures"] for row in rows] == ["1", "1"]
-    compare("--triage-sample", "2", "--markdown")
-    assert "| strategy | confirmed | witnessed | minimal | distinct signatures |" in capsys.readouterr().out
+    capsys.readouterr()
+    compare("--triage-rollouts", "50", "--json")
+    assert all(run["triage_rollouts"] <= 50 for run in json.loads(capsys.readouterr().out)["runs"])
 
 
-def test_a_larger_sample_goes_on_with_what_was_triaged(monkeypatch: pytest.MonkeyPatch):
-    made: list[PlantedRunner] = []
+class Interrupted(PlantedRunner):
+    """Ctrl-C in its second finding."""
 
-    def make(*_: object, **__: object) -> PlantedRunner:
-        made.append(in_the_dark())
-        return made[-1]
+    def renew(self) -> None:
+        super().renew()
+        if self.renewed == 2:
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
-    compare("--triage-sample", "1")
-    with Store.open(Path("a.db")) as store:
-        first = len(store.triaged())
-    compare("--triage-sample", "3")
-    with Store.open(Path("a.db")) as store:
-        assert len(store.triaged()) > first > 0
-        assert len(store.triaged()) == sum(row.renewed for row in made)  # none of them twice
+
+def test_triage_goes_on_after_an_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
+    whole = json.loads(capsys.readouterr().out)
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Interrupted([dark]))
+        compare("--triage-rollouts", "200", code=130)
+    assert "hint: the same command continues" in capsys.readouterr().err
+    compare("--triage-rollouts", "200", "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert list(map(timeless, document["runs"])) == list(map(timeless, whole["runs"]))
 
 
 class Breaking(PlantedRunner):
@@ -200,22 +257,12 @@ class Breaking(PlantedRunner):
         return [Outcome.error("refused") for _ in scenes]
 
 
-def test_failures_that_cannot_be_judged_are_told_and_not_counted(
+def test_failures_that_cannot_be_judged_are_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
-    compare("--strategies", "random", "--triage-sample", "2", "--json")
-    printed = capsys.readouterr()
-    assert "2 of the sampled failures could not be judged: the policy broke" in printed.err
-    assert json.loads(printed.out)["standings"][0]["evidence"] is None
-
-
-def test_nothing_is_triaged_by_default(capsys: pytest.CaptureFixture[str]):
-    compare("--json")
-    document = json.loads(capsys.readouterr().out)
-    assert [row["evidence"] for row in document["standings"]] == [None, None]
-    compare()
-    assert "signatures" not in capsys.readouterr().out
+    compare("--strategies", "random", "--triage-rollouts", "50")
+    assert "failures could not be judged: the policy broke" in capsys.readouterr().err
 
 
 def test_more_repeats_and_strategies_only_add_runs():
@@ -294,9 +341,7 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
         (("--strategies", "random,random"), "--strategies: 'random' is there twice"),
         (("--strategies", ","), "--strategies: expected names, got ','"),
         (("--repeats", "0"), "--repeats: expected at least 1, got 0"),
-        (("--solvable", "-1"), "--solvable: expected at least 0, got -1"),
-        (("--triage-sample", "-1"), "--triage-sample: expected at least 0, got -1"),
-        (("--triage-sample", "51"), "--triage-sample: 51 of the 50 failures of --solvable"),
+        (("--triage-rollouts", "-1"), "--triage-rollouts: expected at least 0, got -1"),
         (("--budget", "0"), "--budget: expected at least 1, got 0"),
         (("--seed", "-1"), "--seed: expected at least 0, got -1"),
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),

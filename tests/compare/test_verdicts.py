@@ -3,24 +3,28 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.compare.figures import Figures
-from vlafuzz.compare.verdicts import MEASURES, Pair, against, corrected
+from vlafuzz.compare.verdicts import Pair, against, corrected
 
 RUN = Figures(
-    run=1, strategy="random", seed=0, rollouts=20, failures=5, cells=3, coverage=0.5, cid=1.0, qd_score=2.0,
-    sparseness=0.5, severity=3.0, first_failure=4, tenth_failure=None, proposals=30, valid_share=0.9,
+    run=1, strategy="random", seed=0, rollouts=20, causes=3, triage_rollouts=20, causes_per_100=7.5,
+    triaged=4, confirmed=4, certified=3, failures=5, probability=None,
+    probability_low=None, probability_high=None, probability_width=None, cells=3, coverage=0.5,
+    cid=1.0, qd_score=2.0, sparseness=0.5, severity=3.0, first_failure=4, tenth_failure=None,
+    proposals=30, valid_share=0.9,
     rejected=3, errors=0, seconds=9.0, rollout_seconds=8.0,
     search_seconds=0.9, search_share=0.1, store_seconds=None, store_share=None,
 )  # fmt: skip
 
 
-def runs(**cells: list[int]) -> dict[str, list[Figures]]:
+def runs(**causes: list[int]) -> dict[str, list[Figures]]:
     return {
-        name: [replace(RUN, strategy=name, cells=count) for count in counts] for name, counts in cells.items()
+        name: [replace(RUN, strategy=name, causes=count) for count in counts]
+        for name, counts in causes.items()
     }
 
 
 def first(pairs: list[Pair]) -> Pair:
-    return next(pair for pair in pairs if pair.measure == "cells")
+    return next(pair for pair in pairs if pair.measure == "causes")
 
 
 CLEAR = {"random": [4, 5, 6, 5, 4, 5, 7, 4, 5, 6], "mine": [10, 10, 12, 11, 8, 10, 13, 9, 11, 10]}
@@ -29,27 +33,27 @@ CLEAR = {"random": [4, 5, 6, 5, 4, 5, 7, 4, 5, 6], "mine": [10, 10, 12, 11, 8, 1
 def test_a_clear_difference_is_told_with_effect_interval_and_p():
     pair = first(against(runs(**CLEAR), "random"))
     assert pair.verdict == (
-        "more distinct cells than random: 2x (1.9 to 2.2), more in 10 and fewer in 0 of 10 pairs, "
-        "p 0.014 after Holm over 7 tests"
+        "more certified causes than random: 2x (1.9 to 2.2), more in 10 and fewer in 0 of 10 pairs, "
+        "p 0.0039 after Holm over 2 tests"
     )
 
 
 def test_less_of_it_is_told_too():
     pair = first(against(runs(random=CLEAR["mine"], mine=CLEAR["random"]), "random"))
-    assert pair.verdict.startswith("fewer distinct cells than random: 0.49x")
+    assert pair.verdict.startswith("fewer certified causes than random: 0.49x")
     assert pair.verdict.endswith(", which is worse")
 
 
 def test_where_none_is_shown_it_says_so():
     pair = first(against(runs(random=[4, 5, 6, 5, 4] * 2, mine=[5, 4, 6, 5, 5] * 2), "random"))
-    assert pair.verdict.startswith("no difference shown from random in distinct cells: 1x (")
+    assert pair.verdict.startswith("no difference shown from random in certified causes: 1x (")
     assert "more in 4 and fewer in 2 of 10 pairs, p 1 after" in pair.verdict
 
 
 def test_too_few_repeats_are_said_to_be_so_whatever_they_show():
     pair = first(against(runs(random=[1, 2, 1], mine=[9, 8, 9], other=[1, 1, 1]), "random"))
     assert not pair.tells
-    assert "3 repeats are too few to tell, p is never below 1; 10 could (6.5x (" in pair.verdict
+    assert "3 repeats are too few to tell, p is never below 1; 8 could (6.5x (" in pair.verdict
 
 
 def test_where_the_reference_finds_nothing_the_difference_is_told():
@@ -60,7 +64,7 @@ def test_where_the_reference_finds_nothing_the_difference_is_told():
 
 def test_p_values_are_corrected_for_every_strategy_in_every_measure():
     alone, among = against(runs(**CLEAR), "random"), against(runs(**CLEAR, other=[5] * 10), "random")
-    assert (len(alone), len(among)) == (len(MEASURES), 2 * len(MEASURES))
+    assert (len(alone), len(among)) == (2, 4)
     assert first(alone).p_holm == pytest.approx(len(alone) * first(alone).test.p)
     assert first(among).p_holm == pytest.approx(len(among) * first(among).test.p)
 
@@ -70,15 +74,21 @@ def test_tests_of_several_tasks_are_corrected_together():
     together = corrected([*task, *task])
     assert first(together).tests == 2 * len(task)
     assert first(together).p_holm == pytest.approx(2 * first(task).p_holm)
-    assert first(together).verdict.endswith("p 0.027 after Holm over 14 tests")
+    assert first(together).verdict.endswith("p 0.0078 after Holm over 4 tests")
 
 
-def test_a_run_that_never_fails_is_later_than_any_that_does():
-    figures = runs(random=[3] * 9, mine=[3] * 9)
-    figures["random"] = [replace(run, first_failure=None) for run in figures["random"]]
-    pair = next(pair for pair in against(figures, "random") if pair.measure == "first_failure")
-    assert (pair.test.fewer, pair.ratio) == (9, None)
-    assert pair.verdict == (
-        "fewer rollouts to the first failure than random: more in 0 and fewer in 9 of 9 pairs, "
-        "p 0.027 after Holm over 7 tests"
-    )
+def test_what_a_strategy_does_not_tell_is_not_tested():
+    figures = runs(**CLEAR)
+    figures["mine"] = [replace(run, probability_width=0.1) for run in figures["mine"]]
+    assert [pair.measure for pair in against(figures, "random")] == ["causes", "failures"]
+
+
+def test_a_narrower_interval_of_the_failure_probability_is_better():
+    figures = {
+        name: [replace(RUN, strategy=name, probability_width=width + 0.01 * seed) for seed in range(10)]
+        for name, width in (("random", 0.2), ("mine", 0.1))
+    }
+    pair = next(pair for pair in against(figures, "random") if pair.measure == "probability_width")
+    assert pair.verdict.startswith("narrower interval of the failure probability than random: 0.59x")
+    assert "wider in 0 and narrower in 10 of 10 pairs" in pair.verdict
+    assert "worse" not in pair.verdict

@@ -18,7 +18,7 @@ from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import check_policy_name
+from vlafuzz.policies.registry import check_policy_name, is_shared
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
@@ -96,6 +96,12 @@ class Plan:
     patience: int | None
     place: Place
     resume: int | None = None
+
+    @property
+    def triage_workers(self) -> int:
+        """Processes for triage of the run. Each of them makes a policy, and they are on this machine."""
+        alone = self.place.kind == "ray" or is_shared(self.manifest.policy)
+        return 1 if alone else self.place.workers
 
 
 def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy | None = None) -> Plan:

@@ -15,7 +15,6 @@ from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdou
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.compare.compare import Sizes
     from vlafuzz.compare.comparison import Comparison
 
 _CONTINUES = "the same command continues"
@@ -24,7 +23,7 @@ _CONTINUES = "the same command continues"
 def command(
     strategies: Annotated[
         str, typer.Option(help="Strategies, separated by commas; the others are compared with the first.")
-    ] = "random,nsga2,feedback",
+    ] = "random,causes",
     task: Annotated[str, typer.Option(help="What the robot is told to do.")] = "pick-up",
     policy: PolicyFlag = None,
     budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,
@@ -35,12 +34,13 @@ def command(
     workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
     executor: ExecutorFlag = None,
     address: AddressFlag = None,
-    solvable: Annotated[
-        int, typer.Option(help="Failures of every strategy that the expert tries to solve.")
-    ] = 50,
-    triage_sample: Annotated[
-        int, typer.Option(help="Of these, failures of every strategy that are triaged: ~50 rollouts each.")
-    ] = 0,
+    triage_rollouts: Annotated[
+        int | None,
+        typer.Option(
+            help="Most rollouts of triage for each run, beside its budget; 0 to judge by failures alone.",
+            show_default="as many as --budget",
+        ),
+    ] = None,
     store: Annotated[
         Path | None, typer.Option(help="Where to keep all runs.", show_default="runs/compare-….db")
     ] = None,
@@ -53,15 +53,17 @@ def command(
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
 
-    No run learns from another run's rollouts. All runs are kept in one store; the same command continues
-    after an interruption, and with more --repeats, --strategies or --triage-sample it does what is missing.
+    They are judged by the distinct causes that triage certifies, within the same limit of rollouts for every
+    run, then by failures and by the interval of the failure probability. No run learns from another run's
+    rollouts. All is kept in one store; the same command continues after an interruption, and with more
+    --repeats, --strategies or --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign import config
-    from vlafuzz.compare.compare import Sizes, compare
+    from vlafuzz.compare.compare import compare
     from vlafuzz.compare.page import write_folder
 
-    names, sizes = _names(strategies), Sizes(solvable, triage_sample)
-    _check(names, repeats, seed, sizes, sum((json, csv, markdown)))
+    names, limit = _names(strategies), budget if triage_rollouts is None else triage_rollouts
+    _check(names, repeats, seed, limit, sum((json, csv, markdown)))
     policy = policy or config.default_policy()
     default = f"compare-{config.default_store(task, policy, '', 0).stem[:-3]}"
     store = store or Path("runs") / f"{default}.db"
@@ -81,7 +83,7 @@ def command(
     )
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
     with interruptible(f"interrupted: all trials so far are stored in {store}\nhint: {_CONTINUES}") as bar:
-        compared = compare(run, names, repeats, sizes, folder, bar)
+        compared = compare(run, names, repeats, limit, folder, bar)
     try:
         written = write_folder(compared, folder)
     except OSError as error:
@@ -96,21 +98,17 @@ def _names(strategies: str) -> list[str]:
     if twice:
         raise UsageError(f"--strategies: {twice[0]!r} is there twice", hint="name every strategy once")
     if not names:
-        raise UsageError(f"--strategies: expected names, got {strategies!r}", hint="random,nsga2")
+        raise UsageError(f"--strategies: expected names, got {strategies!r}", hint="random,causes")
     return names
 
 
-def _check(names: list[str], repeats: int, seed: int, sizes: Sizes, formats: int) -> None:
+def _check(names: list[str], repeats: int, seed: int, limit: int, formats: int) -> None:
     """Check the flags before anything is planned."""
     from vlafuzz.campaign import config
     from vlafuzz.search.registry import strategy_factory
 
     check_number("--repeats", repeats, 1)
-    check_number("--solvable", sizes.tried, 0)
-    check_number("--triage-sample", sizes.triaged, 0)
-    if sizes.triaged > sizes.tried:
-        message = f"--triage-sample: {sizes.triaged} of the {sizes.tried} failures of --solvable"
-        raise UsageError(message, hint=f"give --solvable {sizes.triaged} or more")
+    check_number("--triage-rollouts", limit, 0)
     if seed + repeats - 1 > config.MOST:
         raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
     if formats > 1:
@@ -136,7 +134,9 @@ def print_comparison(compared: Comparison) -> None:
     """Print the tables of a comparison, and what its tests say."""
     from vlafuzz.compare import page
 
-    for title, rows in page.tables(compared).items():
-        print_rows(rows, title=title)
-    for text in (page.NOTE, *page.sentences(compared)):
-        stdout().print(text, soft_wrap=True)
+    lines = page.sentences(compared)
+    for table in page.tables(compared):
+        print_rows(table.rows, title=table.title)
+        for text in (table.says, *lines):
+            stdout().print(text, soft_wrap=True)
+        lines = []

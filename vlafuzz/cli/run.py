@@ -198,7 +198,6 @@ def _start(plan: Plan) -> Summary:
 def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> dict[str, Any]:
     """Triage all findings of the store, or only those that show causes of the run."""
     from vlafuzz.cli.triage import triage_store
-    from vlafuzz.policies.registry import is_shared
     from vlafuzz.triage.pipeline import PER_CAUSE, affordable
 
     found = None if everything else _causes(summary)
@@ -207,11 +206,9 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")
-    # Triage makes a policy in each of its processes, which are on this machine.
-    alone = plan.place.kind == "ray" or is_shared(plan.manifest.policy)
     return triage_store(
         Path(summary.store),
-        workers=1 if alone else plan.place.workers,
+        workers=plan.triage_workers,
         causes_of=None if everything else summary.run,
         show=everything and show,
     )

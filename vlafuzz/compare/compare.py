@@ -1,26 +1,24 @@
-"""Compare strategies: do the runs that are missing, let the expert try a sample of failures, triage some."""
+"""Compare strategies: do the runs that are missing, triage their failures, and count."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
+from vlafuzz.compare.certified import certify, uncertified
 from vlafuzz.compare.comparison import Comparison, compare_runs
-from vlafuzz.compare.failures import CountedRun, count_run
-from vlafuzz.compare.samples import Evidence, Sampled, Witnesses, choose, evidence, findings, sample, solvable
+from vlafuzz.compare.failures import count_run, with_causes
 from vlafuzz.conditions.conditions import ASKED, Origin, Role
 from vlafuzz.errors import UsageError
 from vlafuzz.files import make_folder
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
+from vlafuzz.text import duration, plural
 from vlafuzz.triage import scene_runner
-from vlafuzz.triage.pipeline import triage
 from vlafuzz.watch import SILENT, Watch
 
 # Values that are too long for a message.
@@ -85,39 +83,16 @@ def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> N
             )
 
 
-class Sizes(NamedTuple):
-    """How many failures of each strategy the expert tries, and how many of these are triaged."""
-
-    tried: int
-    triaged: int
-
-
 def compare(
-    run: RunConfig, strategies: Sequence[str], repeats: int, sizes: Sizes, folder: Path, watch: Watch = SILENT
+    run: RunConfig, strategies: Sequence[str], repeats: int, limit: int, folder: Path, watch: Watch = SILENT
 ) -> Comparison:
     """Compare strategies at equal budget; the first is the reference.
 
     Args:
         run: the same for all runs, but for strategy and seed; it names the store.
-        folder: keeps what the expert solved.
+        limit: policy rollouts to triage the failures of each run; 0 for no triage.
+        folder: for the results; made before the runs.
     """
-    assert run.store
-    counted = _counted(run, strategies, repeats, folder, watch)
-    sampled = {name: sample(runs, sizes.tried) for name, runs in counted.items()}
-    solved = _solve(run.store, counted[strategies[0]][0].run.manifest, sampled, folder, watch)
-    return compare_runs(
-        counted,
-        strategies[0],
-        store=str(run.store),
-        solvable={name: solvable(failures, solved) for name, failures in sampled.items()},
-        evidence=_triage(run, sampled, solved, sizes.triaged, watch) if sizes.triaged else {},
-    )
-
-
-def _counted(
-    run: RunConfig, strategies: Sequence[str], repeats: int, folder: Path, watch: Watch
-) -> dict[str, list[CountedRun]]:
-    """Do the runs that are missing; all runs, by strategy."""
     assert run.store
     first = config.plan(run)
     wanted = jobs(strategies, repeats, run.seed)
@@ -125,67 +100,58 @@ def _counted(
         with Store.open(run.store) as store:
             stored(run.store, store.runs(), first.manifest, wanted)
     make_folder(folder)
+    with Store.open(run.store, "write") as store:
+        runs = _done(run, first.manifest, store, wanted, watch)
+        counted = [count_run(store, done, first.embed) for done in runs]
+        if limit:
+            _certify(store, runs, limit, first.triage_workers, watch)
+        counted = with_causes(store, counted, limit)
+    by_strategy = {name: [one for one in counted if one.run.manifest.strategy == name] for name in strategies}
+    return compare_runs(by_strategy, strategies[0], store=str(run.store), limit=limit)
+
+
+def _done(run: RunConfig, manifest: Manifest, store: Store, wanted: Sequence[Job], watch: Watch) -> list[Run]:
+    """Do the runs that are missing; all runs, in the order of the jobs."""
 
     def plan(job: Job) -> Plan:
         planned = config.plan(replace(run, strategy=job.strategy, seed=job.seed))
         # What is committed in the meantime does not change the code that is loaded.
-        return replace(planned, manifest=replace(planned.manifest, commit=first.manifest.commit))
+        return replace(planned, manifest=replace(planned.manifest, commit=manifest.commit))
 
-    with Store.open(run.store, "write") as store:
-        known = stored(run.store, store.runs(), first.manifest, wanted)
-        runs = [
-            WantedRun(
-                name=f"{job.strategy}, seed {job.seed}",
-                budget=first.manifest.budget,
-                plan=partial(plan, job),
-                stored=known.get(job),
-                group=job.seed,  # the executor does not depend on the strategy
-            )
-            for job in wanted
-        ]
-        do_missing(store, runs, watch)
-        known = stored(run.store, store.runs(), first.manifest, wanted)
-        note_places(known.values(), watch)
-        counted: dict[str, list[CountedRun]] = {name: [] for name in strategies}
-        for job in wanted:
-            counted[job.strategy].append(count_run(store, known[job], first.embed))
-    return counted
-
-
-def _solve(
-    store: Path, manifest: Manifest, sampled: Mapping[str, Sequence[Sampled]], folder: Path, watch: Watch
-) -> Mapping[str, bool]:
-    """Whether the expert solves the sampled failures, by digest."""
-    scenes = [failure.scene for failure in chain.from_iterable(sampled.values())]
-    witnesses = Witnesses(folder / "witnesses.jsonl", manifest)
-    if witnesses.missing(scenes):
-        with closing(scene_runner.SimulatorSceneRunner(store, manifest)) as runner:
-            witnesses.find(scenes, runner, partial(watch.progress, "failures tried by the expert"))
-    return witnesses.solved
-
-
-def _triage(
-    run: RunConfig,
-    sampled: Mapping[str, Sequence[Sampled]],
-    solved: Mapping[str, bool],
-    size: int,
-    watch: Watch,
-) -> dict[str, Evidence | None]:
-    """Triage some of the sampled failures; the store keeps the results."""
-    assert run.store
-    with Store.open(run.store, "write") as store:
-        chosen = {name: findings(store, choose(failures, solved, size)) for name, failures in sampled.items()}
-        unjudged = triage(
-            store,
-            partial(scene_runner.runner_of_run, run.store, note=watch.note),
-            findings=list(dict.fromkeys(chain.from_iterable(group.values() for group in chosen.values()))),
-            workers=run.workers,
-            watch=lambda now: watch.progress("sampled failures triaged", now.done, now.findings),
+    known = stored(store.path, store.runs(), manifest, wanted)
+    runs = [
+        WantedRun(
+            name=f"{job.strategy}, seed {job.seed}",
+            budget=manifest.budget,
+            plan=partial(plan, job),
+            stored=known.get(job),
+            group=job.seed,  # the executor does not depend on the strategy
         )
-        triaged = store.triaged()
-    if unjudged:
+        for job in wanted
+    ]
+    do_missing(store, runs, watch)
+    known = stored(store.path, store.runs(), manifest, wanted)
+    note_places(known.values(), watch)
+    return list(known.values())
+
+
+def _certify(store: Store, runs: Sequence[Run], limit: int, workers: int, watch: Watch) -> None:
+    """Triage the failures of each run, as far as that was not done before."""
+    left = uncertified(store, runs, limit)
+    if not left:
+        return
+    most = len(left) * limit
+    seconds, budgets = sum(run.seconds or 0.0 for run in runs), sum(run.manifest.budget for run in runs)
+    took = f"about {duration(most * seconds / budgets)} at the speed of the runs"
+    watch.note(f"triage of {plural(len(left), 'run')}, {most} rollouts: {took}")
+
+    def progress(index: int, spent: int) -> None:
+        name = f"{left[index].manifest.strategy}, seed {left[index].manifest.seed}"
+        watch.progress(f"triage {index + 1} of {len(left)}: {name}", index * limit + spent, most)
+
+    make = partial(scene_runner.runner_of_run, store.path, note=watch.note)
+    if unjudged := certify(store, make, left, limit, workers, progress):
         watch.note(
-            f"{unjudged} of the sampled failures could not be judged: "
-            "the policy broke, or they are no longer fair"
+            f"{plural(unjudged, 'failure')} could not be judged: the policy broke, or it is no longer fair\n"
+            "hint: the same command tries them again"
         )
-    return {name: evidence(group, triaged) for name, group in chosen.items()}

@@ -1,19 +1,23 @@
 """The failures of a run: each failing scene once, and when in the run it was found."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.campaign.results import Embed
+from vlafuzz.compare.certified import Certified, certified, known_results
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
+from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
+from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
+from vlafuzz.triage.pipeline import findings_in_order
 
 Vector = NDArray[np.float64]
 
@@ -46,6 +50,8 @@ class CountedRun:
         rejected_scenes: distinct invalid scenes; they cost no rollout.
         errors: proposals in which policy or simulator broke.
         failures: in the order in which they were found.
+        probability: that the policy fails in a random scene; None where the strategy does not tell.
+        certified: None without triage.
     """
 
     run: Run
@@ -57,6 +63,8 @@ class CountedRun:
     rejected_scenes: int = 0
     errors: int = 0
     failures: tuple[Failure, ...] = ()
+    probability: Probability | None = None
+    certified: Certified | None = None
 
 
 def quality(severity: float, progress: float, operators: int) -> float:
@@ -113,7 +121,29 @@ def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
         rejected_scenes=len(rejected),
         errors=counts[Verdict.ERROR],
         failures=tuple(failures.values()),
+        probability=_probability(store, run, counts),
     )
+
+
+def _probability(store: Store, run: Run, counts: Mapping[Verdict, int]) -> Probability | None:
+    """The strategy's own estimate; independent random scenes give it, too."""
+    if found := store.causes(run.id):
+        return found.probability
+    failed = counts[Verdict.FAILED]
+    share = Share.of_counts(failed, failed + counts[Verdict.PASSED])
+    random = run.manifest.strategy == "random" and share.of
+    return Probability(share.share, share.low, share.high) if random else None
+
+
+def with_causes(store: Store, runs: Sequence[CountedRun], limit: int) -> list[CountedRun]:
+    """The runs with what their triage has come to; as they are with a limit of 0 rollouts."""
+    if not limit:
+        return list(runs)
+    results = known_results(store)
+    return [
+        replace(one, certified=certified(findings_in_order(store, one.run.id), results, limit))
+        for one in runs
+    ]
 
 
 def union(runs: Sequence[CountedRun]) -> dict[str, Failure]:

@@ -17,7 +17,13 @@ class Figures:
     """A run in numbers; None where there is nothing to measure.
 
     Attributes:
+        causes: distinct certified causes; like all of triage None where none was asked for.
+        triage_rollouts: of the policy, beside the ``rollouts`` of the run.
+        causes_per_100: rollouts of both.
+        triaged: findings, ``confirmed`` and ``certified`` of them; see ``certified.Certified``.
         failures: distinct failing scenes, which lie in ``cells``.
+        probability: that the policy fails in a random scene, with its 95 % interval from ``probability_low``
+            to ``probability_high`` of this width; None where the strategy does not estimate it.
         coverage: share of the cells in which any run of the comparison failed.
         cid: see ``coverage_inverted_distance``: lower is better.
         severity: mean over the failures.
@@ -33,7 +39,17 @@ class Figures:
     strategy: str
     seed: int
     rollouts: int
+    causes: int | None
+    triage_rollouts: int | None
+    causes_per_100: float | None
+    triaged: int | None
+    confirmed: int | None
+    certified: int | None
     failures: int
+    probability: float | None
+    probability_low: float | None
+    probability_high: float | None
+    probability_width: float | None
     cells: int
     coverage: float | None
     cid: float | None
@@ -59,13 +75,23 @@ def figures(counted: CountedRun, union: Mapping[str, Failure]) -> Figures:
     failures = counted.failures
     cells = {failure.cell for failure in failures}
     fair = counted.judged + counted.rejected
-    run, manifest = counted.run, counted.run.manifest
+    run, manifest, known, share = counted.run, counted.run.manifest, counted.certified, counted.probability
     return Figures(
         run=run.id,
         strategy=manifest.strategy,
         seed=manifest.seed,
         rollouts=counted.rollouts,
+        causes=len(known.causes) if known else None,
+        triage_rollouts=known.rollouts if known else None,
+        causes_per_100=100 * len(known.causes) / max(1, counted.rollouts + known.rollouts) if known else None,
+        triaged=known.triaged if known else None,
+        confirmed=known.confirmed if known else None,
+        certified=known.certified if known else None,
         failures=len(failures),
+        probability=share.value if share else None,
+        probability_low=share.low if share else None,
+        probability_high=share.high if share else None,
+        probability_width=share.high - share.low if share else None,
         cells=len(cells),
         coverage=len(cells) / len(union) if union else None,
         cid=coverage_inverted_distance(failures, list(union.values())),
@@ -143,24 +169,30 @@ class Curve:
     high: tuple[float, ...]
 
 
-def grid(budget: int) -> tuple[int, ...]:
-    """The points of a curve: from 0 rollouts to the whole budget."""
-    return tuple(np.unique(np.linspace(0, budget, min(budget, POINTS) + 1).round().astype(int)).tolist())
+def grid(rollouts: int) -> tuple[int, ...]:
+    """The points of a curve: from 0 rollouts to all of them."""
+    steps = np.linspace(0, rollouts, min(rollouts, POINTS) + 1)
+    return tuple(np.unique(steps.round().astype(int)).tolist())
 
 
-def curves(strategy: str, runs: Sequence[CountedRun], budget: int) -> list[Curve]:
-    """The curves of failures and cells; a run that ended early stays at its last count."""
-    at = grid(budget)
-    spent = {
-        "failures": [[failure.spent for failure in run.failures] for run in runs],
-        "cells": [sorted(_firsts(run.failures).values()) for run in runs],
-    }
-    drawn = []
-    for what, by_run in spent.items():
-        counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in by_run])
-        low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
-        drawn.append(Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high))
-    return drawn
+def curves(strategy: str, runs: Sequence[CountedRun], budget: int, limit: int = 0) -> list[Curve]:
+    """The curves of causes, over the rollouts of triage up to its limit, and of failures and cells.
+
+    A run that ended early stays at its last count.
+    """
+    causes = [list(run.certified.causes.values()) for run in runs if run.certified]
+    failures = [[failure.spent for failure in run.failures] for run in runs]
+    cells = [sorted(_firsts(run.failures).values()) for run in runs]
+    drawn = [_curve(strategy, "causes", causes, limit)] if causes else []
+    return [*drawn, _curve(strategy, "failures", failures, budget), _curve(strategy, "cells", cells, budget)]
+
+
+def _curve(strategy: str, what: str, spent: Sequence[Sequence[int]], rollouts: int) -> Curve:
+    """``spent``: of every run, after how many rollouts each came, in order."""
+    at = grid(rollouts)
+    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
+    low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
+    return Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high)
 
 
 def _firsts(failures: Sequence[Failure]) -> dict[str, int]:

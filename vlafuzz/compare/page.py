@@ -3,95 +3,151 @@
 import json
 import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, fields
-from itertools import chain, repeat
+from dataclasses import asdict
 from pathlib import Path
 
 from vlafuzz.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.compare.plots import plot
-from vlafuzz.compare.samples import Evidence
 from vlafuzz.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.files import write_whole
 from vlafuzz.report.page import render_sheet, write_page
 from vlafuzz.report.view import Picture, Sheet, Table
-from vlafuzz.text import Row, count_of, csv_table, markdown_table, percent, plural
+from vlafuzz.statistics import Estimate
+from vlafuzz.text import Row, csv_table, interval, markdown_table, percent, plural
 
-_FOUND = {
+_JUDGED = {
+    "causes": "causes",
+    "triage_rollouts": "rollouts of triage",
+    "causes_per_100": "causes per 100 rollouts",
     "failures": "failures",
+}
+_COST = {
+    "rollouts": "rollouts",
+    "first_failure": "to 1st failure",
+    "tenth_failure": "to 10th",
+    "valid_share": "valid share",
+    "rejected": "rejected",
+    "seconds": "seconds",
+    "rollout_seconds": "in rollouts",
+    "search_share": "search",
+    "store_share": "store",
+}
+_DIAGNOSTICS = {
     "cells": "cells",
     "coverage": "of all cells",
     "cid": "CID",
     "qd_score": "QD-score",
     "sparseness": "sparseness",
     "severity": "severity",
-    "first_failure": "to 1st failure",
-    "tenth_failure": "to 10th",
 }
-_COST = {
-    "rollouts": "rollouts",
-    "valid_share": "valid share",
-    "rejected": "rejected",
-    "seconds": "seconds",
-    "rollout_seconds": "in rollouts",
-    "search_seconds": "search",
-    "search_share": "search share",
-    "store_seconds": "store",
-    "store_share": "store share",
-}
-_EVIDENCE = ("confirmed", "witnessed", "minimal", "distinct signatures")
 _SHARES = ("coverage", "valid_share", "search_share", "store_share")
-NOTE = (
-    "median (middle half) over the repeats; CID: mean distance from all failures to the nearest one found, "
-    "lower is better; to 1st, to 10th: rollouts; search: seconds in ask and tell, also as share of the wall "
-    "time; solvable, confirmed: with the 95 % interval, which takes into account that failures of one run "
-    "resemble each other"
+_CAUSES = (
+    "Means over the runs, with 95% intervals. Causes: distinct causes certified in a run by triage of its "
+    "failures, with at most {limit} more rollouts of the policy; per 100 rollouts: of search and triage "
+    "together. "
+)
+_FAILURES = (
+    "Means over the runs, with 95% intervals. Nothing was triaged (--triage-rollouts 0), so that strategies "
+    "are judged by failures, of which many may have one cause. "
+)
+_PROBABILITY = (
+    "Failure probability: of random scenes, as one run tells it (mean of the estimates and of the bounds of "
+    "their 95% intervals); – where a strategy does not estimate it."
+)
+_TOGETHER = (
+    "Confirmed: findings that mostly fail in their neighbourhood; certified: of these, those with a minimal "
+    "scene; distinct: causes with different operators, directions or lost stages."
+)
+_SPENT = (
+    "Median (middle half) over the runs, search alone. To 1st, to 10th: rollouts until then; in rollouts: "
+    "added up over all processes; search, store: shares of the wall time in the strategy's ask and tell and "
+    "in the store."
+)
+_NOT_CAUSES = (
+    "Median (middle half) over the runs. These describe where failing scenes lie and do not count causes, of "
+    "which one can fill many cells: a cell is a lost stage, the operators far from nominal and the place of "
+    "the target ({cells} in all runs together); CID is the mean distance from all cells' failures to the "
+    "nearest one of the run, lower is better; QD-score adds up the quality of the best failure of each cell; "
+    "sparseness is the mean distance to the nearest other failure."
 )
 
 
-def tables(compared: Comparison) -> dict[str, list[Row]]:
-    """The rows of every table, by title."""
+def tables(compared: Comparison) -> list[Table]:
+    """What strategies are judged by, what it took, and diagnostics."""
+    limit = compared.triage_rollouts
+    judged = _CAUSES.format(limit=limit) if limit else _FAILURES
     shared = f"{compared.task}, {compared.policy}, {compared.budget} rollouts, {compared.repeats} repeats"
-    together = [
-        {
-            "strategy": standing.strategy,
-            "failures": standing.failures,
-            "cells": standing.cells,
-            "of all cells": percent(standing.coverage),
-            "found by no other": standing.only,
-            "solvable": _solvable(standing),
-        }
-        for standing in compared.standings
+    diagnostics = _NOT_CAUSES.format(cells=compared.union_cells)
+    return [
+        Table(
+            f"{'Causes' if limit else 'Failures'}: {shared}",
+            [_judged(standing, triaged=bool(limit)) for standing in compared.standings],
+            judged + _PROBABILITY,
+        ),
+        *([Table("Triage, all repeats together", _together(compared), _TOGETHER)] if limit else []),
+        Table("Cost", _rows(compared, _COST), _SPENT),
+        Table("Diagnostics", _rows(compared, _DIAGNOSTICS), diagnostics),
     ]
-    triaged = [_evidence(standing) for standing in compared.standings]
-    any_triaged = any(standing.evidence for standing in compared.standings)
-    return {
-        f"found: {shared}": _rows(compared, _FOUND),
-        f"all repeats together: {compared.union_cells} cells": together,
-        **({"of the failures that the expert tried, triaged": triaged} if any_triaged else {}),
-        "cost": _rows(compared, _COST),
-    }
 
 
 def sentences(compared: Comparison) -> list[str]:
-    """The test results for distinct cells and failures, by strategy."""
-    return [
+    """The test results by strategy, causes first, and where triage was too short to tell."""
+    verdicts = [
         f"{pair.strategy}: {pair.verdict}"
         for standing in compared.standings
         for pair in compared.against
-        if pair.strategy == standing.strategy and pair.measure in ("cells", "failures")
+        if pair.strategy == standing.strategy
     ]
+    short = [run for run in compared.runs if run.triage_rollouts and not run.triaged]
+    if short:
+        runs = f"in {len(short)} of {plural(len(compared.runs), 'run')}"
+        few = f"{compared.triage_rollouts} rollouts are too few to triage one failure"
+        verdicts.append(f"{runs} {few}: give more --triage-rollouts")
+    return verdicts
 
 
 def markdown(compared: Comparison) -> str:
     """The tables and sentences as markdown."""
-    parts = [f"**{title}**\n\n{markdown_table(rows)}" for title, rows in tables(compared).items()]
+    parts = [
+        f"**{table.title}**\n\n{markdown_table(table.rows)}\n\n{table.says}" for table in tables(compared)
+    ]
     tests = "\n".join(f"- {sentence}" for sentence in sentences(compared))
-    return "\n\n".join([*parts, NOTE, *([tests] if tests else [])]) + "\n"
+    return "\n\n".join([parts[0], *([tests] if tests else []), *parts[1:]]) + "\n"
 
 
 def csv_rows(compared: Comparison) -> list[Row]:
     """One row of unrounded numbers per strategy."""
     return [_csv_row(standing) for standing in compared.standings]
+
+
+def _judged(standing: Standing, *, triaged: bool) -> Row:
+    columns = {name: title for name, title in _JUDGED.items() if triaged or name == "failures"}
+    row = {"strategy": standing.strategy}
+    row |= {title: _mean(standing.means[name]) for name, title in columns.items()}
+    tells = standing.probability
+    shown = f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})" if tells else "–"
+    return row | {"failure probability": shown}
+
+
+def _mean(estimate: Estimate | None) -> str:
+    if estimate is None:
+        return "–"
+    return f"{estimate.value:.3g}" if estimate.low is None else str(estimate)
+
+
+def _together(compared: Comparison) -> list[Row]:
+    return [
+        {
+            "strategy": standing.strategy,
+            "triaged": triage.triaged,
+            "confirmed": triage.confirmed,
+            "certified": triage.certified,
+            "distinct": len(triage.causes),
+            "found by no other": triage.only,
+        }
+        for standing in compared.standings
+        if (triage := standing.triage)
+    ]
 
 
 def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
@@ -116,39 +172,23 @@ def _number(value: float | None, name: str) -> str:
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
 
 
-def _solvable(standing: Standing) -> str:
-    sample = standing.solvable
-    return "–" if sample is None else count_of(sample.solved, sample.of, sample.low, sample.high)
-
-
-def _evidence(standing: Standing) -> Row:
-    evidence = standing.evidence
-    if evidence is None:
-        return {"strategy": standing.strategy} | dict.fromkeys(_EVIDENCE, "–")
-    confirmed = count_of(evidence.confirmed, evidence.triaged, evidence.low, evidence.high)
-    signatures = f"{evidence.signatures} of {evidence.triaged} triaged"
-    values = (confirmed, evidence.witnessed, evidence.minimal, signatures)
-    return {"strategy": standing.strategy} | dict(zip(_EVIDENCE, values, strict=True))
-
-
 def _csv_row(standing: Standing) -> Row:
     row: Row = {"strategy": standing.strategy}
+    for name, estimate in [*standing.means.items(), ("probability", standing.probability)]:
+        row |= {f"{name}_{part}": getattr(estimate, part, None) for part in ("value", "low", "high")}
+    names = ("triaged", "confirmed", "certified", "only")
+    row |= {f"all_{name}": getattr(standing.triage, name, None) for name in names}
+    row["all_causes"] = len(standing.triage.causes) if standing.triage else None
     for name in SPREAD:
         row |= {f"{name}_{part}": getattr(standing.figures[name], part) for part in ("median", "low", "high")}
-    together = {name: getattr(standing, name) for name in ("failures", "cells", "coverage", "only")}
-    row |= {f"all_{name}": value for name, value in together.items()}
-    parts = ("solved", "of", "low", "high")
-    row |= {f"solvable_{part}": getattr(standing.solvable, part, None) for part in parts}
-    return row | {
-        f"evidence_{part.name}": getattr(standing.evidence, part.name, None) for part in fields(Evidence)
-    }
+    return row
 
 
 _TITLES = {"curves.png": "Found over the budget", "figures.png": "Found with the whole budget"}
 _TESTS = (
     "Times, difference: of the means over pairs of runs with the same seed, each with its own 95 % interval. "
     "More in, fewer in: numbers of these pairs. p: Wilcoxon's signed-rank test of the pairs, two-sided, with "
-    "Holm's correction for all {tests} tests: every strategy in every figure."
+    "Holm's correction for all {tests} tests."
 )
 
 
@@ -173,6 +213,8 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     runs = f"{plural(compared.repeats, 'run')} of each, {compared.budget} rollouts each"
     report = ["vlafuzz", "report", compared.store, "--out", str(Path(compared.store).with_suffix(".html"))]
     tests = [_row(pair) for pair in compared.against]
+    first, *others = tables(compared)
+    against = Table(f"Against {compared.reference}", tests, _TESTS.format(tests=len(tests)))
     sheet = Sheet(
         title=f"{compared.policy} on {compared.task}: strategies compared",
         source=compared.store,
@@ -182,23 +224,10 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
             Picture(title, plots[name], f"{title}, of {names}. The tables below have the numbers.")
             for name, title in _TITLES.items()
         ),
-        tables=(
-            *_tables(compared),
-            *(
-                [Table(f"Against {compared.reference}", tests, _TESTS.format(tests=len(tests)))]
-                if tests
-                else []
-            ),
-        ),
+        tables=(first, *([against] if tests else []), *others),
         todo=(("The failures themselves, on a page:", shlex.join(report)),),
     )
     return render_sheet(sheet)
-
-
-def _tables(compared: Comparison) -> list[Table]:
-    notes = chain([f"{NOTE[0].upper()}{NOTE[1:]}."], repeat(""))
-    titled = zip(tables(compared).items(), notes, strict=False)
-    return [Table(f"{title[0].upper()}{title[1:]}", rows, note) for (title, rows), note in titled]
 
 
 def _row(pair: Pair) -> Row:
@@ -218,4 +247,6 @@ def _row(pair: Pair) -> Row:
 def _difference(pair: Pair) -> str:
     if not pair.tells:
         return "too few repeats"
-    return ("more" if pair.test.effect > 0 else "fewer") if pair.p_holm <= ALPHA else "no difference"
+    measure = next(measure for measure in MEASURES if measure.name == pair.measure)
+    shown = measure.more if pair.test.effect > 0 else measure.fewer
+    return shown if pair.p_holm <= ALPHA else "no difference"

@@ -1,5 +1,6 @@
 """Plots of a comparison, as PNG. matplotlib is imported when one is drawn."""
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
@@ -15,10 +16,12 @@ _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#
 _DASHES = ("-", "--", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _BOXES = {
-    "cells": "distinct cells",
+    "causes": "distinct certified causes",
+    "causes_per_100": "causes per 100 rollouts, triage included",
     "failures": "distinct failing scenes",
-    "cid": "CID (mean distance, less is better)",
-    "qd_score": "QD-score (sum of qualities in [0, 1])",
+    "probability_width": "width of the failure probability's interval",
+    "cells": "distinct cells (a diagnostic)",
+    "cid": "CID, less is better (a diagnostic)",
 }
 
 
@@ -33,14 +36,16 @@ def plot(compared: Comparison, folder: Path) -> list[Path]:
 def _curves(compared: Comparison) -> Any:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 4.8), layout="constrained")
+    drawn = dict.fromkeys(curve.what for curve in compared.curves)
+    figure = Figure(figsize=(11, 4.4), layout="constrained")
     styles = _styles(compared)
-    for axes, (what, says) in zip(figure.subplots(1, 2), list(_BOXES.items())[:2], strict=True):
+    for axes, what in zip(figure.subplots(1, len(drawn)), drawn, strict=True):
         for curve in compared.curves:
             if curve.what == what:
                 _draw(axes, curve, styles[curve.strategy])
-        axes.set(xlabel="rollouts of the policy", ylabel=says, xlim=(0, compared.budget))
-        axes.set_ylim(bottom=0)
+        limit = compared.triage_rollouts if what == "causes" else compared.budget
+        axes.set(xlabel=f"rollouts of {'triage' if what == 'causes' else 'search'}", ylabel=_BOXES[what])
+        axes.set(xlim=(0, limit), ylim=(0, max(1.0, axes.get_ylim()[1])))
         plain(axes)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)), frameon=False)
@@ -61,12 +66,19 @@ def _boxes(compared: Comparison) -> Any:
     from matplotlib.figure import Figure
 
     names = [standing.strategy for standing in compared.standings]
-    figure = Figure(figsize=(11, 1.8 + 2 * 0.42 * max(3, len(names))), layout="constrained")
-    grid = figure.subplots(2, 2, sharey=True)
-    for axes, (figure_name, says) in zip(grid.flat, _BOXES.items(), strict=True):
-        values = [_values(compared, name, figure_name) for name in names]
+    boxes = {
+        figure: values
+        for figure in _BOXES
+        if any(values := [_values(compared, name, figure) for name in names])
+    }
+    rows = math.ceil(len(boxes) / 2)
+    figure = Figure(figsize=(11, 0.9 + rows * (0.5 + 0.42 * max(3, len(names)))), layout="constrained")
+    grid = figure.subplots(rows, 2, sharey=True, squeeze=False)
+    for axes in list(grid.flat)[len(boxes) :]:
+        axes.set_visible(False)
+    for axes, (figure_name, values) in zip(grid.flat, boxes.items(), strict=False):
         _boxes_of(axes, values, [_styles(compared)[name]["color"] for name in names])
-        axes.set(xlabel=says)
+        axes.set(xlabel=_BOXES[figure_name], xlim=None if any(map(any, values)) else (0, 1))
         axes.set_yticks(range(1, len(names) + 1), names)
         plain(axes)
     grid[0, 0].invert_yaxis()

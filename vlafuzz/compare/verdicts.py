@@ -1,6 +1,5 @@
 """Strategies beside a reference, measure by measure: effect, interval, corrected p-value, and a sentence."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,17 +24,18 @@ class Measure:
 
     name: str
     says: str
-    most: bool
+    most: bool = True
+    more: str = "more"
+    fewer: str = "fewer"
 
 
+# In the order in which they judge. All else is shown, not tested: each test costs the others of their power.
 MEASURES = (
-    Measure("cells", "distinct cells", most=True),
-    Measure("failures", "failures", most=True),
-    Measure("cid", "CID", most=False),
-    Measure("qd_score", "QD-score", most=True),
-    Measure("sparseness", "sparseness", most=True),
-    Measure("first_failure", "rollouts to the first failure", most=False),
-    Measure("tenth_failure", "rollouts to the tenth failure", most=False),
+    Measure("causes", "certified causes"),
+    Measure("failures", "failures"),
+    Measure(
+        "probability_width", "interval of the failure probability", most=False, more="wider", fewer="narrower"
+    ),
 )
 
 
@@ -70,10 +70,11 @@ Runs = Mapping[str, Sequence[Figures]]
 
 
 def against(runs: Runs, reference: str) -> list[Pair]:
-    """Every strategy against the reference, in every measure."""
-    return corrected(
-        [_pair(runs, name, reference, measure) for measure in MEASURES for name in runs if name != reference]
-    )
+    """Every strategy against the reference, in every measure that all runs of both have."""
+    pairs = [
+        _pair(runs, name, reference, measure) for measure in MEASURES for name in runs if name != reference
+    ]
+    return corrected([pair for pair in pairs if pair])
 
 
 def corrected(pairs: Sequence[Pair]) -> list[Pair]:
@@ -83,15 +84,10 @@ def corrected(pairs: Sequence[Pair]) -> list[Pair]:
     return [replace(pair, verdict=_sentence(pair)) for pair in pairs]
 
 
-def _value(figures: Figures, measure: Measure) -> float:
-    """A figure as a number; None, of a run without such failures, is worse than any number."""
-    value = getattr(figures, measure.name)
-    worst = -math.inf if measure.most else math.inf
-    return worst if value is None else float(value)
-
-
-def _pair(runs: Runs, strategy: str, other: str, measure: Measure) -> Pair:
-    ours, theirs = ([_value(run, measure) for run in runs[name]] for name in (strategy, other))
+def _pair(runs: Runs, strategy: str, other: str, measure: Measure) -> Pair | None:
+    ours, theirs = ([getattr(run, measure.name) for run in runs[name]] for name in (strategy, other))
+    if None in (*ours, *theirs):
+        return None
     return Pair(
         strategy=strategy,
         other=other,
@@ -105,7 +101,8 @@ def _pair(runs: Runs, strategy: str, other: str, measure: Measure) -> Pair:
 
 def _sentence(pair: Pair) -> str:
     measure = next(measure for measure in MEASURES if measure.name == pair.measure)
-    size = f"{_size(pair)}more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
+    more, fewer = f"{measure.more} in {pair.test.more}", f"{measure.fewer} in {pair.test.fewer}"
+    size = f"{_size(pair)}{more} and {fewer} of {pair.repeats} pairs"
     if not pair.tells:
         least, need = min(1.0, pair.tests * smallest_p(pair.repeats)), pairs_needed(pair.tests, ALPHA)
         few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(least)}; {need} could"
@@ -113,9 +110,10 @@ def _sentence(pair: Pair) -> str:
     numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"
     if pair.p_holm > ALPHA:
         return f"no difference shown from {pair.other} in {measure.says}: {numbers}"
-    more = pair.test.effect > 0
-    kind = "" if more == measure.most else ", which is worse"
-    return f"{'more' if more else 'fewer'} {measure.says} than {pair.other}: {numbers}{kind}"
+    larger = pair.test.effect > 0
+    kind = "" if larger == measure.most else ", which is worse"
+    word = measure.more if larger else measure.fewer
+    return f"{word} {measure.says} than {pair.other}: {numbers}{kind}"
 
 
 def _size(pair: Pair) -> str:

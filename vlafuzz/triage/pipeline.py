@@ -117,6 +117,11 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
     return [findings[scene] for scene in scenes if scene in findings]
 
 
+def findings_in_order(store: Store, run: int) -> list[Finding]:
+    """The findings of a run in the order of ``triage`` under a limit."""
+    return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
+
+
 def to_certify(store: Store, run: int) -> list[Finding]:
     """Those that show the commonest causes of a run: so many that triage takes about as long as the run."""
     budget = next(each.manifest.budget for each in store.runs() if each.id == run)
