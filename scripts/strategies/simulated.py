@@ -16,7 +16,7 @@ from typing import Any
 from strategies.results import side_by_side
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
-from vlafuzz.compare.certified import certify
+from vlafuzz.compare.certified import certify, uncertified
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run, with_causes
 from vlafuzz.compare.plots import plot
@@ -64,7 +64,8 @@ class Job:
             )
             do_missing(store, [run], SILENT)
             if self.limit:
-                certify(store, partial(runner_of_run, self.store), store.runs(), self.limit)
+                left = uncertified(store, store.runs(), self.limit)
+                certify(store, partial(runner_of_run, self.store), left, self.limit)
         return self._counted()
 
     def _counted(self) -> CountedRun:
