@@ -148,10 +148,11 @@ def test_the_cost_of_searching_is_told_apart(capsys: pytest.CaptureFixture[str])
 
 
 def test_markdown_can_be_pasted(capsys: pytest.CaptureFixture[str]):
-    compare("--markdown", "--triage-rollouts", "50")
+    compare("--markdown", "--triage-rollouts", "200")
     shown = capsys.readouterr().out
     assert "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in shown
     assert "- feedback: certified causes beside random: 2 repeats are too few to tell" in shown
+    assert "| light:dark | grasp | 2 | 2 |" in shown
 
 
 def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vlafuzz.compare.comparison import Comparison
 
 _CONTINUES = "the same command continues"
+_ONE = 200  # rollouts that triage of one failure takes at most, about
 
 
 def command(
@@ -38,7 +39,7 @@ def command(
         int | None,
         typer.Option(
             help="Most rollouts of triage for each run, beside its budget; 0 to judge by failures alone.",
-            show_default="as many as --budget",
+            show_default="as many as --budget, at least 200",
         ),
     ] = None,
     store: Annotated[
@@ -62,7 +63,7 @@ def command(
     from vlafuzz.compare.compare import compare
     from vlafuzz.compare.page import write_folder
 
-    names, limit = _names(strategies), budget if triage_rollouts is None else triage_rollouts
+    names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
     policy = policy or config.default_policy()
     default = f"compare-{config.default_store(task, policy, '', 0).stem[:-3]}"

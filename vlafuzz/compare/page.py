@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -56,8 +57,10 @@ _PROBABILITY = (
 )
 _TOGETHER = (
     "Confirmed: findings that mostly fail in their neighbourhood; certified: of these, those with a minimal "
-    "scene; distinct: causes with different operators, directions or lost stages."
+    "scene; distinct: causes that differ in operators, directions or the lost stage."
 )
+_COMMONEST = 20  # causes that are listed
+_RUNS = f"Of {{runs}} runs of each strategy, those that certified it; the {_COMMONEST} commonest causes."
 _SPENT = (
     "Median (middle half) over the runs, search alone. To 1st, to 10th: rollouts until then; in rollouts: "
     "added up over all processes; search, store: shares of the wall time in the strategy's ask and tell and "
@@ -77,7 +80,7 @@ def tables(compared: Comparison) -> list[Table]:
     limit = compared.triage_rollouts
     judged = _CAUSES.format(limit=limit) if limit else _FAILURES
     shared = f"{compared.task}, {compared.policy}, {compared.budget} rollouts, {compared.repeats} repeats"
-    diagnostics = _NOT_CAUSES.format(cells=compared.union_cells)
+    diagnostics, causes = _NOT_CAUSES.format(cells=compared.union_cells), _causes(compared)
     return [
         Table(
             f"{'Causes' if limit else 'Failures'}: {shared}",
@@ -85,6 +88,7 @@ def tables(compared: Comparison) -> list[Table]:
             judged + _PROBABILITY,
         ),
         *([Table("Triage, all repeats together", _together(compared), _TOGETHER)] if limit else []),
+        *([Table("Causes by strategy", causes, _RUNS.format(runs=compared.repeats))] if causes else []),
         Table("Cost", _rows(compared, _COST), _SPENT),
         Table("Diagnostics", _rows(compared, _DIAGNOSTICS), diagnostics),
     ]
@@ -148,6 +152,18 @@ def _together(compared: Comparison) -> list[Row]:
         for standing in compared.standings
         if (triage := standing.triage)
     ]
+
+
+def _causes(compared: Comparison) -> list[Row]:
+    """By cause, in how many runs of each strategy it was certified; the commonest first."""
+    runs = {standing.strategy: standing.triage.causes for standing in compared.standings if standing.triage}
+    total = sum((Counter(causes) for causes in runs.values()), Counter[str]())
+    rows = []
+    for signature, _ in total.most_common(_COMMONEST):
+        _, lost, cause = signature.split("|", 2)
+        row = {"cause": cause, "loses": lost}
+        rows.append(row | {strategy: causes.get(signature, 0) for strategy, causes in runs.items()})
+    return rows
 
 
 def _rows(compared: Comparison, columns: dict[str, str]) -> list[Row]:
