@@ -62,8 +62,7 @@ def fuzz(
     summary = launch.start(planned, watch)
     if looks_for_causes(planned.strategy) if certify is None else certify:
         with Store.open(Path(summary.store), "write") as store:
-            shown = pipeline.to_certify(store, summary.run)
-            pipeline.triage(store, partial(_runner, Path(summary.store), own), findings=shown)
+            pipeline.certify_causes(store, partial(_runner, Path(summary.store), own), summary.run)
     return summary
 
 

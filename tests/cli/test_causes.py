@@ -81,7 +81,7 @@ def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(
 def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pytest.CaptureFixture[str]):
     assert main([*CAUSES, "--no-certify"]) == 0
     shown = capsys.readouterr().out
-    assert "not triaged" in shown
+    assert "not certified" in shown
     assert "more rollouts" not in shown
     assert main(["triage", "a.db", "--limit", "1"]) == 0
     assert "certified 1 of " in capsys.readouterr().out
@@ -93,3 +93,37 @@ def test_after_another_strategy_triage_finds_the_causes(capsys: pytest.CaptureFi
     assert main([*RUN, "--strategy", "random", "--budget", "10", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert [printed[key] for key in ("causes", "unexplained", "probability", "certification")] == [None] * 4
+
+
+def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys: pytest.CaptureFixture[str]):
+    assert main([*CAUSES, "--no-certify"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"failures\W+\d+ among 120 guided scenes, which is not the policy's failure rate", shown)
+    assert re.search(r"failure probability\W+[\d.]+% of random scenes, 95% interval [\d.]+–[\d.]+%", shown)
+    assert "failure share" not in shown
+    assert main([*RUN, "--strategy", "surrogate", "--budget", "10"]) == 0
+    shown = capsys.readouterr().out
+    assert "guided scenes" in shown
+    assert "failure probability" not in shown
+
+
+def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    class Interrupted(PlantedRunner):
+        def renew(self) -> None:
+            super().renew()
+            if self.renewed == 2:
+                raise KeyboardInterrupt
+
+    planted = scene_runner.SimulatorSceneRunner
+    faults = [lambda scene: DARK(scene) or TILTED(scene)]
+    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda *_, **__: Interrupted(faults))
+    assert main([*CAUSES]) == 130
+    printed = capsys.readouterr()
+    assert printed.out.count("│ certified") == 1 <= printed.out.count("│ not certified")
+    assert "interrupted: all finished causes are stored" in printed.err
+    assert printed.err.splitlines()[-1] == "hint: continue with `vlafuzz triage a.db --limit 1`"
+    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", planted)
+    assert main(["triage", "a.db", "--limit", "1"]) == 0
+    assert capsys.readouterr().out.count("│ certified") == 2

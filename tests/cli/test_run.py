@@ -42,7 +42,7 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
 
 
 def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--budget", "30", "--store", "a.db"]) == 0
+    assert main(["run", *IDLE, "--strategy", "random", "--budget", "30", "--store", "a.db"]) == 0
     shown = capsys.readouterr().out
     assert re.search(r"failure share\W+[\d.]+%, 95% interval [\d.]+–[\d.]+%", shown)
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]

@@ -15,6 +15,8 @@ from vlafuzz.errors import UsageError
 from vlafuzz.text import csv_table
 from vlafuzz.watch import Watch
 
+INTERRUPTED = 130  # exit code, as shells have it
+
 
 def print_rows(
     rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = ""
@@ -112,7 +114,7 @@ def interruptible(note: str) -> Iterator[Bar]:
         except KeyboardInterrupt:
             bar.clear()
             bar.note(note)
-            raise typer.Exit(130) from None
+            raise typer.Exit(INTERRUPTED) from None
 
 
 def _shown(value: Any) -> str:

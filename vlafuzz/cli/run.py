@@ -22,7 +22,7 @@ from vlafuzz.cli.flags import (
     listed,
     opened,
 )
-from vlafuzz.cli.output import Bar, interruptible, print_json, stdout
+from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json, stdout
 from vlafuzz.errors import PolicyError, VlafuzzError
 from vlafuzz.text import plural
 
@@ -149,11 +149,11 @@ def command(
     with Bar() as bar:
         plan = checked_plan(plan, unchecked=unchecked, watch=bar)
     summary = _start(plan)
-    beside, strategy_about = _beside_random(summary), about(plan.strategy)
+    found, beside, strategy_about = _causes(summary), _beside_random(summary), about(plan.strategy)
     if not json:
-        print_summary(summary, beside, strategy_about)
+        print_summary(summary, beside, strategy_about, found.probability if found else None)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
-    triaged = _triage(plan, summary, everything=triage, show=not json) if triage or certifying else None
+    triaged = _triage(plan, summary, everything=triage, show=not json) if triage or certifying else {}
     found = _causes(summary)
     if json:
         document = asdict(summary) | {"about": strategy_about, "random": asdict(beside) if beside else None}
@@ -161,16 +161,39 @@ def command(
         print_json(document | ({"triage": triaged} if triage else {}))
     elif found:
         print_causes(found)
-    elif summary.findings and not triage:
+    elif not triage:
+        _hint_at_triage(summary)
+    if triaged is None:
+        _hint_at_rest(plan, None if triage else found)
+        raise typer.Exit(INTERRUPTED)
+    _end(summary, fail_on_finding)
+
+
+def _hint_at_triage(summary: Summary) -> None:
+    if summary.findings:
         command = shlex.join(["vlafuzz", "triage", summary.store])
         failures = plural(summary.findings, "failure")
         stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
+
+
+def _end(summary: Summary, fail_on_finding: bool) -> None:
+    """Say whether the run ended early, with the exit code of its result."""
     if summary.stopped:
         Bar.note(f"stopped: {summary.stopped}")
     if not summary.verdicts["passed"] + summary.verdicts["failed"]:
         raise VlafuzzError("no scene could be judged", hint=_why_not(summary))
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
+
+
+def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
+    """How to certify as many causes as are missing after an interruption."""
+    from vlafuzz.triage.pipeline import affordable
+
+    if found:
+        missing = max(1, affordable(plan.manifest.budget) - found.certified)
+        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing)])
+        Bar.note(f"hint: continue with `{command}`")
 
 
 def _why_not(summary: Summary) -> str:
@@ -195,8 +218,8 @@ def _start(plan: Plan) -> Summary:
             raise PolicyError(error.message, hint=hint) from error
 
 
-def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> dict[str, Any]:
-    """Triage all findings of the store, or only those that show causes of the run."""
+def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> dict[str, Any] | None:
+    """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.triage.pipeline import PER_CAUSE, affordable
 
@@ -206,12 +229,15 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")
-    return triage_store(
-        Path(summary.store),
-        workers=plan.triage_workers,
-        causes_of=None if everything else summary.run,
-        show=everything and show,
-    )
+    try:
+        return triage_store(
+            Path(summary.store),
+            workers=plan.triage_workers,
+            causes_of=None if everything else summary.run,
+            show=everything and show,
+        )
+    except typer.Exit:  # the causes so far are shown all the same
+        return None
 
 
 def _causes(summary: Summary) -> CauseList | None:
@@ -225,9 +251,10 @@ def _causes(summary: Summary) -> CauseList | None:
 def _beside_random(summary: Summary) -> Beside | None:
     """A guided run beside random generation; None where there is nothing to compare."""
     from vlafuzz.campaign.results import beside_random
+    from vlafuzz.cli.summary import UNGUIDED
     from vlafuzz.store.store import Store
 
-    if summary.strategy in ("random", "pool"):
+    if summary.strategy in UNGUIDED:
         return None
     with Store.open(Path(summary.store)) as store:
         return beside_random(store, summary.run)

@@ -18,8 +18,11 @@ from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.outcome import Verdict
+from vlafuzz.probability import Probability
 from vlafuzz.statistics import Share
 from vlafuzz.text import interval, percent, plural, points
+
+UNGUIDED = ("random", "pool")  # strategies that do not look for failures
 
 
 class RunBar:
@@ -58,13 +61,19 @@ class RunBar:
         self._progress.stop()
 
 
-def print_summary(summary: Summary, beside: Beside | None = None, about: str = "") -> None:
-    """Print a run in numbers, a guided one beside random generation, and how to see its first failure."""
+def print_summary(
+    summary: Summary, beside: Beside | None = None, about: str = "", probability: Probability | None = None
+) -> None:
+    """Print a run in numbers, a guided one beside random generation, and how to see its first failure.
+
+    Args:
+        probability: that the policy fails in a random scene, if the strategy estimates it.
+    """
     title = f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
     table = Table(show_header=False, title=title, title_justify="left")
     table.add_column(style="bold")
     table.add_column()
-    for name, value in [("strategy", about)] * bool(about) + _lines(summary):
+    for name, value in [("strategy", about)] * bool(about) + _lines(summary, probability):
         table.add_row(name, value)
     console = stdout()
     console.print(table)
@@ -75,9 +84,9 @@ def print_summary(summary: Summary, beside: Beside | None = None, about: str = "
         console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to copy
 
 
-def _lines(summary: Summary) -> list[tuple[str, str]]:
+def _lines(summary: Summary, probability: Probability | None) -> list[tuple[str, str]]:
     verdicts = summary.verdicts
-    share = Share.of_counts(verdicts["failed"], verdicts["passed"] + verdicts["failed"])
+    judged = verdicts["passed"] + verdicts["failed"]
     lines = [("policy", summary.checkup)] if summary.checkup not in ("", "ok") else []
     lines += [
         ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
@@ -89,10 +98,10 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
         lines.append(("by earlier runs", note))
     if summary.invalid:
         lines.append(("invalid", ", ".join(f"{check} {count}" for check, count in summary.invalid.items())))
-    if share.of:
+    if judged:
         lines += [
             ("stages reached", ", ".join(f"{stage} {count}" for stage, count in summary.stages.items())),
-            ("failure share", f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"),
+            *_failures(summary, judged, probability),
             ("failure cells", str(summary.distinct_cells)),
         ]
     if summary.clusters is not None:
@@ -102,6 +111,20 @@ def _lines(summary: Summary) -> list[tuple[str, str]]:
     if summary.progress_mean is not None:
         lines.append(("mean progress", f"{summary.progress_mean:.3f}"))
     return [*lines, ("store", summary.store)]
+
+
+def _failures(summary: Summary, judged: int, probability: Probability | None) -> list[tuple[str, str]]:
+    """How often the policy fails; the scenes of a guided run do not say so."""
+    failed = summary.verdicts["failed"]
+    if summary.strategy in UNGUIDED:
+        share = Share.of_counts(failed, judged)
+        return [("failure share", f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}")]
+    lines = [("failures", f"{failed} among {judged} guided scenes, which is not the policy's failure rate")]
+    if probability:
+        bounds = interval(probability.low, probability.high)
+        estimate = f"{percent(probability.value)} of random scenes, 95% interval {bounds}"
+        lines.append(("failure probability", estimate))
+    return lines
 
 
 def _beside(summary: Summary, beside: Beside) -> str:

@@ -72,9 +72,10 @@ def triage_store(
         causes_of: a run: only the findings that show its commonest causes.
     """
     again = shlex.join(["vlafuzz", "triage", str(store)])
-    with interruptible(
-        f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
-    ) as bar:
+    note = "interrupted: all finished causes are stored"
+    if causes_of is None:
+        note = f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
+    with interruptible(note) as bar:
         summary, unjudged = _triage(store, max_rollouts, limit, workers, causes_of, bar)
     if show:
         _print(summary)
@@ -94,22 +95,24 @@ def _triage(
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import to_certify, triage
+    from vlafuzz.triage.pipeline import Progress, certify_causes, triage
     from vlafuzz.triage.scene_runner import runner_of_run
     from vlafuzz.triage.summary import summarise
 
     noun = "findings" if causes_of is None else "causes"
+
+    def watch(now: Progress) -> None:
+        bar.progress(f"{noun}, {now.rollouts} rollouts", now.done, now.findings)
+
     Store.open(store).close()  # to write, an empty file would be made a store
     with Store.open(store, "write") as opened:
-        unjudged = triage(
-            opened,
-            partial(runner_of_run, store, note=Bar.note),
-            findings=None if causes_of is None else to_certify(opened, causes_of),
-            max_rollouts=max_rollouts,
-            limit=limit,
-            workers=workers,
-            watch=lambda now: bar.progress(f"{noun}, {now.rollouts} rollouts", now.done, now.findings),
-        )
+        runner = partial(runner_of_run, store, note=Bar.note)
+        if causes_of is None:
+            unjudged = triage(
+                opened, runner, max_rollouts=max_rollouts, limit=limit, workers=workers, watch=watch
+            )
+        else:
+            unjudged = certify_causes(opened, runner, causes_of, workers=workers, watch=watch)
         return summarise(opened), unjudged
 
 

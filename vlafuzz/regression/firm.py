@@ -1,7 +1,7 @@
 """Firm: a minimal finding at a place where nearly every rollout fails, and passes without any one operator.
 
 Shrinking ends near a threshold. A policy whose failures are chaotic there fails on one machine and passes on
-another. Farther from the reference, in the same direction, it fails nearly always.
+another.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,19 +9,17 @@ from dataclasses import replace
 
 from vlafuzz.evidence import Causes, Rate
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Triaged
-from vlafuzz.triage.directions import directed
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+from vlafuzz.triage.outward import outward
+from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.triager import SceneRunner
 from vlafuzz.triage.witness import prove
 
 ROLLOUTS = 20  # exactly in a scene and around it, of which a share has to hold
 FIRST = 7  # of them: if too many of these do not hold, the others are not run
-PLACES = 3  # to try beyond the finding; the last one is the end of the range
 UNJUDGED = "the policy or the simulator broke"
 
 
@@ -59,23 +57,17 @@ def _proved(moved: Triaged, runner: SceneRunner) -> Triaged | None:
 
 def _outward(triaged: Triaged, space: SearchSpace) -> Iterator[Triaged]:
     """The finding farther from its reference, by the same operators in the same directions."""
-    scene, lost = triaged.shrunk, triaged.lost_stage
-    if scene is None or lost is None:
+    scene = triaged.shrunk
+    if scene is None:
         return
     start = triaged.reference or space.nominal(like=scene)
-    operators = [operator for name in triaged.operators if name != CONFOUNDERS for operator in GROUPS[name]]
-    path = Path(space, scene, free_genes(space, scene, operators, start), start)
-    steps = {path.length + (path.end - path.length) * place // PLACES for place in range(1, PLACES + 1)}
-    for step in sorted(steps - {path.length}):
-        moved = path.at(step)
-        names = directed(space, moved, triaged.operators, triaged.reference)
-        if signature(scene.task, lost, names) == triaged.signature:
-            yield replace(
-                triaged,
-                shrunk=moved,
-                counterparts={name: space.reset(moved, GROUPS[name], start) for name in triaged.counterparts},
-                causes=_rescaled(triaged.causes, path.length / step),
-            )
+    for moved, factor in outward(space, scene, triaged.operators, triaged.reference):
+        yield replace(
+            triaged,
+            shrunk=moved,
+            counterparts={name: space.reset(moved, GROUPS[name], start) for name in triaged.counterparts},
+            causes=_rescaled(triaged.causes, 1 / factor),
+        )
 
 
 def _rescaled(causes: Causes, by: float) -> Causes:

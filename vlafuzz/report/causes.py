@@ -21,7 +21,7 @@ EVIDENCE: Mapping[str, str] = {
     "witnessed": "confirmed",
     "base": "confirmed",
     "unproven": "confirmed, but the expert fails, too",
-    "observed": "not triaged",
+    "observed": "not certified",
     "edge": "not confirmed: edge",
     "flaky": "not confirmed: flaky",
 }

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 from vlafuzz.evidence import Rate
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.triage.oracle import ONE_HALF, Answer, Oracle
+from vlafuzz.triage.oracle import FEWEST, MOST_TO_CERTIFY, ONE_HALF, Answer, Oracle
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, deviating, free_genes
 from vlafuzz.triage.reference import Reference
+
+SCENES = 4  # a scene takes at most the rollouts that are left, divided by this: others are to be tried, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,19 +56,23 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference:
 
     A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: its values are
     taken back towards the finding's, then its operators; so they are where an object is in the way of a fair
-    counterpart. A counterpart that mostly fails takes the scene's place.
+    counterpart. No scene takes all rollouts, unless none of them holds soon: then the one that fails most
+    often does. A counterpart that mostly fails takes the scene's place.
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.
     """
     certifier = _Certifier(oracle, space, reference)
-    shrunk = certifier.test(way[-1])
+    shrunk = likeliest = certifier.test(way[-1])
     for scene in certifier.backwards(way):
         if (shrunk.firm and not shrunk.blocked) or not oracle.room:
             break
         other = certifier.test(scene)
         if other.firm and (not shrunk.firm or not other.blocked):
             shrunk = other
+        likeliest = max(likeliest, other, key=_share)
+    if not shrunk.firm and oracle.room:
+        shrunk = certifier.test(likeliest.scene, MOST_TO_CERTIFY)
     while shrunk.firm and (simpler := certifier.simpler(shrunk)):
         shrunk = simpler
     return shrunk
@@ -78,9 +84,14 @@ class _Certifier:
     space: SearchSpace
     reference: Reference
 
-    def test(self, scene: Scene) -> Shrunk:
-        """The evidence for a scene, with that for its counterparts where it holds."""
-        ((answer, rate),) = self.oracle.certify([scene])
+    def test(self, scene: Scene, most: int | None = None) -> Shrunk:
+        """The evidence for a scene, with that for its counterparts where it holds.
+
+        Args:
+            most: rollouts in the scene; None for a share of those that are left.
+        """
+        most = most or max(FEWEST, self.oracle.room // SCENES)
+        ((answer, rate),) = self.oracle.certify([scene], most=most)
         left = tuple(deviating(self.space, scene, self.reference.scene))
         start = self.reference.scene
         shrunk = Shrunk(scene=scene, lost=self.oracle.lost(scene), operators=left, rate=rate, reference=start)
@@ -129,3 +140,7 @@ class _Certifier:
         if answer is Answer.FAILS:
             return f"fails at {self.oracle.lost(scene, self.reference.stages)}"
         return str(answer.value)
+
+
+def _share(shrunk: Shrunk) -> float:
+    return shrunk.rate.failures / max(shrunk.rate.rollouts, 1)

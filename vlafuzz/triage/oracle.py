@@ -180,8 +180,10 @@ class Oracle:
         """Of the rollouts that gave a scene's answer."""
         return self._rate(self._tally(scene), stages)
 
-    def certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
-        """What the policy does in each, by rollouts that had no part in any answer.
+    def certify(
+        self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
+    ) -> list[Certificate]:
+        """What the policy does in each, by rollouts that had no part in any answer, at most ``most`` of them.
 
         It fails if the lower bound of its rate is above one half, it passes if the upper bound is below.
         """
@@ -190,7 +192,7 @@ class Oracle:
             if tally.rollouts < FEWEST:
                 return FEWEST - tally.rollouts
             unclear = _side(self._rate(tally, stages)) is Answer.UNCLEAR
-            return int(unclear and tally.rollouts < MOST_TO_CERTIFY)
+            return int(unclear and tally.rollouts < most)
 
         tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
         self._draw_until(tallies, needed)

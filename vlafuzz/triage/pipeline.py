@@ -1,7 +1,7 @@
 """triage: work through the findings of a store, here or in several processes."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from itertools import count, groupby
 from typing import NamedTuple
@@ -56,11 +56,12 @@ def triage(
     done = {triaged.key for triaged in store.triaged()}
     runs = {run.id: run for run in store.runs()}
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
+    blamed = _blamed(store, runs)
     ordered = _causes_first(store.findings() if findings is None else findings, causes)
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     jobs = [
-        Job(runs[number], list(several), max_rollouts, store.passing(number))
+        Job(runs[number], list(several), max_rollouts, store.passing(number), blamed)
         for number, several in groupby(todo, lambda finding: finding.run)
     ]
     unjudged, rollouts = 0, 0
@@ -77,15 +78,16 @@ def triage(
 
 
 class Job(NamedTuple):
-    """The findings of one run that are to be triaged; the last two fields are those of ``Triager``."""
+    """The findings of one run that are to be triaged; the last three fields are those of ``Triager``."""
 
     run: Run
     findings: Sequence[Finding]
     max_rollouts: int | None
     passing: Sequence[Scene]
+    blamed: Mapping[Scene, Sequence[str]]
 
     def triager(self, runner: SceneRunner) -> Triager:
-        return Triager(runner, self.max_rollouts, self.passing)
+        return Triager(runner, self.max_rollouts, self.passing, self.blamed)
 
 
 def _here(make: Make, jobs: Sequence[Job]) -> Iterator[Triaged | None]:
@@ -107,6 +109,40 @@ def _in_processes(make: Make, jobs: Sequence[Job], workers: int) -> Iterator[Tri
                 yield triaged
 
 
+def certify_causes(
+    store: Store,
+    runner: Make,
+    run: int,
+    *,
+    workers: int = 1,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> int:
+    """Triage the findings that show the commonest causes of a run, which takes about as long as the run.
+
+    The next commonest cause takes the place of one that cannot be certified, or that is the same as another,
+    as long as the rollouts are no more than those of the run.
+
+    Args:
+        runner, watch: see ``triage``.
+
+    Returns:
+        The number of findings that could not be judged, see ``triage``.
+    """
+    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
+    waiting, tried, unjudged = cause_findings(store, run), list[Finding](), 0
+    number = affordable(budget)
+    while number > 0 and waiting:
+        some, waiting = waiting[:number], waiting[number:]
+        unjudged += triage(store, runner, findings=some, workers=workers, watch=watch)
+        tried += some
+        keys = {finding.key for finding in tried}
+        rows = [row for row in store.triaged() if row.key in keys]
+        left = max(budget, PER_CAUSE) - sum(row.policy_rollouts for row in rows)
+        firm = {row.signature for row in rows if row.bucket in ("minimal", "base")}
+        number = min(affordable(budget) - len(firm), round(left / PER_CAUSE))
+    return unjudged
+
+
 def cause_findings(store: Store, run: int) -> list[Finding]:
     """The findings that show the causes of a run, in order of rank."""
     attribution = store.causes(run)
@@ -122,10 +158,11 @@ def findings_in_order(store: Store, run: int) -> list[Finding]:
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
 
 
-def to_certify(store: Store, run: int) -> list[Finding]:
-    """Those that show the commonest causes of a run: so many that triage takes about as long as the run."""
-    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
-    return cause_findings(store, run)[: affordable(budget)]
+def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, tuple[str, ...]]:
+    """The operators of each cause, by the scene that shows it."""
+    attributions = filter(None, map(store.causes, runs))
+    causes = [cause for attribution in attributions for cause in attribution.causes]
+    return {cause.scene: cause.operators for cause in causes if cause.scene}
 
 
 def affordable(budget: int) -> int:

@@ -1,9 +1,9 @@
 """Triager: confirms, witnesses, shrinks, certifies and attributes a finding. It imports no simulator."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Actions, Rate, Solver
@@ -20,19 +20,23 @@ from vlafuzz.triage.oracle import (
     LEAD,
     MOST,
     MOST_TO_CERTIFY,
+    ONE_HALF,
     UNFAIR,
     Answer,
     Certificate,
     Judged,
     Oracle,
 )
-from vlafuzz.triage.path import deviating
+from vlafuzz.triage.outward import outward
+from vlafuzz.triage.path import GROUPS, deviating
 from vlafuzz.triage.reference import find_reference
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Search, prove
 
 # Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
 MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
+FIRMLY = 5  # failures more than passes in a scene farther out that is triaged in place of a finding
+_OF_FINDING = ("scene", "repeats", "failures", "rate", "deviating", "policy_rollouts", "expert_rollouts")
 TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
 
 
@@ -80,20 +84,28 @@ class Triager:
     Attributes:
         max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
         passing: scenes in which the policy has passed.
+        blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
+            out, if it can be.
         rolled: verdicts by scene's digest and number, which findings share; only ``roll`` changes it.
     """
 
     runner: SceneRunner
     max_rollouts: int | None = None
     passing: Sequence[Scene] = ()
+    blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
     rolled: dict[tuple[str, int], Judged] = field(default_factory=dict)
 
     def triage(self, finding: Finding) -> Triaged | None:
         """The finding after triage; None where policy or simulator broke."""
+        began = time.monotonic()
+        self.runner.renew()
         try:
-            return self._triage(finding)
+            triaged = self._triage(finding)
+            if _at_threshold(triaged):
+                triaged = self._move_outward(finding, triaged)
         except _BrokenError:
             return None
+        return replace(triaged, seconds=time.monotonic() - began)
 
     def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
         """One rollout in each scene; those known from another finding cost nothing."""
@@ -112,8 +124,6 @@ class Triager:
         return answers
 
     def _triage(self, finding: Finding) -> Triaged:
-        began = time.monotonic()
-        self.runner.renew()
         scene = finding.scene
         oracle = self._oracle(load_jitter())
         answer, rate = self._confirm(scene, oracle)
@@ -129,11 +139,36 @@ class Triager:
             detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
         if answer is Answer.FAILS:
-            triaged = self._prove(triaged, oracle)
-        elif self._at_edge(scene, answer):
+            return self._prove(triaged, oracle)
+        exactly = self._oracle(None)
+        at_edge = self._at_edge(scene, answer, exactly)
+        triaged = replace(triaged, policy_rollouts=oracle.spent + exactly.spent)
+        if at_edge:
             around = f"in its neighbourhood {rate.failures} of {rate.rollouts} rollouts fail"
             triaged = replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
-        return replace(triaged, seconds=time.monotonic() - began)
+        return triaged
+
+    def _move_outward(self, finding: Finding, triaged: Triaged) -> Triaged:
+        """The finding, if possible with a minimal scene from farther out in the direction of its cause."""
+        space, oracle = self.runner.space, self._oracle(load_jitter())
+        operators = [name for name in self.blamed.get(finding.scene, ()) if name in GROUPS]
+        beyond = outward(space, finding.scene, operators, triaged.reference)
+        firm = (scene for scene, _ in beyond if oracle.answers([scene], lead=FIRMLY)[0] is Answer.FAILS)
+        scene = next(firm, None)
+        triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + oracle.spent)
+        if scene is None:
+            return triaged
+        moved = self._triage(replace(finding, scene=scene))
+        triaged = replace(
+            triaged,
+            policy_rollouts=triaged.policy_rollouts + moved.policy_rollouts,
+            expert_rollouts=triaged.expert_rollouts + moved.expert_rollouts,
+        )
+        if moved.bucket != "minimal":
+            return triaged
+        found: dict[str, Any] = {name: getattr(triaged, name) for name in _OF_FINDING}
+        around = f"{triaged.failures} of {triaged.repeats} rollouts around it fail"
+        return replace(moved, **found, detail=f"farther out than it was found, where {around}")
 
     def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
         """Repeat a finding until it is clear whether it mostly fails.
@@ -153,13 +188,12 @@ class Triager:
         lead = 1 if self.runner.deterministic else LEAD
         return Oracle(self.roll, self.runner.stages, jitter, budget=MOST + UNFAIR, lead=lead)
 
-    def _at_edge(self, scene: Scene, answer: Answer) -> bool:
+    def _at_edge(self, scene: Scene, answer: Answer, exactly: Oracle) -> bool:
         """Whether a scene that does not mostly fail in its neighbourhood does so as it is.
 
         A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with
         one rate in both, luck would put it at an edge.
         """
-        exactly = self._oracle(None)
         if self.runner.deterministic:
             return exactly.fails([scene])[0]
         exactly.budget = MOST_TO_CERTIFY
@@ -250,6 +284,14 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     except _BrokenError:
         return Answer.BROKEN, Rate.of_counts(0, 0), None
     return answer, rate, oracle.lost(scene) if rate.failures else None
+
+
+def _at_threshold(triaged: Triaged) -> bool:
+    """Whether a finding fails now and then, but not mostly, or what is left of it does."""
+    if triaged.bucket in ("edge", "flaky"):
+        return triaged.bucket == "edge" or triaged.failures > 0
+    rate = triaged.certified
+    return triaged.bucket == "witnessed" and rate is not None and rate.low <= ONE_HALF
 
 
 def _why_not(shrunk: Shrunk) -> str:
