@@ -226,7 +226,9 @@ def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str])
 def test_both_shares_are_shown_with_their_intervals(capsys: pytest.CaptureFixture[str]):
     for strategy in ("random", "nsga2"):
         run("--strategy", strategy, "--budget", "30", "--store", "a.db")
-    (share,) = re.findall(r"failure share\W+([\d.]+%), 95% interval ([\d.]+–[\d.]+%)", shown := printed(capsys))
+    (share,) = re.findall(
+        r"failure share\W+([\d.]+%), 95% interval ([\d.]+–[\d.]+%)", shown := printed(capsys)
+    )
     failed, judged = re.search(r"failures\W+(\d+) among (\d+) guided scenes", shown).groups()
     mine = f"{100 * int(failed) / int(judged):.3g}%"
     assert re.search(rf"beside random: {mine} \([\d.–]+%\) of {judged} scenes failed", shown)
