@@ -1,5 +1,7 @@
 """The causes of a run as a list, before and after triage."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,7 @@ from tests.doubles import failed
 from tests.report.stores import MANIFEST
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
+from vlafuzz.evidence import Rate
 from vlafuzz.probability import Probability
 from vlafuzz.report.causes import CauseList, causes_of
 from vlafuzz.report.page import render
@@ -27,6 +30,10 @@ def only(operator: str, seed: int) -> Scene:
     scene = Planted([condition]).finding(seed)
     others = [name for name in SPACE.severities(scene) if name not in (operator, "target-type")]
     return SPACE.reset(scene, others)
+
+
+def other_object(scene: Scene) -> bool:
+    return scene.targets[0].object != SPACE.nominal().targets[0].object
 
 
 @pytest.fixture
@@ -95,6 +102,32 @@ def test_a_cause_that_is_not_confirmed_is_listed_last_and_says_so(store: Store):
         "not confirmed: flaky",
     ]
     assert (found.certified, found.found) == (1, 3)
+
+
+def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: Store):
+    scene = next(shown for shown in (only("light", seed) for seed in range(9)) if other_object(shown))
+    store.add(1, Trial(proposal=9, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0"))
+    store.keep_causes(1, Attribution((FoundCause(scene, ("target-type", "light"), 1),)))
+    name = scene.targets[0].object.replace("_", " ")
+    assert listed(store).causes[0].conditions[0] == f"target-type: {name}"
+    runner = PlantedRunner([DARK, other_object])
+    triage(store, lambda run: runner, findings=cause_findings(store, 1))
+    (triaged,) = store.triaged()
+    (cause,) = listed(store).causes
+    shown = f"target-type: {name} (with the nominal objects 0 of 5 rollouts fail)"
+    assert (cause.conditions[0], len(cause.conditions)) == (shown, 2)
+    for rates, condition in (({}, f"target-type: {name} (not certified)"), (5, "light (dark): fails from")):
+        rates = {"target-type": Rate.of_counts(rates, rates)} if rates else {}
+        store.settle(replace(triaged, counterpart_rates=rates))
+        assert listed(store).causes[0].conditions[0].startswith(condition)
+
+
+def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missing(store: Store):
+    runner = PlantedRunner([DARK])
+    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=26)
+    (cause,) = [one for one in listed(store).causes if one.bucket == "minimal"]
+    assert re.fullmatch(r"light: × 0\.\d+, its threshold did not fit into the rollouts", cause.conditions[0])
+    assert "<small>its threshold did not fit into the rollouts</small>" in render(view_of_store(store))
 
 
 def test_shares_rank_and_are_shown_where_they_are_known(store: Store):

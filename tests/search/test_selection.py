@@ -11,7 +11,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
-from vlafuzz.search.base import Proposal, Source, about
+from vlafuzz.search.base import Proposal, Source, about, looks_for_causes
 from vlafuzz.search.pool import Selection
 from vlafuzz.search.registry import STRATEGIES
 
@@ -101,6 +101,12 @@ def test_every_strategy_chooses_each_scene_of_a_pool_once_and_ends(name: str):
 
 def test_it_says_how_large_the_pool_is():
     assert about(Selection(Wishes(), space(), sampled(3), 0)) == "from a pool of 3"
+
+
+def test_it_says_why_it_finds_no_causes():
+    selection = Selection(STRATEGIES["causes"], space(), sampled(3), 0, 3)
+    assert about(selection) == "from a pool of 3; no list of causes, for which it would have to vary scenes"
+    assert not looks_for_causes(selection)
 
 
 def test_a_run_chooses_from_a_file(tmp_path: Path):

@@ -21,7 +21,9 @@ SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0
 
 def dark(seed: int) -> Scene:
     finding = Planted([DARK]).finding(seed)
-    return SPACE.reset(finding, [name for name in SPACE.severities(finding) if name != "light"])
+    return SPACE.reset(
+        finding, [name for name in SPACE.severities(finding) if name not in ("light", "target-type")]
+    )
 
 
 @pytest.fixture
@@ -87,3 +89,19 @@ def test_no_cause_takes_the_place_of_another_once_the_rollouts_of_the_run_are_sp
     (found,) = certified(store(SLIGHT, dark(0)), PlantedRunner([TILTED], rate=0.5))
     assert found.bucket != "minimal"
     assert found.policy_rollouts > 60
+
+
+@pytest.mark.parametrize("needs_type", [True, False])
+def test_a_cause_that_the_targets_type_is_part_of_is_tried_with_the_nominal_targets(store, needs_type: bool):
+    usual = SPACE.nominal().targets[0].object
+    scene = next(shown for shown in map(dark, range(9)) if shown.targets[0].object != usual)
+
+    def other(shown: Scene) -> bool:
+        return not needs_type or shown.targets[0].object != usual
+
+    opened = store(scene)
+    opened.keep_causes(1, Attribution((FoundCause(scene, ("target-type", "light"), 1),)))
+    (found,) = certified(opened, PlantedRunner([DARK, other]))
+    rate = found.counterpart_rates["target-type"]
+    assert (found.bucket, found.operators, set(found.counterparts)) == ("minimal", ("light",), {"light"})
+    assert (rate.failures, rate.rollouts) == (0 if needs_type else 5, 5)

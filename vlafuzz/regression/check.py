@@ -79,6 +79,8 @@ def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None
         failures=rate.failures,
         rollouts=triaged.shrink_rollouts,
         certified=triaged.certified,
-        counterpart_rates=triaged.counterpart_rates,
+        counterpart_rates={
+            name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts
+        },
         thumbnail=runner.picture(scene),
     )

@@ -73,6 +73,7 @@ def card_of_triaged(
         operators=triaged.operators if minimal else triaged.deviating,
         deviations=deviations(space, scene, causes, reference),
         causes=causes,
+        counterpart_rates=triaged.counterpart_rates if minimal else {},
         reference=reference,
         witness=triaged.witness,
         detail=_evidence(triaged),
@@ -93,6 +94,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         operators=case.operators,
         deviations=deviations(space, case.scene, case.causes, case.reference),
         causes=case.causes,
+        counterpart_rates=case.counterpart_rates,
         reference=case.reference,
         witness=case.witness,
         detail=f"fails {_around(case.certified)}"

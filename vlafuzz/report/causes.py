@@ -14,6 +14,7 @@ from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.text import count_of, interval, percent, plural
+from vlafuzz.triage.oracle import ONE_HALF
 
 # Buckets in words, those of causes that are not confirmed last.
 EVIDENCE: Mapping[str, str] = {
@@ -139,9 +140,10 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
     merged: dict[object, ListedCause] = {}
     for number, cause in enumerate(kept.causes):
         finding = findings.get(cause.scene) if cause.scene else None
-        listed = maker.make(cause, finding, triaged.get(cause.scene) if cause.scene else None)
+        row = triaged.get(cause.scene) if cause.scene else None
+        listed = maker.make(cause, finding, row)
         certain = listed.bucket in ("minimal", "base")
-        key = (listed.signature, _target_types(cause)) if certain else number
+        key = (listed.signature, _target_types(cause, _without_types(row))) if certain else number
         merged[key] = _united(merged[key], listed) if key in merged else listed
     return CauseList(
         run=run.id,
@@ -177,7 +179,7 @@ class _Maker:
         if triaged:
             rate = triaged.certified if card.bucket == "minimal" else triaged.rate
         return ListedCause(
-            conditions=_conditions(cause, card),
+            conditions=_conditions(cause, card, _without_types(triaged)),
             lost_stage=card.lost_stage,
             share=cause.share,
             failures=cause.failures,
@@ -197,26 +199,40 @@ class _Maker:
         return card_of_triaged(self._path, triaged, *about)
 
 
-def _conditions(cause: FoundCause, card: Card) -> tuple[str, ...]:
-    """What it takes, in words: of a certified cause what is left, else what the strategy blames."""
-    types, certified = ", ".join(_target_types(cause)), card.bucket == "minimal"
-    # Triage never replaces a target.
-    parts = [f"{TargetType.name}: {types}" + " (not certified)" * certified] if types else []
+def _conditions(cause: FoundCause, card: Card, without_types: Rate | None) -> tuple[str, ...]:
+    """What it takes, in words: of a certified cause what is left, else what the strategy blames.
+
+    Args:
+        without_types: see ``_without_types``.
+    """
+    types, certified = ", ".join(_target_types(cause, without_types)), card.bucket == "minimal"
+    parts = [f"{TargetType.name}: {types}" + _types_evidence(without_types) * certified] if types else []
     if card.bucket == "base":
         return (*parts, "fails at nominal")
     directions = {one.operator: f" ({one.direction})" for one in card.causes.thresholds if one.direction}
     for part in card.deviations:
         if part.operator in (card.operators if certified else cause.operators):
             name = part.operator + directions.get(part.operator, "")
-            parts.append(f"{name}: {part.fails_from or part.value}")
+            parts.append(f"{name}: {part.range}")
     return tuple(parts) or cause.operators
 
 
-def _target_types(cause: FoundCause) -> tuple[str, ...]:
+def _without_types(triaged: Triaged | None) -> Rate | None:
+    """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
+    return triaged.counterpart_rates.get(TargetType.name) if triaged else None
+
+
+def _target_types(cause: FoundCause, without: Rate | None) -> tuple[str, ...]:
     """The objects that the instruction names, where they are part of the cause."""
-    if cause.scene is None or TargetType.name not in cause.operators:
+    if cause.scene is None or TargetType.name not in cause.operators or (without and without.low > ONE_HALF):
         return ()
     return tuple(target.object.replace("_", " ") for target in cause.scene.targets)
+
+
+def _types_evidence(without: Rate | None) -> str:
+    if without is None or without.high >= ONE_HALF:
+        return " (not certified)"
+    return f" (with the nominal objects {without.failures} of {without.rollouts} rollouts fail)"
 
 
 def _united(one: ListedCause, other: ListedCause) -> ListedCause:

@@ -20,7 +20,9 @@ from vlafuzz.space.operators import (
     TargetPosition,
     Wording,
 )
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+
+UNLOCATED = "its threshold did not fit into the rollouts"
 
 
 def deviations(
@@ -32,10 +34,24 @@ def deviations(
     """
     other = reference or _nominal(space, scene)
     thresholds = {threshold.operator: failing_range(threshold) for threshold in causes.thresholds}
+    missing = {
+        name: UNLOCATED
+        for name in causes.necessary
+        if name not in thresholds and _is_numeric(space, scene, name, other)
+    }
     values = ((name, _value(name, scene, other), _value(name, other, scene)) for name in GROUPS)
     return tuple(
-        Deviation(name, value, usual, thresholds.get(name, "")) for name, value, usual in values if value
+        Deviation(name, value, usual, thresholds.get(name, ""), missing.get(name, ""))
+        for name, value, usual in values
+        if value
     )
+
+
+def _is_numeric(space: SearchSpace, scene: Scene, name: str, other: Scene) -> bool:
+    """Whether numbers alone tell an operator's values from the reference's: then it has a threshold."""
+    genes = free_genes(space, scene, GROUPS[name], other)
+    categories = name == CONFOUNDERS or any(gene.kind == "category" for gene in genes)
+    return not categories and Path(space, scene, genes, other).length > 0
 
 
 def _nominal(space: SearchSpace, scene: Scene) -> Scene:

@@ -2,14 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from vlafuzz.evidence import Causes, Solver, Witness
+from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
-from vlafuzz.text import named
+from vlafuzz.text import count_of, named
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {
@@ -83,12 +83,23 @@ class RunRow:
 
 @dataclass(frozen=True)
 class Deviation:
-    """An operator's value in a scene and in its reference, and the threshold from which the policy fails."""
+    """An operator's value in a scene and in its reference, and the threshold from which the policy fails.
+
+    Attributes:
+        fails_from: the range that fails; empty if there is no threshold, or none that is known.
+        missing: why it is not known, in a clause.
+    """
 
     operator: str
     value: str
     reference: str
     fails_from: str = ""
+    missing: str = ""
+
+    @property
+    def range(self) -> str:
+        """The range that fails, else the value."""
+        return self.fails_from or ", ".join(filter(None, (self.value, self.missing)))
 
 
 @dataclass(frozen=True)
@@ -120,6 +131,7 @@ class Card:
         bucket: one of ``BUCKETS``.
         operators: those in which the scene differs from its reference; the confounder operators count as one.
         reference: the passing scene that it is compared with; None for the nominal one.
+        counterpart_rates: how often the policy fails around the scene without an operator, by operator.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
         picture: PNG, shown if there are no films.
@@ -134,6 +146,7 @@ class Card:
     operators: tuple[str, ...]
     deviations: tuple[Deviation, ...]
     causes: Causes
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
     reference: Scene | None = None
     witness: Witness | None = None
     detail: str
@@ -156,6 +169,13 @@ class Card:
         causes = self.causes
         roles = {"necessary": causes.necessary, "sufficient alone": causes.sufficient}
         return ", ".join(role for role, operators in roles.items() if operator in operators)
+
+    def without(self, operator: str) -> str:
+        """How often the policy fails without an operator, in words; empty if unknown."""
+        rate = self.counterpart_rates.get(operator)
+        if rate is None:
+            return ""
+        return f"without it {count_of(rate.failures, rate.rollouts, rate.low, rate.high)} rollouts fail"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Score
-from vlafuzz.search.base import Genome, Proposal, Source, about
+from vlafuzz.search.base import Genome, Proposal, Source, about, looks_for_causes
 from vlafuzz.search.registry import Factory
 
 
@@ -63,9 +63,11 @@ class Selection:
 
     @property
     def about(self) -> str:
-        """The strategy's own description, and the size of the pool."""
-        own, size = about(self._strategy), len(self._left.genomes)
-        return ", ".join(filter(None, (own, f"from a pool of {size}")))
+        """The strategy's own description, the size of the pool, and why there are no causes."""
+        own, pool = about(self._strategy), f"from a pool of {len(self._left.genomes)}"
+        if looks_for_causes(self._strategy):
+            pool += "; no list of causes, for which it would have to vary scenes"
+        return ", ".join(filter(None, (own, pool)))
 
     def ask(self, n: int) -> list[Proposal]:
         """The nearest unused scenes, fewer at the end of the pool."""

@@ -140,7 +140,8 @@ class Triaged:
         repeats: jittered repetitions of the finding, of which ``failures`` failed.
         rate: of the finding; None in findings of earlier versions, as are the rates below.
         certified: rate of ``shrunk``, by rollouts that had no part in shrinking it.
-        counterpart_rates: those of ``counterparts``, likewise.
+        counterpart_rates: those of ``counterparts``, likewise; under ``target-type`` that with the nominal
+            targets, where a strategy blames those of the finding.
         reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal
             one fails, too; None where that was the nominal scene.
         deviating: operators that were not nominal, the confounders' as one.

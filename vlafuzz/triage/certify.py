@@ -50,6 +50,16 @@ class Shrunk:
         """Whether it fails mostly, and every operator left is shown to be necessary."""
         return self.firm and bool(self.operators) and not self.unresolved
 
+    @property
+    def problem(self) -> str:
+        """Why it is not shown to be minimal."""
+        if not self.firm:
+            rate = self.rate
+            return (
+                f"what is left of it is not shown to fail mostly: {rate.failures} of {rate.rollouts} rollouts"
+            )
+        return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
+
 
 def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.

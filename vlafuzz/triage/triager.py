@@ -12,9 +12,10 @@ from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import Jitter, load_jitter
+from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import Shrunk, certify
+from vlafuzz.triage.certify import certify
 from vlafuzz.triage.directions import directed
 from vlafuzz.triage.oracle import (
     LEAD,
@@ -229,6 +230,10 @@ class Triager:
         way = shrink(triaged.scene, oracle, space, reference.scene)
         oracle.budget = confirmed + round(most * TO_CERTIFY)
         shrunk = certify(way, oracle, space, reference)
+        rates = dict(shrunk.rates)
+        if shrunk.minimal and TargetType.name in self.blamed.get(triaged.scene, ()):
+            others = space.reset(shrunk.scene, [TargetType.name])
+            rates[TargetType.name] = oracle.certify([others], reference.stages)[0].rate
         oracle.budget = confirmed + most
         operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
         triaged = replace(
@@ -239,12 +244,12 @@ class Triager:
             causes=attribute(shrunk, oracle, space),
             certified=shrunk.rate,
             counterparts=shrunk.counterparts,
-            counterpart_rates=shrunk.rates,
+            counterpart_rates=rates,
             reference=shrunk.reference,
             signature=signature(triaged.scene.task, shrunk.lost, operators),
         )
         if not shrunk.minimal:
-            return replace(triaged, detail=_why_not(shrunk))
+            return replace(triaged, detail=shrunk.problem)
         return self._crown(triaged, shrunk.scene)
 
     def _crown(self, triaged: Triaged, scene: Scene) -> Triaged:
@@ -292,11 +297,3 @@ def _at_threshold(triaged: Triaged) -> bool:
         return triaged.bucket == "edge" or triaged.failures > 0
     rate = triaged.certified
     return triaged.bucket == "witnessed" and rate is not None and rate.low <= ONE_HALF
-
-
-def _why_not(shrunk: Shrunk) -> str:
-    """Why a shrunk scene is not shown to be minimal."""
-    if not shrunk.firm:
-        rate = shrunk.rate
-        return f"what is left of it is not shown to fail mostly: {rate.failures} of {rate.rollouts} rollouts"
-    return "; ".join(f"without {name} the scene {outcome}" for name, outcome in shrunk.unresolved.items())
