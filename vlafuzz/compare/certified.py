@@ -5,12 +5,11 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import findings_in_order
+from vlafuzz.triage.pipeline import Job, findings_in_order, job_of
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
-from vlafuzz.triage.triager import SceneRunner, Triager
+from vlafuzz.triage.triager import SceneRunner
 
 Known = dict[tuple[str, str], Triaged | None]
 """Results of triage by the finding's key; None where a finding could not be judged."""
@@ -80,11 +79,12 @@ def certify(
     results = known_results(store)
     with process_pool(workers) if workers > 1 else nullcontext() as pool:
         for index, run in enumerate(runs):
-            findings, passing = findings_in_order(store, run.id), store.passing(run.id)
+            findings = findings_in_order(store, run.id)
+            job = job_of(store, run, findings)
             watch(index, 0)
             with closing(PooledRunner(pool, make, run) if pool else make(run)) as runner:
                 while batch := _missing(findings, results, limit)[:workers]:
-                    for number, triaged in _triaged(batch, runner, passing, pool):
+                    for number, triaged in _triaged(batch, runner, job, pool):
                         results[batch[number].key] = triaged
                         if triaged:
                             store.settle(triaged)
@@ -112,11 +112,11 @@ def _missing(findings: Sequence[Finding], results: Known, limit: int) -> list[Fi
 
 
 def _triaged(
-    batch: Sequence[Finding], runner: SceneRunner, passing: Sequence[Scene], pool: ProcessPoolExecutor | None
+    batch: Sequence[Finding], runner: SceneRunner, job: Job, pool: ProcessPoolExecutor | None
 ) -> Iterator[tuple[int, Triaged | None]]:
     """Each finding's number with its result, as they are done."""
 
     def triage(finding: Finding) -> Triaged | None:
-        return Triager(runner, passing=passing).triage(finding)
+        return job.triager(runner).triage(finding)
 
     return side_by_side(pool, len(batch), triage, batch) if pool else enumerate(map(triage, batch))

@@ -90,6 +90,11 @@ class Job(NamedTuple):
         return Triager(runner, self.max_rollouts, self.passing, self.blamed)
 
 
+def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
+    """The job of some findings of a run, with what that run knows."""
+    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]))
+
+
 def _here(make: Make, jobs: Sequence[Job]) -> Iterator[Triaged | None]:
     """Triage in this process, run by run."""
     for job in jobs:
