@@ -1,22 +1,25 @@
 """Triage of runs within a limit of rollouts, with a policy whose faults are planted."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest
-from tests.triage.planted import CONDITIONS, Planted
+from tests.doubles import failed, manifest, passed
+from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.compare.certified import certified, certify, known_results, uncertified
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Finding, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.triage.pipeline import findings_in_order
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]
+
+SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))
 
 
 def fails(scene: Scene) -> bool:
@@ -130,3 +133,23 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(stor
     assert certified(findings_in_order(store, 1), known_results(store), 1000).triaged == 0
     assert certify(store, runner, store.runs(), limit=1000) == 0
     assert len(store.triaged()) == len(SCENES)
+
+
+class Edgy(PlantedRunner):
+    """Fails if tilted, by less than 4 degrees in some rollouts only."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        lucky = [
+            s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)
+        ]
+        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
+
+
+def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as store:
+        fill(store, [SLIGHT])
+        store.keep_causes(1, Attribution((FoundCause(SLIGHT, ("camera-orientation",), 1),)))
+        certify(store, lambda run: Edgy([TILTED]), store.runs(), limit=1000)
+        counted = certified(findings_in_order(store, 1), known_results(store), 1000)
+    assert list(counted.causes) == ["pick-up|grasp|camera-orientation:+yaw"]
