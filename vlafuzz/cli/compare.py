@@ -83,7 +83,7 @@ def command(
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
-    with interruptible(f"interrupted: all trials so far are stored in {store}\nhint: {_CONTINUES}") as bar:
+    with interruptible(f"interrupted: all results so far are stored in {store}\nhint: {_CONTINUES}") as bar:
         compared = compare(run, names, repeats, limit, folder, bar)
     try:
         written = write_folder(compared, folder)

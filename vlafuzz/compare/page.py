@@ -192,9 +192,9 @@ def _csv_row(standing: Standing) -> Row:
     row: Row = {"strategy": standing.strategy}
     for name, estimate in [*standing.means.items(), ("probability", standing.probability)]:
         row |= {f"{name}_{part}": getattr(estimate, part, None) for part in ("value", "low", "high")}
-    names = ("triaged", "confirmed", "certified", "only")
-    row |= {f"all_{name}": getattr(standing.triage, name, None) for name in names}
     row["all_causes"] = len(standing.triage.causes) if standing.triage else None
+    names = {"only": "causes_only", "triaged": "triaged", "confirmed": "confirmed", "certified": "certified"}
+    row |= {f"all_{title}": getattr(standing.triage, name, None) for name, title in names.items()}
     for name in SPREAD:
         row |= {f"{name}_{part}": getattr(standing.figures[name], part) for part in ("median", "low", "high")}
     return row
