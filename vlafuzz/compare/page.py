@@ -60,7 +60,7 @@ _TOGETHER = (
     "scene; distinct: causes that differ in operators, directions or the lost stage."
 )
 _COMMONEST = 20  # causes that are listed
-_RUNS = f"Of {{runs}} runs of each strategy, those that certified it; the {_COMMONEST} commonest causes."
+_RUNS = f"Runs in which a cause was certified, of {{runs}} a strategy; the {_COMMONEST} commonest causes."
 _SPENT = (
     "Median (middle half) over the runs, search alone. To 1st, to 10th: rollouts until then; in rollouts: "
     "added up over all processes; search, store: shares of the wall time in the strategy's ask and tell and "
