@@ -230,9 +230,10 @@ def _target_types(cause: FoundCause, without: Rate | None) -> tuple[str, ...]:
 
 
 def _types_evidence(without: Rate | None) -> str:
-    if without is None or without.high >= ONE_HALF:
+    if without is None or not without.rollouts:
         return " (not certified)"
-    return f" (with the nominal objects {without.failures} of {without.rollouts} rollouts fail)"
+    counts = f"with the nominal objects {without.failures} of {without.rollouts} rollouts fail"
+    return f" ({'not certified: ' * (without.high >= ONE_HALF)}{counts})"
 
 
 def _united(one: ListedCause, other: ListedCause) -> ListedCause:

@@ -9,7 +9,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
-from vlafuzz.text import count_of, named
+from vlafuzz.text import interval, named
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {
@@ -175,7 +175,8 @@ class Card:
         rate = self.counterpart_rates.get(operator)
         if rate is None:
             return ""
-        return f"without it {count_of(rate.failures, rate.rollouts, rate.low, rate.high)} rollouts fail"
+        counts = f"{rate.failures} of {rate.rollouts} rollouts fail"
+        return f"without it {counts} ({interval(rate.low, rate.high)})"
 
 
 @dataclass(frozen=True)

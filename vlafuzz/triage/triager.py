@@ -159,7 +159,8 @@ class Triager:
         triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + oracle.spent)
         if scene is None:
             return triaged
-        moved = self._triage(replace(finding, scene=scene))
+        triager = replace(self, blamed={scene: self.blamed[finding.scene]})
+        moved = triager._triage(replace(finding, scene=scene))
         triaged = replace(
             triaged,
             policy_rollouts=triaged.policy_rollouts + moved.policy_rollouts,
@@ -233,7 +234,7 @@ class Triager:
         rates = dict(shrunk.rates)
         if shrunk.minimal and TargetType.name in self.blamed.get(triaged.scene, ()):
             others = space.reset(shrunk.scene, [TargetType.name])
-            rates[TargetType.name] = oracle.certify([others], reference.stages)[0].rate
+            rates[TargetType.name] = oracle.certify([others], reference.stages, most=MOST)[0].rate
         oracle.budget = confirmed + most
         operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
         triaged = replace(
