@@ -42,6 +42,18 @@ def test_it_begins_with_the_result_in_a_sentence(triaged: View):
     assert triaged.todo == ()
 
 
+def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, strategy="surrogate"))
+        kept = Trial(
+            proposal=0, scene=SPACE.nominal(), outcome=failed(), severity=0.0, cell="grasp|light|x0y0"
+        )
+        opened.add(1, kept)
+    headline = view(tmp_path / "a.db").headline
+    assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as a ")
+    assert "%" not in headline
+
+
 def test_verdicts_stages_and_evidence_are_counted_with_what_they_are_shares_of(triaged: View):
     verdicts, funnel, evidence = triaged.charts
     assert counts(verdicts) == {"failed": (6, 8), "passed": (2, 8), "invalid": (0, 8), "error": (0, 8)}

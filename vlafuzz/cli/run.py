@@ -94,7 +94,7 @@ def command(
         bool | None,
         typer.Option(
             "--certify/--no-certify",
-            help="Then triage the scenes that show the commonest causes, at about the cost of the run.",
+            help="Then triage the scenes that show the commonest causes, at up to about twice its cost.",
             show_default="with strategy causes",
         ),
     ] = None,
@@ -228,7 +228,7 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
         most = affordable(plan.manifest.budget)
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
-        Bar.note(f"certifying {some}{count}, about {PER_CAUSE} rollouts each; --no-certify leaves this out")
+        Bar.note(f"certifying {some}{count}, {PER_CAUSE} rollouts or more each; --no-certify leaves this out")
     try:
         return triage_store(
             Path(summary.store),
@@ -251,7 +251,7 @@ def _causes(summary: Summary) -> CauseList | None:
 def _beside_random(summary: Summary) -> Beside | None:
     """A guided run beside random generation; None where there is nothing to compare."""
     from vlafuzz.campaign.results import beside_random
-    from vlafuzz.cli.summary import UNGUIDED
+    from vlafuzz.search.base import UNGUIDED
     from vlafuzz.store.store import Store
 
     if summary.strategy in UNGUIDED:

@@ -19,10 +19,9 @@ from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
 from vlafuzz.outcome import Verdict
 from vlafuzz.probability import Probability
+from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
 from vlafuzz.text import interval, percent, plural, points
-
-UNGUIDED = ("random", "pool")  # strategies that do not look for failures
 
 
 class RunBar:

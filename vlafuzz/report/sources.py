@@ -23,6 +23,7 @@ from vlafuzz.report.view import (
     operator_rows,
     title_of,
 )
+from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
@@ -40,7 +41,7 @@ def view_of_store(store: Store) -> View:
     return View(
         title=title_of(manifests),
         source=str(store.path),
-        headline=_headline(counts, summary),
+        headline=_headline(manifests, counts, summary),
         facts=_facts(runs, counts, summary),
         todo=() if _explained(runs, causes) else _todo(store.path, summary),
         runs=manifests,
@@ -52,15 +53,18 @@ def view_of_store(store: Store) -> View:
     )
 
 
-def _headline(counts: Counts, summary: TriageSummary) -> str:
+def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:
     failed = counts.failed
     if not failed.of:
         return "No scene was judged."
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
-    scenes = f"{failed.count} of {failed.of} judged scenes failed"
-    bounds = f"95% interval {interval(failed.low, failed.high)}"
-    share = f"{scenes} ({percent(failed.count / failed.of)}, {bounds})"
+    share = f"{failed.count} of {failed.of} judged scenes failed"
+    if all(run.strategy in UNGUIDED for run in runs):
+        bounds = f"95% interval {interval(failed.low, failed.high)}"
+        share += f" ({percent(failed.count / failed.of)}, {bounds})"
+    else:
+        share += ", which is not the policy's failure rate, as a strategy chose them"
     if not summary.triaged:
         return f"{share}. None of the findings was triaged."
     signatures = plural(summary.distinct_signatures, "distinct signature")

@@ -13,6 +13,7 @@ from vlafuzz.scoring import Measure, Score
 from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
+UNGUIDED = ("random", "pool")  # strategies whose scenes do not depend on earlier outcomes
 
 
 @dataclass(frozen=True, eq=False)
