@@ -1,6 +1,5 @@
 """Against exact intervals, in worlds whose failure probability is known, and with bad input."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta
 
-from vlafuzz.probability import Draw, failure_probability, region_share
+from vlafuzz.probability import Draw, failure_probability
 from vlafuzz.statistics import wilson
 
 
@@ -17,33 +16,28 @@ def plain(outcomes: list[bool]) -> list[Draw]:
     return [Draw(failed=failed, left=len(outcomes) - number) for number, failed in enumerate(outcomes)]
 
 
-def guided(rng: np.random.Generator, *, inside: float, h: float, budget: int) -> list[Draw]:
+def guided(rng: np.random.Generator, *, inside: float, budget: int) -> list[Draw]:
     """A third of scenes is predicted to fail, and fails with probability ``inside``; others with 0.05.
 
-    Predicted scenes are kept with probability ``h``; a failure costs a second rollout.
+    A failure costs a second rollout.
     """
-    draws, left, mean = list[Draw](), budget, (h + 2) / 3
+    draws, left = list[Draw](), budget
     while left > 0:
-        predicted = rng.random() < h / 3 / mean
+        predicted = rng.random() < 1 / 3
         failed = bool(rng.random() < (inside if predicted else 0.05))
-        weight = mean / h if predicted else mean
-        draw = Draw(failed=failed, left=left, weight=weight, heaviest=max(mean / h, mean))
-        known = {"heaviest_miss": mean, "prediction": float(predicted), "mean_prediction": 1 / 3}
-        draws.append(replace(draw, **known))
+        draws.append(Draw(failed=failed, left=left, prediction=float(predicted), mean_prediction=1 / 3))
         left -= 1 + failed
     return draws
 
 
 @st.composite
 def searches(draw: st.DrawFn) -> list[Draw]:
-    """Any outcomes, weights and predictions, also such as no search would have."""
-    fraction, draws = st.floats(0, 1), list[Draw]()
-    for left in range(draw(st.integers(1, 20)), 0, -1):
-        heaviest, prediction = draw(st.floats(0.2, 5)), draw(fraction)
-        weight = heaviest * draw(st.floats(0.01, 1))
-        known = Draw(failed=draw(st.booleans()), left=left, weight=weight, heaviest=heaviest)
-        draws.append(replace(known, prediction=prediction, mean_prediction=draw(fraction)))
-    return draws
+    """Any outcomes and predictions, also such as no search would have."""
+    fraction = st.floats(0, 1)
+    return [
+        Draw(failed=draw(st.booleans()), left=left, prediction=draw(fraction), mean_prediction=draw(fraction))
+        for left in range(draw(st.integers(1, 20)), 0, -1)
+    ]
 
 
 def test_nothing_is_known_without_draws():
@@ -72,29 +66,20 @@ def test_at_the_end_of_the_budget_it_is_about_as_narrow_as_the_exact_interval(fa
     assert high - low < 1.2 * exact
 
 
-@pytest.mark.parametrize(("inside", "h"), [(1.0, 1.0), (0.95, 0.5), (0.2, 0.34), (0.7, 3.0)])
-def test_the_interval_covers_whether_predictions_are_right_or_wrong(inside: float, h: float):
+@pytest.mark.parametrize("inside", [1.0, 0.95, 0.7, 0.2])
+def test_the_interval_covers_whether_predictions_are_right_or_wrong(inside: float):
     truth = inside / 3 + 0.05 * 2 / 3
-    runs = [guided(np.random.default_rng([3, seed]), inside=inside, h=h, budget=60) for seed in range(60)]
+    runs = [guided(np.random.default_rng([3, seed]), inside=inside, budget=60) for seed in range(60)]
     estimates = [failure_probability(run) for run in runs]
     assert sum(low <= truth <= high for _, low, high in estimates) >= 53  # 0.1 % of runs at 95 %
     assert np.mean([value for value, *_ in estimates]) == pytest.approx(truth, abs=0.04)
 
 
 def test_good_predictions_make_it_narrower_than_plain_random_rollouts():
-    run = guided(np.random.default_rng(1), inside=1.0, h=1.0, budget=300)
+    run = guided(np.random.default_rng(1), inside=1.0, budget=300)
     estimate, random = failure_probability(run), wilson(110, 300)
     assert len(run) < 230
     assert estimate.high - estimate.low < 0.9 * (random.high - random.low)
-
-
-def test_a_small_bound_of_missed_failures_lowers_the_upper_bound():
-    draws = [
-        Draw(failed=True, left=100 - n, weight=1, heaviest=3, prediction=1, mean_prediction=0.5)
-        for n in range(100)
-    ]
-    tight = [replace(draw, heaviest_miss=0.8) for draw in draws]
-    assert failure_probability(tight).high < failure_probability(draws).high - 0.02
 
 
 def test_a_larger_budget_than_planned_narrows_the_interval_further_if_slowly():
@@ -116,7 +101,7 @@ def test_the_interval_is_within_0_and_1_holds_the_estimate_and_only_shrinks(draw
 
 
 def test_the_same_draws_give_the_same_interval():
-    run = guided(np.random.default_rng(2), inside=0.9, h=0.5, budget=50)
+    run = guided(np.random.default_rng(2), inside=0.9, budget=50)
     assert failure_probability(run) == failure_probability(iter(run))
 
 
@@ -124,10 +109,6 @@ def test_the_same_draws_give_the_same_interval():
     ("field", "value", "message"),
     [
         ("left", 0, "left: expected 1 to inf, got 0"),
-        ("weight", 1.5, "weight: expected 0 to 1, got 1.5"),
-        ("weight", math.nan, "weight: expected 0 to 1, got nan"),
-        ("heaviest", math.inf, "heaviest: expected 1e-06 to 1e[+]06, got inf"),
-        ("heaviest_miss", 0.5, "heaviest_miss: expected 1 to inf, got 0.5"),
         ("prediction", -0.1, "prediction: expected 0 to 1, got -0.1"),
         ("mean_prediction", 1.1, "mean_prediction: expected 0 to 1, got 1.1"),
     ],
@@ -135,13 +116,3 @@ def test_the_same_draws_give_the_same_interval():
 def test_a_draw_that_cannot_be_is_refused(field: str, value: float, message: str):
     with pytest.raises(ValueError, match=message):
         replace(Draw(failed=True, left=1), **{field: value})
-
-
-def test_the_share_of_a_region_is_its_probability_times_the_rate_inside():
-    value, low, high = region_share(0.1, 18, 20)
-    assert value == pytest.approx(0.1 * 19 / 21)
-    assert (low, high) == pytest.approx((0.1 * 0.64, 0.1 * 0.99), abs=0.005)
-
-
-def test_a_region_without_draws_may_fail_never_or_always():
-    assert region_share(0.1, 0, 0) == (0.1, 0, 0.1)

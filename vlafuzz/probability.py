@@ -1,13 +1,12 @@
 """The probability that a policy fails in a random scene, from a guided search.
 
-Every draw is a scene from the deployment distribution that is kept with a probability proportional to h, and
-weighted by mean(h) / h, so that the mean of weight * failed is the failure probability p. A prediction g of
-the outcome with a known mean G lowers the variance: weight * (failed - c g) + c G has the mean p for every c
-that is fixed before the draw.
+It rests on those scenes of the search that are drawn from the deployment distribution as they are: the mean
+of their outcomes is the failure probability p. A prediction g of the outcome with a known mean G lowers the
+variance: failed - c g + c G has the mean p for every c that is fixed before the draw.
 
 For each possible p, two bettors start with a capital of 1: one bets that draws are lower on average, one that
 they are higher. If p is the truth, a capital ever reaches 1 / a with a probability of at most a (Ville 1939),
-whatever the bets and weights, and whenever the search stops. The interval holds every p against which neither
+whatever the bets, and whenever the search stops. The interval holds every p against which neither
 has reached its aim (Waudby-Smith, Ramdas 2024 <https://doi.org/10.1093/jrsssb/qkad009>). They bet so that by
 the end of the budget they have reached it or lost nearly all, which makes the interval about as narrow there
 as an exact one of a fixed number of draws (Voráček, Orabona 2025 <https://arxiv.org/abs/2505.22422>).
@@ -22,8 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from vlafuzz.statistics import sequential_interval
 
 Array = NDArray[np.float64]
 
@@ -43,19 +40,12 @@ class Draw:
 
     Args:
         left: rollouts left in the budget for draws and for tests of causes, this draw included.
-        weight: mean of h over random scenes, divided by h of this one.
-        heaviest: bound of ``weight``, known before the scene: mean of h / smallest h.
-        heaviest_miss: bound of ``weight * (1 - prediction)``, known before the scene. Where h is small
-            only inside known causes it is smaller than ``heaviest``, which narrows the interval.
         prediction: of the failure in this scene, in [0, 1].
         mean_prediction: over random scenes.
     """
 
     failed: bool
     left: int
-    weight: float = 1.0
-    heaviest: float = 1.0
-    heaviest_miss: float = math.inf
     prediction: float = 0.0
     mean_prediction: float = 0.0
 
@@ -63,9 +53,6 @@ class Draw:
         _check("left", self.left, 1, math.inf)
         _check("prediction", self.prediction, 0, 1)
         _check("mean_prediction", self.mean_prediction, 0, 1)
-        _check("heaviest", self.heaviest, 1e-6, 1e6)
-        _check("weight", self.weight, 0, self.heaviest + 1e-9)
-        _check("heaviest_miss", self.heaviest_miss, self.weight * (1 - self.prediction) - 1e-9, math.inf)
 
 
 def _check(name: str, value: float, least: float, most: float) -> None:
@@ -93,19 +80,6 @@ def failure_probability(draws: Iterable[Draw]) -> Probability:
     return bettors.summary() if bettors else Probability(0.5, 0.0, 1.0)
 
 
-def region_share(region: float, failures: int, draws: int) -> Probability:
-    """Share of random scenes that are in a region and fail, with its 95% interval.
-
-    Args:
-        region: probability that a random scene is in it.
-        failures: of the draws.
-        draws: those in the region since it was last changed; h must be constant inside.
-    """
-    low, high = sequential_interval(failures, draws, 0.025) if draws else (0.0, 1.0)
-    witnessed = (failures + 1) / (draws + 1)  # the failure that the region is about counts, too
-    return Probability(region * min(max(witnessed, low), high), region * low, region * high)
-
-
 class _Past:
     """Earlier draws: failures beyond the prediction and failures missing from it, with their sizes."""
 
@@ -119,13 +93,13 @@ class _Past:
         return min(self.confirmed / self.predicted, 1.0)
 
     def add(self, draw: Draw, trust: float) -> None:
-        residual = draw.weight * (draw.failed - trust * draw.prediction)
+        residual = draw.failed - trust * draw.prediction
         sizes = np.array([abs(residual), residual**2])
         self.draws = _MEMORY * self.draws + 1
         self.over = _MEMORY * self.over + sizes * (residual > 0)
         self.under = _MEMORY * self.under + sizes * (residual < 0)
-        self.predicted += (draw.weight * draw.prediction) ** 2
-        self.confirmed += draw.weight**2 * draw.prediction * draw.failed
+        self.predicted += draw.prediction**2
+        self.confirmed += draw.prediction * draw.failed
 
     def moments(self, mean: Array) -> tuple[Array, Array]:
         """Variance of a draw and size of its jumps (third moment / variance), if p is each of ``_P``."""
@@ -158,18 +132,17 @@ class _Bettors:
         self._left = draw.left
         coming = max(1.0, draw.left * (self._count + 10) / (self._spent + 10))
         trust = self._past.trust() if draw.mean_prediction else 0.0
-        # A wrong prediction costs the second bettor up to ``heaviest``, whatever p is.
-        enough = (self._count + coming) * draw.mean_prediction / (_FEW * draw.heaviest) - 1
+        # A wrong prediction costs the second bettor up to 1, whatever p is.
+        enough = (self._count + coming) * draw.mean_prediction / _FEW - 1
         trusts = trust * np.array([[1.0], [min(max(enough, 0.0), 1.0)]])
         mean = trusts * draw.mean_prediction
-        most = mean + trusts * min(draw.heaviest_miss, draw.heaviest) + (1 - trusts) * draw.heaviest
-        value = draw.weight * (draw.failed - trusts * draw.prediction) + mean
+        value = draw.failed - trusts * draw.prediction + mean
         variance, jump = self._past.moments(mean)
-        jump = np.clip(jump, -draw.heaviest, draw.heaviest) * _SIDE
+        jump = np.clip(jump, -1, 1) * _SIDE
         # Where many scenes fail, later draws vary less, as causes become known: bet less in the beginning.
         slack = 1 + np.minimum(4 * np.minimum(_P, 1 - _P), 1) * min(draw.left / self._budget, 1)
         stake = _stake(self._capital - self._aim - _OVERSHOOT, variance, jump, coming * slack)
-        worst = np.where(_SIDE > 0, most - _P, _P - mean + trusts * draw.heaviest)
+        worst = np.where(_SIDE > 0, 1 + mean - _P, _P - mean + trusts)
         stake = np.where(self._peak < self._aim, np.minimum(stake, _ALL / np.maximum(worst, 1e-3)), 0.0)
         self._capital += np.log1p(stake * _SIDE * (_P - value))
         self._peak = np.maximum(self._peak, self._capital)

@@ -13,14 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
-import numpy as np
-
 from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
 from strategies.search import search
 from strategies.triaged import Triages
 from vlafuzz.search import registry
-from vlafuzz.search.base import Genome, Source, Strategy, causes
+from vlafuzz.search.base import Source, Strategy, causes
 from vlafuzz.search.causes.strategy import Causes
 
 HUNTING = "causes"
@@ -37,7 +35,7 @@ class Later(Causes):
     """Attributes failures of random scenes only, and only once so many have been drawn."""
 
     def __init__(self, space: Source, seed: int, draws: int) -> None:
-        super().__init__(space, seed)
+        super().__init__(space, seed, stretched=0.0)
         self._alone = draws
 
     def _begin(self) -> None:
@@ -46,9 +44,6 @@ class Later(Causes):
 
     def _may_draw(self, already: int) -> bool:
         return self._asked < self._alone or super()._may_draw(already)
-
-    def _draw(self, rng: np.random.Generator) -> Genome:
-        return self._proposals.fresh(rng) if self._asked else super()._draw(rng)
 
 
 def hunt(world: World, strategy: Strategy, budget: int) -> Course:

@@ -140,6 +140,16 @@ def test_known_causes_are_avoided():
     assert np.mean(drawn[:40]) > np.mean(drawn[-80:])
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_cause_at_the_ends_of_two_ranges_is_found_though_few_random_scenes_show_it(seed: int):
+    def fails(scene: Scene) -> bool:
+        return scene.camera.yaw > 4.4 and scene.light.intensity < 0.12
+
+    rng = np.random.default_rng(99)
+    assert np.mean([fails(space().sample(rng)) for _ in range(600)]) < 0.02
+    assert operators(played(fails, 150, seed)) == {("light", "camera-orientation")}
+
+
 def test_a_policy_that_fails_in_the_nominal_scene_is_compared_with_a_scene_that_it_passes():
     def fails(scene: Scene) -> bool:
         return scene.targets[0].x < 0.0
@@ -163,6 +173,13 @@ def test_the_probability_of_failure_lies_in_its_interval(seed: int):
     assert low - 0.03 <= true <= high + 0.03  # the sample is small, too
     assert low <= value <= high
     assert high - low < 0.4
+
+
+def test_the_probability_is_told_even_if_failures_that_have_no_cause_take_most_rollouts():
+    rng = np.random.default_rng(5)
+    value, low, high = played(lambda scene: rng.random() < 0.5, 200, 1).probability()
+    assert low < 0.5 < high
+    assert high - low < 0.6
 
 
 def test_a_cause_says_what_share_of_random_scenes_lies_in_its_range():

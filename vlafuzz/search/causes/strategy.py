@@ -48,8 +48,8 @@ class Causes:
 
     A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the
     policy passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not
-    attributed, after one test if in doubt, and fewer scenes are drawn where rules explain a failure. While
-    failures are rare, up to half of the scenes are made more severe.
+    attributed, after one test if in doubt. At least 15 % of the proposals are random scenes; most other draws
+    are severe ones in which no rule explains a failure.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Causes:
         self._space, self._seed, self._asked, self._at_once = space, seed, 0, 1
         self._avoids, self._guided = avoid, guided
         self._proposals = ProposalFactory(space)
-        self._draws = Draws(self._proposals, budget, stretched)
+        self._draws = Draws(self._proposals, seed, budget, stretched)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
         self._has_reference = False
@@ -85,8 +85,9 @@ class Causes:
         self._begin()
         proposals: list[Proposal] = []
         while len(proposals) < n:
-            test = self._next_test(rng)
-            if test is None and not self._may_draw(len(proposals)):
+            due = self._draws.due(self._asked)
+            test = None if due else self._next_test(rng)
+            if not (test or due or self._may_draw(len(proposals))):
                 break
             genome = test[1] if test else self._draw(rng)
             self._out[self._asked] = test[0] if test else None, genome
@@ -220,13 +221,18 @@ class Causes:
             self._has_reference = not score.failed
         if not score.rolled_out or number == 0:
             return
-        explained = float(self._rules.explain(self._units.deviations(levels[None]), self._units)[0])
-        self._known.append((levels, score.failed, max(ELSEWHERE, explained)))
+        explained = self._remember(levels, failed=score.failed)
         self._draws.learn(number, failed=score.failed, explained=explained)
         if score.failed:
             self._pending.append(levels)
         elif not self._has_reference:
             self._refer()
+
+    def _remember(self, levels: Levels, *, failed: bool) -> float:
+        """Keep a scene for attributions to come; returns the chance that a rule explains a failure there."""
+        explained = float(self._rules.explain(self._units.deviations(levels[None]), self._units)[0])
+        self._known.append((levels, failed, max(ELSEWHERE, explained)))
+        return explained
 
     def _refer(self) -> None:
         """Take the least severe scene that passes as the reference, once there are enough."""
@@ -246,8 +252,8 @@ class Causes:
             rates = self._rates * (RATES if score.failed else 1 - RATES)
             self._rates = rates / rates.sum()
         attribution.learn(test.kept, failed=score.failed)
-        if attribution.ended:
-            self._end(attribution)
+        if not score.failed:
+            self._remember(self._units.keep(test.scene, test.kept), failed=False)
 
     def _miss(self, test: Test) -> None:
         """A test had no outcome."""

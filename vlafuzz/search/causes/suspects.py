@@ -15,7 +15,7 @@ SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
 RATES = np.array([0.98, 0.75, 0.5])  # of failure inside a fault, of which one holds
 RATE_PRIOR = np.array([0.6, 0.25, 0.15])
 OTHERWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
-HALVES = 48  # random sets of units that are considered as a test
+HALVES = 100  # random sets of units that are considered as a test
 EXACT = 0.3  # worth in bits of a test that may end the attribution
 UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
 RIVALS = 12  # most likely suspects whose unions and differences are considered
@@ -98,11 +98,11 @@ class Suspects:
         self.tests += UNFAIR
         self._unfair.add(kept.tobytes())
 
-    def best(self) -> tuple[Mask, float, bool]:
-        """The most likely set, its probability, and whether the scene with it alone has failed."""
+    def best(self) -> tuple[float, bool]:
+        """The probability of the most likely set, and whether the scene with it alone has failed."""
         chances = self.chances
         top = int(np.argmax(chances))
-        return self.masks[top], float(chances[top]), bool(self._failed[top])
+        return float(chances[top]), bool(self._failed[top])
 
     def without_one(self) -> Mask | None:
         """The smallest failing set with one unit less, the least likely first; None if all are tried."""
@@ -128,9 +128,9 @@ class Suspects:
             return None
         sizes = self.masks.sum(axis=1)
         inside = candidates.astype(float) @ self.masks.T.astype(float) == sizes
-        fails = OTHERWISE + (self.rate - OTHERWISE) * (inside @ chances)
         exact = (inside & (candidates.sum(axis=1)[:, None] == sizes)) @ chances
-        return np.asarray(candidates[int(np.argmax(_entropy(fails) + EXACT * exact))])
+        gains = _information(inside @ chances, self.rate)
+        return np.asarray(candidates[int(np.argmax(gains + EXACT * exact))])
 
     def _joint(self) -> Numbers:
         weights = np.exp(self._log - self._log.max())
@@ -154,6 +154,13 @@ class Suspects:
         """Whether a test may still tell something: a sure answer is not asked for again."""
         mark = kept.tobytes()
         return mark not in self._unfair and self._tried[mark] < most
+
+
+def _information(inside: Numbers, rate: float) -> Numbers:
+    """Bits that a test tells about whether a fault is kept, by the probability that it is."""
+    fails = OTHERWISE + (rate - OTHERWISE) * inside
+    chance = inside * _entropy(np.array(rate)) + (1 - inside) * _entropy(np.array(OTHERWISE))
+    return np.asarray(_entropy(fails) - chance)
 
 
 def _entropy(chance: Numbers) -> Numbers:

@@ -21,6 +21,8 @@ SLIGHT = 0.02  # deviation of a unit that differs, but not in its first gene
 BEYOND = 0.92  # chance that a value farther from the reference than one in a fault is in it, too
 FEWER, AS_MANY = 0.1, 0.35  # the same with fewer confounders, and with at least as many
 FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
+EXTREME = 0.3  # exponent: the smaller, the closer to the ends of their ranges numbers are moved
+CROWDED = 0.5  # of the share of numbers that are moved: confounders are added
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,14 @@ class Units:
         near[index] += rng.choice(steps or [0])
         return near
 
-    def stretched(self, levels: Levels, rng: np.random.Generator) -> Levels:
-        """The levels with some numbers moved farther from the reference, up to the ends of their ranges."""
+    def stretched(self, levels: Levels, share: float, rng: np.random.Generator) -> Levels:
+        """The levels with a share of the numbers moved outwards, mostly close to the ends of their ranges."""
         moved = levels.copy()
+        if self._count is not None and rng.random() < share * CROWDED:
+            moved[self._count] = rng.integers(levels[self._count], self._sizes[self._count])
         for unit in self.units:
             index = unit.indices[0]
-            if unit.kind != "number" or rng.random() < 0.5:
+            if unit.kind != "number" or rng.random() >= share:
                 continue
             start, last = self.reference[index], self._sizes[index] - 1
             wraps = self.genes[index].grid.wraps
@@ -115,8 +119,8 @@ class Units:
             if start in (0, last):
                 outwards = 1 if start == 0 else -1
             end = start + outwards * (self._sizes[index] // 2) if wraps else (last if outwards > 0 else 0)
-            share = rng.random()
-            moved[index] = round(levels[index] + (end - levels[index]) * share) % self._sizes[index]
+            way = rng.random() ** EXTREME
+            moved[index] = round(levels[index] + (end - levels[index]) * way) % self._sizes[index]
         return moved
 
     def numbers(self, kept: NDArray[np.bool_]) -> list[int]:
