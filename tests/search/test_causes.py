@@ -177,7 +177,7 @@ def test_the_probability_of_failure_lies_in_its_interval(seed: int):
 
 def test_the_probability_is_told_even_if_failures_that_have_no_cause_take_most_rollouts():
     rng = np.random.default_rng(5)
-    value, low, high = played(lambda scene: rng.random() < 0.5, 200, 1).probability()
+    _, low, high = played(lambda scene: rng.random() < 0.5, 200, 1).probability()
     assert low < 0.5 < high
     assert high - low < 0.6
 

@@ -80,7 +80,6 @@ ABLATIONS: dict[str, Factory] = {
     "surrogate-without-novelty": partial(_surrogate, novelty=False),
     "surrogate-without-fallback": partial(_surrogate, fallback=False),
     "causes-without-avoiding": partial(_causes, avoid=False),
-    "causes-without-stretching": partial(_causes, stretched=0.0),
     "causes-without-suspects": partial(_causes, guided=False),
 }
 POOL = "pool"
