@@ -48,8 +48,8 @@ class Causes:
 
     A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the
     policy passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not
-    attributed, after one test if in doubt. At least 15 % of the proposals are random scenes; up to half of the
-    draws are severe ones, preferably where no rule explains a failure.
+    attributed, after one test if in doubt. At least 15 % of the proposals are random scenes; up to half of
+    the draws are severe ones, preferably where no rule explains a failure.
     """
 
     def __init__(
