@@ -4,7 +4,7 @@
 A world has uniform genes and faults, which are boxes of one to three of them; in every other world a scene in
 a box fails 7 times of 10 instead of always. A search draws random scenes, and others that the probability
 does not rest on; attributing a new failure costs 8 to 12 rollouts and makes a rule, a box with imprecise
-edges; a failure that a rule predicts costs one more. Mean predictions come from 1,000 scenes without
+edges; a failure that a rule predicts costs one more. Mean predictions come from 600 scenes without
 rollouts, as in a real search. Widths are compared with Wilson's interval of as many random rollouts as the
 whole budget. Intervals are those at the end of the budget; they are intersections over all times, so their
 coverage is that at all times at once.
@@ -28,7 +28,7 @@ from vlafuzz.statistics import wilson
 
 Array = NDArray[np.float64]
 
-GENES, SAMPLE = 12, 1000
+GENES, SAMPLE = 12, 600
 SHARES = np.array([0.35, 0.2, 0.15, 0.1, 0.08, 0.06, 0.04, 0.02])
 RATES = (0.3, 0.05, 0.01, 0.002)
 FRESH = 10_000  # the bets were chosen with smaller seeds

@@ -21,7 +21,7 @@ LEAST = 0.15  # of all proposals are random scenes as they are: the probability 
 MOVED = (0.5, 0.8)  # share of the numbers of a severe scene that are moved, by how rare failures are
 AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose failure a rule may explain
 RECENT = 30  # draws by which that is judged
-SAMPLE = 1000  # random scenes by which shares are estimated
+SAMPLE = 600  # random scenes by which shares are estimated, and of which severe ones are made
 EXPLAINED, SURELY = 0.5, 0.95  # chance from which on a scene counts as explained, and is surely in a range
 NO_BUDGET = 1000  # rollouts that a run without a budget is taken to have
 
@@ -81,24 +81,26 @@ class Draws:
 
     def _random(self, units: Units) -> Numbers:
         """``(SAMPLE, units + 1)`` deviations of random scenes."""
+        if self._deviations is None:
+            self._deviations = units.deviations(self._random_levels(units))
+        return self._deviations
+
+    def _random_levels(self, units: Units) -> NDArray[np.int64]:
+        """``(SAMPLE, dim)`` levels of random scenes, the same in the whole run."""
         if self._sample is None:
             rng = np.random.default_rng([self._seed, SAMPLE, 1])
             self._sample = np.array([units.levels(self._proposals.drawn(rng)) for _ in range(SAMPLE)])
-        if self._deviations is None:
-            self._deviations = units.deviations(self._sample)
-        return self._deviations
+        return self._sample
 
     def _severe(self, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """One of a few severe scenes, more likely one in which no rule explains a failure."""
         least, most = MOVED
         share = least + (most - least) * self._rarity()
-        genomes = []
-        for _ in range(SUPPLY if rules else 1):
-            levels = units.stretched(units.levels(self._proposals.drawn(rng)), share, rng)
-            genomes.append(self._proposals.fair(units.genome(levels), rng))
-        deviations = units.deviations(np.array([units.levels(genome) for genome in genomes]))
-        worths = (1 - rules.explain(deviations, units)) ** AVERSE + 1e-6
-        return self._proposals.registered(genomes[int(rng.choice(len(genomes), p=worths / worths.sum()))])
+        drawn = self._random_levels(units)[rng.integers(SAMPLE, size=SUPPLY)]
+        severe = np.array([units.stretched(levels, share, rng) for levels in drawn])
+        worths = (1 - rules.explain(units.deviations(severe), units)) ** AVERSE + 1e-6
+        taken = severe[rng.choice(SUPPLY, p=worths / worths.sum())]
+        return self._proposals.first_new(lambda: units.genome(taken), rng)
 
     def _rarity(self) -> float:
         """How rare unexplained failures have been of late: 1 for none."""
