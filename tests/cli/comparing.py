@@ -1,0 +1,63 @@
+"""``vlafuzz compare`` with real spaces and strategies, without a simulator."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm
+from tests.triage.runners import PlantedRunner
+from vlafuzz.campaign import launch
+from vlafuzz.cli import main
+from vlafuzz.scene import Scene
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
+
+IDLE = ("--policy", "python:tests.doubles:make_idle")
+SMALL = (
+    *IDLE,
+    "--strategies",
+    "random,feedback",
+    "--budget",
+    "12",
+    "--repeats",
+    "2",
+    "--seed",
+    "3",
+    "--triage-rollouts",
+    "0",
+)
+HERE = ("--store", "a.db", "--out", "out")
+
+
+def dark(scene: Scene) -> bool:
+    return scene.light.intensity < 0.5
+
+
+def without_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """In the dark the policy fails."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner([dark]))
+    return tmp_path
+
+
+def compare(*flags: str, code: int = 0) -> None:
+    assert main(["compare", *SMALL, *HERE, *flags]) == code
+
+
+def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
+    with Store.open(Path(store)) as opened:
+        return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *flags: str) -> str:
+    capsys.readouterr()
+    assert main(["compare", *SMALL, *HERE, *flags]) == 2
+    shown = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
+    return shown[0]
+
+
+def timeless(run: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in run.items() if not re.search("search|store|^seconds", name)}
