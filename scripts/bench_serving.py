@@ -40,7 +40,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.execute.base import Executor
-from vlafuzz.execute.processes import single_threaded
+from vlafuzz.execute.forks import single_threaded
 from vlafuzz.execute.registry import Place, executor_at, policy_at
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict

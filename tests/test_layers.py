@@ -37,7 +37,7 @@ ROWS = (
     "__main__",
 )
 ROW_OF = {name: number for number, row in enumerate(ROWS) for name in row.split()}
-HEAVY = ("torch", "sapien", "mani_skill", "ray")
+HEAVY = ("torch", "sapien", "mani_skill", "ray", "sklearn", "pymoo", "matplotlib", "pandas")
 ROOT = Path(vlafuzz.__file__).parent
 FILES = sorted(path for path in ROOT.rglob("*.py") if "_shipped" not in path.parts)
 
@@ -146,7 +146,23 @@ def test_no_modules_import_each_other_in_a_circle():
     TopologicalSorter({name: names - {name} for name, names in graph.items()}).prepare()  # raises CycleError
 
 
+def loaded_by(code: str) -> list[str]:
+    """The heavy libraries that a new process has loaded after the code."""
+    code += f"\nimport sys\nsys.stderr.write(' '.join(name for name in {HEAVY} if name in sys.modules))"
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return child.stderr.split()
+
+
 def test_campaign_loads_no_simulator():
-    code = f"import sys, vlafuzz.campaign.fuzz; print(*[m for m in {HEAVY} if m in sys.modules])"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert (child.stdout.split(), child.stderr) == ([], "")
+    assert loaded_by("import vlafuzz.campaign.fuzz") == []
+
+
+def test_a_process_that_leaves_rollouts_to_workers_loads_no_torch_for_mini():
+    assert loaded_by("from vlafuzz.policies.registry import make_policy; make_policy('mini').spec") == []
+
+
+def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(tmp_path: Path):
+    loaded_by("from vlafuzz.conditions import place; place._torch()")  # fills the cache
+    flags = ["--policy=pinhole", "--budget=2", "--workers=2", "--no-certify", f"--store={tmp_path / 'x.db'}"]
+    run = f"import vlafuzz.cli\nassert vlafuzz.cli.main({['run', *flags]}) == 0"
+    assert loaded_by(run) == []

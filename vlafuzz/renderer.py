@@ -9,8 +9,10 @@ import os
 import struct
 import subprocess
 import sys
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
+from threading import Thread
 from typing import Any, NamedTuple
 
 from vlafuzz.errors import PrerequisiteError
@@ -73,9 +75,16 @@ def probe(timeout: float = 120.0) -> Renderer:
 
 
 @cache
+def begin_probe() -> Future[Renderer]:
+    """Begin the probe whose result is that of ``probe_once``; it takes the better part of a second."""
+    result = Future[Renderer]()
+    Thread(target=lambda: result.set_result(probe()), daemon=True).start()
+    return result
+
+
 def probe_once() -> Renderer:
     """The result of the first probe of this process."""
-    return probe()
+    return begin_probe().result()
 
 
 def keep_to_avx() -> None:

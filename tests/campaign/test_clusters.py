@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -52,7 +49,11 @@ def test_random_scenes_are_all_different_and_nudged_ones_all_alike():
     assert clusters(nudged, space.embed) == 1
 
 
-def test_a_run_starts_without_scikit_learn():
-    code = "import sys, vlafuzz.campaign.config; print('sklearn' in sys.modules)"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert child.stdout == "False\n"
+def test_groups_are_those_of_birch_where_its_tree_has_one_level_only():
+    from sklearn.cluster import Birch
+
+    rng = np.random.default_rng(1)
+    scenes = at(*(rng.random((300, 2)) * 4).round(3).tolist())
+    ordered = sorted(set(scenes), key=lambda scene: scene.digest)
+    birch = Birch(threshold=RADIUS, n_clusters=None, branching_factor=1000)
+    assert clusters(scenes, place) == len(birch.fit(np.stack(list(map(place, ordered)))).subcluster_centers_)

@@ -22,18 +22,28 @@ Embed = Callable[[Scene], NDArray[np.float64]]
 def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
     """The number of groups of near-duplicates among scenes.
 
-    Birch puts each scene into the nearest group whose radius stays below ``RADIUS``, or begins a new one.
-    A chain of small steps does not become one group, as with DBSCAN, and each scene is looked at once (10,000
-    take seconds), while complete linkage, which would be exact, needs all pairs in memory.
+    As in BIRCH (Zhang et al. 1996), each scene joins the group with the nearest centre if the group's radius,
+    the root mean square distance from its centre, stays within ``RADIUS``; else it begins a new one. A chain
+    of small steps does not become one group, as with DBSCAN, and each scene is looked at once.
     """
     # Sorted, so that the order of scenes does not matter.
     ordered = sorted(set(scenes), key=lambda scene: scene.digest)
     if len(ordered) < 2:
         return len(ordered)
-    from sklearn.cluster import Birch  # takes a second to import
-
-    tree = Birch(threshold=RADIUS, n_clusters=None).fit(np.stack([embed(scene) for scene in ordered]))
-    return len(tree.subcluster_centers_)
+    points = np.stack([embed(scene) for scene in ordered])
+    centres, sizes, squares = np.empty_like(points), np.zeros(len(points)), np.zeros(len(points))
+    count = 0
+    for point in points:
+        if count:
+            near = int(((centres[:count] - point) ** 2).sum(axis=1).argmin())
+            size, square = sizes[near] + 1, squares[near] + point @ point
+            centre = centres[near] + (point - centres[near]) / size
+            if square / size - centre @ centre <= RADIUS**2:
+                centres[near], sizes[near], squares[near] = centre, size, square
+                continue
+        centres[count], sizes[count], squares[count] = point, 1, point @ point
+        count += 1
+    return count
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -112,6 +112,7 @@ def command(
     are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
     for example, is not run.
     """
+    _begin_early(policy, workers, executor)
     from vlafuzz.campaign import config
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
@@ -167,6 +168,17 @@ def command(
         _hint_at_rest(plan, None if triage else found)
         raise typer.Exit(INTERRUPTED)
     _end(summary, fail_on_finding)
+
+
+def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
+    """Begin what takes seconds and is most likely needed: the probe, and loading the simulator."""
+    from vlafuzz.execute import forks
+    from vlafuzz.renderer import begin_probe
+
+    if policy in (None, "mini"):
+        begin_probe()
+    if executor in (None, "processes"):
+        forks.load_early(workers or 1)
 
 
 def _hint_at_triage(summary: Summary) -> None:

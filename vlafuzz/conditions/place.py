@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
+import importlib.util
 import json
 import os
 import platform
 import re
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+from vlafuzz import assets
 from vlafuzz.plugins import OBJECT, PREFIX
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.renderer import CPU_CAPS, keep_to_avx, probe_once
 
 # Limits that torch does not report, of the libraries that compute for it.
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
+
+_KEPT = "torch.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,16 +65,16 @@ def here(name: str, spec: PolicySpec, *, workers: bool = False) -> str:
         workers: whether rollouts happen in worker processes, which have one thread each.
     """
     try:
-        import torch
+        version, instructions = _torch()
+        threads = (1 if workers else _threads()) if name.startswith((PREFIX, OBJECT)) else None
     except ImportError:
         return ""
     limits = [f"{name}={os.environ[name]}" for name in _LIMITS if os.environ.get(name)]
-    own = name.startswith((PREFIX, OBJECT))
     place = Place(
         processor=_processor(),
-        instructions=", ".join([torch.backends.cpu.get_cpu_capability(), *limits]),
-        torch=str(torch.__version__),
-        threads=(1 if workers else torch.get_num_threads()) if own else None,
+        instructions=", ".join([instructions, *limits]),
+        torch=version,
+        threads=threads,
         renderer=_renderer() if spec.cameras else "",
     )
     return json.dumps(asdict(place), sort_keys=True)
@@ -103,11 +109,49 @@ def _read(place: str) -> Place:
     return Place(**{name: value for name, value in json.loads(place).items() if name in known})
 
 
+def _torch() -> tuple[str, str]:
+    """Torch's version and instruction set: from the cache where possible, since its import takes a second."""
+    spec = None if "torch" in sys.modules else importlib.util.find_spec("torch")
+    if spec is None or spec.origin is None:
+        return _ask_torch()
+    given = [spec.origin, os.stat(spec.origin).st_mtime_ns, os.environ.get("ATEN_CPU_CAPABILITY")]
+    given += [_cpuinfo("flags"), _cpuinfo("Features")]  # of x86 and of Arm
+    digest = hashlib.blake2b(json.dumps(given).encode(), digest_size=8).hexdigest()
+    try:
+        folder = assets.made_once(f"torch/{digest}", _keep_torch, lambda folder: (folder / _KEPT).is_file())
+        version, instructions = json.loads((folder / _KEPT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return _ask_torch()
+    return version, instructions
+
+
+def _keep_torch(folder: Path) -> None:
+    (folder / _KEPT).write_text(json.dumps(_ask_torch()), encoding="utf-8")
+
+
+def _ask_torch() -> tuple[str, str]:
+    import torch
+
+    return str(torch.__version__), torch.backends.cpu.get_cpu_capability()
+
+
+def _threads() -> int:
+    import torch
+
+    return torch.get_num_threads()
+
+
 def _processor() -> str:
-    vendor = None
+    vendor = _cpuinfo("vendor_id")
+    return f"{platform.machine()} {vendor}" if vendor else platform.machine()
+
+
+def _cpuinfo(entry: str) -> str | None:
+    """An entry of the first processor, where there is ``/proc/cpuinfo`` and it has the entry."""
     with suppress(OSError):
-        vendor = re.search(r"^vendor_id\s*: (\S+)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-    return f"{platform.machine()} {vendor[1]}" if vendor else platform.machine()
+        line = re.search(rf"^{entry}\s*: (.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+        return line and line[1]
+    return None
 
 
 def _renderer() -> str:

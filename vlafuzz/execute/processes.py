@@ -3,24 +3,23 @@
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from multiprocessing import connection, get_context
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import VlafuzzError
+from vlafuzz.execute import forks
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.execute.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
 
-_SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
-
 
 class ProcessExecutor(WorkerPool):
-    """Workers that are spawned once, with one thread each, and replaced when they die.
+    """Workers that are forked once, with one thread each, and replaced when they die.
 
     When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that,
     the scenes are ERROR. A worker that never becomes ready counts as dead.
@@ -50,34 +49,18 @@ def share(workers: int) -> int:
     return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
 
 
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """Processes started in the block use one thread: there are many, and threads would change last bits.
-
-    It sets environment variables, since numerical libraries read them on import, before any of our code.
-    """
-    before = {name: os.environ.get(name) for name in _SINGLE}
-    os.environ.update(_SINGLE)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
 class _Process:
     """A ``Worker`` in a process, with the pipe to it."""
 
     def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
-        context = get_context("spawn")
-        self.pipe, child_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(make, child_end), daemon=True)
-        with single_threaded():
+        forked = forks.context()
+        self.pipe, child_end = forked.Pipe()
+        self._process = forked.Process(target=_serve, args=(child_end,), daemon=True)
+        with forks.single_threaded():
             self._process.start()
-        child_end.close()
+            child_end.close()
+            self._send(dict(os.environ))
+        self._send(make)
         self._timeout, self._memory = timeout, memory
         self._up, self._began, self._scenes = False, 0.0, 0
 
@@ -86,8 +69,7 @@ class _Process:
 
     def begin(self, scenes: Sequence[Scene]) -> None:
         self._began, self._scenes = time.monotonic(), len(scenes)
-        with suppress(OSError):  # when the process is gone, ``answer`` reports it
-            self.pipe.send(list(scenes))
+        self._send(list(scenes))
 
     def answer(self) -> list[Outcome] | None:
         try:
@@ -108,6 +90,10 @@ class _Process:
         self._process.join()
         self.pipe.close()
 
+    def _send(self, message: object) -> None:
+        with suppress(OSError):  # when the process is gone, ``answer`` reports it
+            self.pipe.send(message)
+
     def _check(self) -> None:
         """Raise Lost when the worker exceeds its time or memory."""
         allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
@@ -121,9 +107,10 @@ def _wait(workers: Sequence[Any]) -> None:
     connection.wait([worker.pipe for worker in workers], timeout=LOOK)
 
 
-def _serve(make: Callable[[], Evaluator], pipe: Any) -> None:
+def _serve(pipe: Any) -> None:
     """A worker's main loop: scenes in, outcomes out, until the pipe is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the workers
+    forks.settle_in(pipe.recv())
+    make: Callable[[], Evaluator] = pipe.recv()
     evaluator: Evaluator | None = None
     pipe.send(None)
     while True:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
-from vlafuzz.execute.processes import single_threaded
+from vlafuzz.execute.forks import single_threaded
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus

@@ -16,7 +16,7 @@ from vlafuzz.policies.seeing import SeeingExpert
 
 def _mini() -> Policy:
     """A small learned vision-language-action model that runs on a CPU."""
-    from vlafuzz.policies.mini.policy import Mini  # loads torch
+    from vlafuzz.policies.mini.policy import Mini
 
     return Mini()
 

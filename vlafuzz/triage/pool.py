@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import signal
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from vlafuzz.errors import SimulatorError
 from vlafuzz.evidence import Actions, Solver
-from vlafuzz.execute.processes import single_threaded
+from vlafuzz.execute import forks
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
@@ -26,12 +25,11 @@ Make = Callable[[Run], SceneRunner]
 @contextmanager
 def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     """Processes with one thread each; a SimulatorError where one of them dies."""
-    ignore = signal.SIGINT, signal.SIG_IGN  # an interrupt is the parent's, who cancels what is left
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=signal.signal, initargs=ignore
-    )
+    with forks.single_threaded():
+        environment = dict(os.environ)
+    pool = ProcessPoolExecutor(workers, forks.context(), forks.settle_in, (environment,))
     try:
-        with single_threaded():
+        with forks.single_threaded():  # the server starts with the first process
             yield pool
     except BrokenProcessPool:
         hint = "repeat the command to continue, perhaps with fewer --workers"

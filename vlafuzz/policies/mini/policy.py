@@ -1,15 +1,20 @@
-"""Mini as a policy: weights and model card from a folder, images and words in, metric actions out."""
+"""Mini as a policy: weights and model card from a folder, images and words in, metric actions out.
+
+Torch, which takes a second to import, is loaded when the network is first asked: a process that leaves the
+rollouts to workers needs the spec only.
+"""
+
+from __future__ import annotations
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from safetensors.torch import load_file
 
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.base import (
@@ -21,8 +26,11 @@ from vlafuzz.policies.base import (
     PolicySpec,
 )
 from vlafuzz.policies.mini import words
-from vlafuzz.policies.mini.actions import HORIZON, LONG, decode, proprioception
-from vlafuzz.policies.mini.model import Network
+
+if TYPE_CHECKING:
+    import torch
+
+    from vlafuzz.policies.mini.model import Network
 
 SHIPPED = Path(__file__).parent
 WEIGHTS, CARD = "weights.safetensors", "policy.json"
@@ -34,8 +42,8 @@ class Memory:
     """State of a rollout: the last opening, the gripper's command, and the steps since it changed."""
 
     opening: NDArray[np.float32]
+    since: int
     command: float = 1.0
-    since: int = LONG
 
 
 class Mini:
@@ -46,6 +54,7 @@ class Mini:
     """
 
     def __init__(self, folder: Path = SHIPPED) -> None:
+        self._folder = folder
         self._card = read_card(folder)
         self.spec = PolicySpec(
             "mini",
@@ -56,10 +65,6 @@ class Mini:
             max_batch=64,
             provenance={"weights": self._card["weights"]},
         )
-        self._network = Network().eval()
-        weights = load_file(folder / WEIGHTS)
-        self._network.load_state_dict({name: value.float() for name, value in weights.items()})
-        torch.set_num_threads(1)  # more would change the last bits, and there are many workers
         self._tokens: dict[str, torch.Tensor] = {}
         self._memory: dict[str, Memory] = {}
 
@@ -74,25 +79,43 @@ class Mini:
     def close(self) -> None:
         self._memory.clear()
 
-    @torch.inference_mode()
+    @cached_property
+    def _network(self) -> Network:
+        import torch
+        from safetensors.torch import load_file
+
+        from vlafuzz.policies.mini.model import Network
+
+        network, weights = Network().eval(), load_file(self._folder / WEIGHTS)
+        network.load_state_dict({name: value.float() for name, value in weights.items()})
+        torch.set_num_threads(1)  # more would change the last bits, and there are many workers
+        return network
+
     def _act(self, seen: Observation) -> ActionChunk:
+        import torch
+
+        from vlafuzz.policies.mini.actions import HORIZON, LONG, decode, proprioception
+
         if CAMERA.name not in seen.images or seen.state is None:
             raise PolicyError("mini needs a picture and proprioception, and got none", cause="protocol")
-        known = self._memory.setdefault(seen.episode, Memory(seen.state[6:]))
+        known = self._memory.setdefault(seen.episode, Memory(seen.state[6:], LONG))
         state = proprioception(seen.state[None], known.opening, np.array([known.since]))
         picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name])).permute(2, 0, 1)
-        output = self._network(
-            picture[None].float() / 255, self._read(seen.instruction), torch.from_numpy(state)
-        )
+        network, text = self._network, self._read(seen.instruction)
+        with torch.inference_mode():
+            output = network(picture[None].float() / 255, text, torch.from_numpy(state))
+            moves = decode(output["moves"])[0].numpy()
         actions = np.ones((HORIZON, 7))
-        actions[:, :6] = decode(output["moves"])[0].numpy()
+        actions[:, :6] = moves
         actions[:, 6] = np.where(output["gripper"][0].numpy() > 0, 1.0, -1.0)
         command = float(actions[0, 6])
         since = known.since + 1 if command == known.command else 1
-        self._memory[seen.episode] = Memory(seen.state[6:], command, since)
+        self._memory[seen.episode] = Memory(seen.state[6:], since, command)
         return ActionChunk(actions)
 
     def _read(self, instruction: str) -> torch.Tensor:
+        import torch
+
         if instruction not in self._tokens:
             self._tokens[instruction] = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
         return self._tokens[instruction]
