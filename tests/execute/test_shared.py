@@ -95,7 +95,7 @@ def test_an_error_is_the_same_as_without_a_host_and_the_rollout_goes_on(hosted):
 
 def ask_and_die(policy: SharedPolicy) -> None:
     policy.reset([start("gone")])
-    policy._ask = lambda request: (policy._pipe.send(request), os.kill(os.getpid(), signal.SIGKILL))
+    policy._answer = lambda request: (policy._pipe.send(request), os.kill(os.getpid(), signal.SIGKILL))
     policy.act([seen("gone")])
 
 

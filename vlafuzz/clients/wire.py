@@ -76,11 +76,16 @@ def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTIO
         try:
             return attempt()
         except PolicyError as error:
-            if error.cause not in causes:
-                raise
-            LOG.warning("%s; again in %g s", error, pause)
+            check_repeatable(error, pause, causes)
         time.sleep(pause)
     return attempt()
+
+
+def check_repeatable(error: PolicyError, pause: float, causes: Collection[Cause]) -> None:
+    """Raise an error that has none of the causes; else log that the attempt is repeated after the pause."""
+    if error.cause not in causes:
+        raise error
+    LOG.warning("%s; again in %g s", error, pause)
 
 
 @contextmanager

@@ -45,13 +45,20 @@ def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outco
     except PrerequisiteError:
         raise
     except Exception as error:  # a bug in the evaluator must not end a run of hours
-        return [Outcome.error(f"{type(error).__name__}: {error}")] * len(scenes)
+        return [broken(error)] * len(scenes)
     if len(outcomes) != len(scenes):
         message = f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes"
         return [Outcome.error(message)] * len(scenes)
-    return [
-        outcome
-        if math.isfinite(outcome.progress)
-        else Outcome.error(f"the evaluator reported a progress of {outcome.progress}")
-        for outcome in outcomes
-    ]
+    return list(map(checked, outcomes))
+
+
+def broken(error: Exception) -> Outcome:
+    """The outcome of a scene in which the evaluator raised."""
+    return Outcome.error(f"{type(error).__name__}: {error}")
+
+
+def checked(outcome: Outcome) -> Outcome:
+    """The outcome; an ERROR if its progress is not a number."""
+    if math.isfinite(outcome.progress):
+        return outcome
+    return Outcome.error(f"the evaluator reported a progress of {outcome.progress}")

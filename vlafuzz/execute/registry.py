@@ -9,12 +9,13 @@ from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor, LocalExecutor
+from vlafuzz.execute.lockstep import LockstepExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import is_shared, make_policy
-from vlafuzz.sim.base import Evaluator
+from vlafuzz.policies.registry import is_remote, is_shared, make_policy
+from vlafuzz.sim.base import SteppedEvaluator
 
 EXECUTORS = ("local", "processes", "ray")
 
@@ -26,11 +27,14 @@ class Place:
     Attributes:
         executor: one of ``EXECUTORS``; None for local with one worker, else processes.
         address: of a ray cluster; None to start one here.
+        lanes: scenes at a time in this process, see ``LockstepExecutor``; None for as many as the server of
+            a policy takes in a batch, for other policies one.
     """
 
     workers: int = 1
     executor: str | None = None
     address: str | None = None
+    lanes: int | None = None
 
     @property
     def kind(self) -> str:
@@ -61,7 +65,7 @@ def policy_at(place: Place, name: str) -> Policy:
     return make_policy(name)
 
 
-def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) -> Executor:
+def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Policy) -> Executor:
     """The executor at that place; PrerequisiteError when no ray cluster answers.
 
     Args:
@@ -69,7 +73,8 @@ def executor_at(place: Place, make: Callable[..., Evaluator], policy: Policy) ->
         policy: from ``policy_at``; closed with the executor at the latest.
     """
     if place.kind == "local":
-        return LocalExecutor(make(policy))
+        lanes = place.lanes or (policy.spec.max_batch if is_remote(policy) else 1)
+        return LockstepExecutor(make, policy, lanes) if lanes > 1 else LocalExecutor(make(policy))
     options: dict[str, Any] = {}
     if isinstance(policy, SharedPolicy):
         make = partial(make, policy)

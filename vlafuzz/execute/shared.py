@@ -7,9 +7,8 @@ import os
 import signal
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from multiprocessing import AuthenticationError, connection, get_context
 from queue import SimpleQueue
@@ -20,8 +19,8 @@ from typing import Any
 from vlafuzz.errors import PolicyError, UsageError, VlafuzzError
 from vlafuzz.execute.processes import cause_of_death
 from vlafuzz.execute.worker_pool import Lost
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
-from vlafuzz.policies.batching import BatchingPolicy, Request
+from vlafuzz.policies.base import ActionChunk, Policy, PolicySpec
+from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.registry import make_policy
 
 Address = str | tuple[str, int]  # path of a socket, or host and port
@@ -32,38 +31,19 @@ PATIENCE = 20.0  # seconds for a process that died to be restarted
 _processes: dict[tuple[str, bool], tuple[PolicyProcess, list[SharedPolicy]]] = {}
 
 
-class SharedPolicy:
+class SharedPolicy(StandIn):
     """A ``Policy`` that sends its observations to the policy process; workers get it by pickling.
 
     When the process dies, the rollout is lost: the worker counts as lost, and its scenes are tried again.
     """
 
     def __init__(self, name: str, address: Address, key: bytes, spec: PolicySpec) -> None:
-        self.name, self.spec = name, spec
-        self._address, self._key = address, key
+        super().__init__(spec)
+        self.name, self._address, self._key = name, address, key
         self._pipe: Any = None
-        self._number = 0
-        self._live: list[tuple[EpisodeStart, str]] = []  # with the name of the rollout in the process
-        self._over: list[str] = []
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_pipe": None}
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        first, self._number = self._number, self._number + len(episodes)
-        begun = [(start, f"{number}/{start.episode}") for number, start in enumerate(episodes, first)]
-        self._ask(Request(begin=[replace(start, episode=name) for start, name in begun]))
-        self._live += begun
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        names = {start.episode: name for start, name in self._live}
-        renamed = [replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in observations]
-        return self._ask(Request(act=renamed))
-
-    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Sent with the next request: garbage collection may call this in the middle of one."""
-        self._over += [name for start, name in self._live if any(start is ended for ended in episodes)]
-        self._live = [(start, name) for start, name in self._live if name not in self._over]
 
     def close(self) -> None:
         """In a worker: disconnect. In the process that created it: the last one ends the policy process."""
@@ -77,11 +57,10 @@ class SharedPolicy:
                     del _processes[key]
                     process.close()
 
-    def _ask(self, request: Request) -> list[ActionChunk]:
-        over, self._over = self._over, []
+    def _answer(self, request: Request) -> list[ActionChunk]:
         try:
             self._pipe = self._pipe or self._connect()
-            self._pipe.send(replace(request, over=over))
+            self._pipe.send(request)
             answer = self._pipe.recv()
         except (EOFError, OSError):
             raise Lost(f"the process of {self.name} died") from None

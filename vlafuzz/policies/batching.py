@@ -1,11 +1,12 @@
 """Batching policy: one policy for many callers, whose simultaneous requests it answers in one call."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Finishing, Observation, Policy
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Finishing, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import blamed_on, check_chunks
 
 
@@ -19,6 +20,45 @@ class Request:
 
 
 Answer = list[ActionChunk] | PolicyError  # one chunk per observation of ``Request.act``
+
+
+class StandIn(ABC):
+    """A caller's ``Policy``, whose requests somebody has answered by a ``BatchingPolicy``."""
+
+    def __init__(self, spec: PolicySpec) -> None:
+        self.spec = spec
+        self._number = 0
+        self._live: list[tuple[EpisodeStart, str]] = []  # with the name of the rollout in requests
+        self._over: list[str] = []
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        first, self._number = self._number, self._number + len(episodes)
+        begun = [(start, f"{number}/{start.episode}") for number, start in enumerate(episodes, first)]
+        self._answer(self._request(begin=[replace(start, episode=name) for start, name in begun]))
+        self._live += begun
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return self._answer(self.request(observations))
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Sent with the next request: garbage collection may call this in the middle of one."""
+        self._over += [name for start, name in self._live if any(start is ended for ended in episodes)]
+        self._live = [(start, name) for start, name in self._live if name not in self._over]
+
+    def request(self, observations: Sequence[Observation]) -> Request:
+        """The request with which the policy is to act."""
+        names = {start.episode: name for start, name in self._live}
+        return self._request(
+            act=[replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in observations]
+        )
+
+    def _request(self, *, begin: Sequence[EpisodeStart] = (), act: Sequence[Observation] = ()) -> Request:
+        over, self._over = self._over, []
+        return Request(begin, act, over)
+
+    @abstractmethod
+    def _answer(self, request: Request) -> list[ActionChunk]:
+        """The answer to a request; what is a PolicyError is raised."""
 
 
 class BatchingPolicy:

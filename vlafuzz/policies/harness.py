@@ -17,7 +17,7 @@ AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intr
 
 
 class Harness:
-    """One rollout of a policy: calls it when the last chunk is used up, and returns metric actions.
+    """One rollout of a policy: converts its chunks of actions to metric actions, one per control step.
 
     ``finish()`` ends the rollout; so does the garbage collection of this object.
     """
@@ -30,18 +30,24 @@ class Harness:
             policy.reset([start])
         self.finish = weakref.finalize(self, _finish, policy, start)
 
-    def action(self, observe: Callable[[], Observation]) -> Array:
-        """The next action: ``(7,)`` metres, radians, and -1 or 1 for the gripper.
+    @property
+    def empty(self) -> bool:
+        """Whether the last chunk is used up, so that the policy must act next."""
+        return not self._queue
 
-        Raises:
-            PolicyError: the policy raised, or its answer is not a chunk of finite actions.
-        """
-        if not self._queue:
-            observation = observe()
-            with blamed_on(self._spec.name):
-                chunk = check_chunks(self._policy.act([observation]), 1, self._spec.name)[0]
-            self._queue.extend(chunk[: self._spec.execute])
+    def accept(self, chunk: ActionChunk) -> None:
+        """Queue the policy's answer, which ``ask`` or ``BatchingPolicy`` has checked."""
+        self._queue.extend(chunk.actions[: self._spec.execute])
+
+    def next_action(self) -> Array:
+        """The next action: ``(7,)`` metres, radians, and -1 or 1 for the gripper."""
         return self._metric(self._queue.popleft())
+
+    def action(self, observe: Callable[[], Observation]) -> Array:
+        """``next_action``; the policy is asked if necessary, see ``ask``."""
+        if self.empty:
+            self.accept(ask(self._policy, observe()))
+        return self.next_action()
 
     def _metric(self, action: Array) -> Array:
         spec = self._spec.action
@@ -50,6 +56,17 @@ class Harness:
             rotation = Rotation.from_euler(AXES[spec.rotation], rotation).as_rotvec()
         gripper = self._gripper.command(float(action[6]))
         return np.array([*(action[:3] * spec.position_scale), *rotation, gripper])
+
+
+def ask(policy: Policy, observation: Observation) -> ActionChunk:
+    """The policy's answer to one observation.
+
+    Raises:
+        PolicyError: the policy raised, or its answer is not a chunk of finite actions.
+    """
+    name = policy.spec.name
+    with blamed_on(name):
+        return ActionChunk(check_chunks(policy.act([observation]), 1, name)[0])
 
 
 def _finish(policy: Policy, start: EpisodeStart) -> None:

@@ -95,6 +95,11 @@ def is_shared(name: str) -> bool:
     return bool(getattr(factory, "shared", False))
 
 
+def is_remote(policy: Policy) -> bool:
+    """Whether the policy is behind a model server."""
+    return bool(getattr(policy, "schemes", ()))
+
+
 def make_policy(name: str) -> Policy:
     """The policy of that name.
 

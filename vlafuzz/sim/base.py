@@ -13,6 +13,7 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
+from vlafuzz.sim.stepping import Evaluation
 
 if TYPE_CHECKING:
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -38,6 +39,16 @@ class Evaluator(Protocol):
 
     def close(self) -> None:
         """Release simulator and policy."""
+
+
+class SteppedEvaluator(Evaluator, Protocol):
+    """An evaluator whose policy may be asked by its user, together with others'."""
+
+    def evaluation(self, scene: Scene) -> Evaluation:
+        """The evaluation of a scene, step by step; no other may begin before it ends.
+
+        Only PrerequisiteError is raised.
+        """
 
 
 def make_evaluator(

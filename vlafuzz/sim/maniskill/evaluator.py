@@ -3,13 +3,12 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.clients.wire import UNANSWERED, with_retries
+from vlafuzz.clients import wire
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.stored import stored_visible
 from vlafuzz.errors import PolicyError, PrerequisiteError
@@ -32,6 +31,7 @@ from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.sim.maniskill.settle import Settled, settle, start_poses
+from vlafuzz.sim.stepping import Asking, Evaluation, drive
 from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import Rejection, check_static
@@ -154,7 +154,7 @@ class ManiSkillEvaluator:
             policy.know(catalogue)
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        return [self._evaluate(scene) for scene in scenes]
+        return [drive(self.evaluation(scene), self._policy) for scene in scenes]
 
     def check(self, scene: Scene) -> Rejection | None:
         """Why a scene is not fair; None if it is."""
@@ -180,24 +180,35 @@ class ManiSkillEvaluator:
         self.renew()
         self._policy.close()
 
-    def _evaluate(self, scene: Scene) -> Outcome:
+    def evaluation(self, scene: Scene) -> Evaluation:
+        """See ``SteppedEvaluator``."""
         try:
             rejection = self.check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
-            seeds = range(self.seed, self.seed + self._conditions.repeats)
-            # Restarted at most twice if the policy's server was lost or too late
-            rollouts = tuple(with_retries(partial(self._rollout, scene, seed), UNANSWERED) for seed in seeds)
+            rollouts: tuple[Rollout, ...] = ()
+            for seed in range(self.seed, self.seed + self._conditions.repeats):
+                rollouts += ((yield from self._repeated(scene, seed)),)
         except PrerequisiteError:
             raise  # other scenes would raise it too
         except PolicyError as error:
-            return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in UNANSWERED)
+            return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in wire.UNANSWERED)
         except Exception as error:  # a crash of the simulator is not a failure of the policy
             self.renew()  # after an exception only a new environment is clean
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
         return Outcome.of(rollouts, self._task.stage_names)
 
-    def _rollout(self, scene: Scene, seed: int) -> Rollout:
+    def _repeated(self, scene: Scene, seed: int) -> Asking[Rollout]:
+        """A rollout, begun again at most twice if the policy's server was lost or too late."""
+        for pause in wire.PAUSES:
+            try:
+                return (yield from self._rollout(scene, seed))
+            except PolicyError as error:
+                wire.check_repeatable(error, pause, wire.UNANSWERED)
+            yield pause
+        return (yield from self._rollout(scene, seed))
+
+    def _rollout(self, scene: Scene, seed: int) -> Asking[Rollout]:
         began = time.perf_counter()
         if self._recording is not None:
             self._recording.clear()
@@ -205,7 +216,11 @@ class ManiSkillEvaluator:
         harness = Harness(self._policy, episode.start)
         self._record(episode)
         while not episode.over:
-            episode.advance(harness.action(partial(self._observe, episode)))
+            if harness.empty:
+                chunk = yield self._observe(episode)
+                assert chunk is not None
+                harness.accept(chunk)
+            episode.advance(harness.next_action())
             self._record(episode)
         return episode.rollout(time.perf_counter() - began)
 

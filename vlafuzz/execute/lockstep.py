@@ -1,0 +1,202 @@
+"""Lockstep executor: several scenes at a time in this process, so that one call of the policy serves all."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import cast
+
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.execute.base import broken, checked
+from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.outcome import Outcome
+from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
+from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
+from vlafuzz.scene import Scene
+from vlafuzz.sim.base import SteppedEvaluator
+from vlafuzz.sim.stepping import Evaluation, proceed
+
+Batches = Iterable[tuple[int, Sequence[Scene]] | None]
+
+
+class LockstepExecutor:
+    """An ``Executor`` with several lanes in this process, each with a simulator and one scene at a time.
+
+    When all lanes wait for the policy, they are answered in one call of it, or in several if they are more
+    than its ``max_batch``. A lane that is done takes the next scene at once. Outcomes and trajectories are
+    those of the scenes alone, provided that the policy's answers do not depend on its batches.
+
+    Args:
+        make: creates a lane's evaluator from a stand-in for the policy.
+        policy: closed with the executor.
+        lanes: the largest number of them; they are created when they are needed.
+    """
+
+    def __init__(self, make: Callable[[Policy], SteppedEvaluator], policy: Policy, lanes: int) -> None:
+        self._make, self._policy, self._count = make, policy, lanes
+        self._batching = BatchingPolicy(policy)
+        self._lanes: list[_Lane] = []
+
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
+        queue = _Queue(batches)
+        try:
+            while True:
+                busy = [lane for lane in self._lanes if lane.job]
+                if len(busy) < self._count and (job := queue.next()):
+                    self._idle().begin(job)
+                elif busy:
+                    self._tick(busy)
+                elif queue.exhausted:
+                    return
+                else:
+                    raise RuntimeError("there is neither a scene to evaluate nor an outcome to come")
+                yield from queue.finished()
+        finally:
+            for lane in self._lanes:
+                lane.abandon()
+
+    def close(self) -> None:
+        for lane in self._lanes:
+            lane.evaluator.close()
+        self._policy.close()
+
+    def _idle(self) -> _Lane:
+        """An idle lane, a new one if all are busy."""
+        for lane in self._lanes:
+            if lane.job is None:
+                return lane
+        policy = _LanePolicy(len(self._lanes), self._policy, self._batching)
+        self._lanes.append(_Lane(policy, self._make(policy)))
+        return self._lanes[-1]
+
+    def _tick(self, busy: Sequence[_Lane]) -> None:
+        """Resume the lanes whose pause is over, or else those that wait for the policy."""
+        acting = [lane for lane in busy if isinstance(lane.asked, Observation)]
+        until = {lane: lane.asked for lane in busy if isinstance(lane.asked, float)}
+        over = [lane for lane in until if until[lane] <= time.monotonic()]
+        for lane in over:
+            lane.resume(None)
+        if over:
+            return
+        if not acting:
+            time.sleep(max(min(until.values()) - time.monotonic(), 0.0))
+        answers = self._batching.answer([lane.request() for lane in acting])
+        for lane, answer in zip(acting, answers, strict=True):
+            lane.resume(answer if isinstance(answer, PolicyError) else answer[0])
+
+
+class _LanePolicy(StandIn):
+    """What a lane's evaluator has for a policy: it begins rollouts, and the executor has them answered."""
+
+    def __init__(self, number: int, policy: Policy, batching: BatchingPolicy) -> None:
+        super().__init__(policy.spec)
+        self.number, self._policy, self._batching = number, policy, batching
+
+    def know(self, catalogue: Catalogue) -> None:
+        """See ``Knowing``."""
+        if isinstance(self._policy, Knowing):
+            self._policy.know(catalogue)
+
+    def close(self) -> None:
+        """Nothing: the executor closes the policy."""
+
+    def _answer(self, request: Request) -> list[ActionChunk]:
+        (answer,) = self._batching.answer([(self.number, request)])
+        if isinstance(answer, PolicyError):
+            raise answer
+        return answer
+
+
+@dataclass(eq=False)
+class _Batch:
+    """A batch of scenes with the outcomes so far, by the scenes' indices."""
+
+    tag: int
+    scenes: Sequence[Scene]
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class _Job:
+    """A scene of a batch."""
+
+    batch: _Batch
+    index: int
+
+    @property
+    def scene(self) -> Scene:
+        return self.batch.scenes[self.index]
+
+
+@dataclass(eq=False)
+class _Lane:
+    """``asked``: what the evaluation waits for, an answer or a time; only while there is a job."""
+
+    policy: _LanePolicy
+    evaluator: SteppedEvaluator
+    job: _Job | None = None
+    asked: Observation | float = 0.0
+    _evaluation: Evaluation = field(init=False)
+
+    def begin(self, job: _Job) -> None:
+        self.job, self._evaluation = job, self.evaluator.evaluation(job.scene)
+        self.resume(None)
+
+    def request(self) -> tuple[int, Request]:
+        return self.policy.number, self.policy.request([cast(Observation, self.asked)])
+
+    def resume(self, answer: ActionChunk | PolicyError | None) -> None:
+        """Continue to the next question, or to the outcome."""
+        assert self.job is not None
+        try:
+            asked = proceed(self._evaluation, answer)
+        except PrerequisiteError:
+            raise
+        except Exception as error:  # a bug in the evaluator must not end a run of hours
+            asked = broken(error)
+        if isinstance(asked, Outcome):
+            self.job.batch.outcomes[self.job.index] = checked(asked)
+            self.job = None
+        else:
+            self.asked = time.monotonic() + asked if isinstance(asked, float) else asked
+
+    def abandon(self) -> None:
+        """End the evaluation without an outcome."""
+        if self.job is not None:
+            self._evaluation.close()
+        self.job = None
+
+
+class _Queue:
+    """Hands out the scenes of batches one by one, and collects the batches whose scenes are all evaluated."""
+
+    def __init__(self, batches: Batches) -> None:
+        self._source, self._jobs, self._open = iter(batches), deque[_Job](), list[_Batch]()
+        self.exhausted = self._paused = False
+
+    def next(self) -> _Job | None:
+        """The next scene; None where there is none for now, or at all."""
+        while not self._jobs and not self.exhausted and not self._paused:
+            self._pull()
+        return self._jobs.popleft() if self._jobs else None
+
+    def finished(self) -> Iterator[tuple[int, list[Outcome]]]:
+        for batch in [batch for batch in self._open if len(batch.outcomes) == len(batch.scenes)]:
+            self._open.remove(batch)
+            self._paused = False
+            yield batch.tag, [batch.outcomes[index] for index in range(len(batch.scenes))]
+
+    def _pull(self) -> None:
+        try:
+            pulled = next(self._source)
+        except StopIteration:
+            self.exhausted = True
+            return
+        if pulled is None:
+            self._paused = True  # until the next outcome
+            return
+        batch = _Batch(*pulled)
+        self._open.append(batch)
+        self._jobs += [_Job(batch, index) for index in range(len(batch.scenes))]
