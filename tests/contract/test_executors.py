@@ -5,9 +5,10 @@ from functools import partial
 
 import pytest
 
-from tests.doubles import Always, ClosedForm, Raising, passed, scene
+from tests.doubles import Always, ClosedForm, Idle, Raising, passed, scene
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.execute.base import Executor, LocalExecutor
+from vlafuzz.execute.lockstep import LockstepExecutor
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
@@ -37,6 +38,7 @@ def on_ray(evaluator: Evaluator) -> Executor:
 
 MAKERS: dict[str, Callable[[Evaluator], Executor]] = {
     "local": LocalExecutor,
+    "lockstep": lambda evaluator: LockstepExecutor(lambda _: evaluator, Idle(), lanes=2),
     "processes": processes,
     "ray": on_ray,
 }
@@ -81,7 +83,9 @@ class TestExecutor:
         assert [outcome.detail for outcome in results[1]] == ["PolicyError: no answer within 10 s"] * 2
         assert [outcome.verdict for outcome in results[2]] == [Verdict.ERROR]
 
-    def test_an_evaluator_that_loses_a_scene_is_an_error(self, make):
+    def test_an_evaluator_that_loses_a_scene_is_an_error(self, kind, make):
+        if kind == "lockstep":
+            pytest.skip("it evaluates scenes one by one")
         ((_, outcomes),) = make(Losing()).run([(0, [DARK, BRIGHT])])
         assert [outcome.detail for outcome in outcomes] == ["the evaluator gave 1 outcomes for 2 scenes"] * 2
 

@@ -99,6 +99,11 @@ class _LanePolicy(StandIn):
         if isinstance(self._policy, Knowing):
             self._policy.know(catalogue)
 
+    def flush(self) -> None:
+        """Tell the policy at once which rollouts are over, not only with the next request."""
+        if self._over:
+            self._answer(self._request())
+
     def close(self) -> None:
         """Nothing: the executor closes the policy."""
 
@@ -159,6 +164,7 @@ class _Lane:
         if isinstance(asked, Outcome):
             self.job.batch.outcomes[self.job.index] = checked(asked)
             self.job = None
+            self.policy.flush()
         else:
             self.asked = time.monotonic() + asked if isinstance(asked, float) else asked
 
@@ -166,6 +172,7 @@ class _Lane:
         """End the evaluation without an outcome."""
         if self.job is not None:
             self._evaluation.close()
+            self.policy.flush()
         self.job = None
 
 
