@@ -26,6 +26,7 @@ from vlafuzz.clients import websocket_connection as sockets
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.registry import make_policy
@@ -43,6 +44,14 @@ def failure(name: str, options: str = "") -> PolicyError:
         Harness(policy, start("one")).action(lambda: seen("one"))
     policy.close()
     return caught.value
+
+
+def answer(policy: Policy, observation: Observation) -> object:
+    """The actions, or the error's message."""
+    try:
+        return policy.act([observation])[0].actions.tolist()
+    except PolicyError as error:
+        return error.message
 
 
 class TestWrongAnswers:
@@ -157,17 +166,30 @@ class TestWrongAnswers:
                 policy.act(flood)
             assert caught.value.cause == "timeout"
 
-    def test_rollouts_that_are_asked_at_once_break_together(self):
+    def test_of_rollouts_that_are_asked_at_once_one_breaks_alone(self):
         good = lambda number: message("action", {"actions": STILL}, number)  # noqa: E731
         with scripted(good, b"?", good) as name:
             policy = make_policy(f"{name}?camera=0")
             policy.reset([start("a"), start("b")])
             with pytest.raises(PolicyError, match="not a vla-eval message"):
                 policy.act([seen("a"), seen("b")])
-            with pytest.raises(PolicyError, match="no live rollout 'a'"):
-                policy.act([seen("a")])
-            policy.reset([start("a")])
-            assert policy.act([seen("a")])[0].actions.tolist() == [STILL]
+            answers = {rollout: answer(policy, seen(rollout)) for rollout in "ab"}
+            (whole,) = [rollout for rollout, got in answers.items() if got == [STILL]]
+            (broken,) = set(answers) - {whole}
+            assert "not a vla-eval message" in answers[broken]
+            assert answer(policy, seen(whole, 1)) == [STILL]
+            assert f"no live rollout '{broken}'" in answer(policy, seen(broken, 1))
+            policy.close()
+
+    def test_what_was_kept_of_a_rollout_is_gone_when_it_begins_anew(self):
+        good = lambda number: message("action", {"actions": STILL}, number)  # noqa: E731
+        with scripted(b"?", b"?", good, good) as name:
+            policy = make_policy(f"{name}?camera=0")
+            policy.reset([start("a"), start("b")])
+            with pytest.raises(PolicyError):
+                policy.act([seen("a"), seen("b")])
+            policy.reset([start("a"), start("b")])
+            assert [answer(policy, seen(rollout)) for rollout in "ab"] == [[STILL], [STILL]]
             policy.close()
 
     def test_in_the_simulator_they_are_errors_and_the_next_scene_is_rolled_out(self, opened):

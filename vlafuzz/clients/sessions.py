@@ -1,4 +1,4 @@
-"""Rollouts at a model server, with one session each. Simultaneous requests succeed or fail together."""
+"""Rollouts at a model server, with one session each."""
 
 import time
 from abc import ABC, abstractmethod
@@ -38,6 +38,7 @@ class Sessions(ABC):
     def __init__(self, address: Address[Any]) -> None:
         self._name, self._url, self._timeout = address.name, address.url, address.options.timeout
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
+        self._kept: dict[tuple[str, int], ActionChunk | PolicyError] = {}  # by rollout and step
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         names = [start.episode for start in episodes]
@@ -50,17 +51,22 @@ class Sessions(ABC):
             raise
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Send all observations, then receive all replies, so that the server can batch."""
-        try:
-            sessions = [self._ask(seen) for seen in observations]
-            until = time.monotonic() + self._timeout * len(sessions)
-            with bad_action(self._name):
-                chunks = [ActionChunk(session.answer(until - time.monotonic())) for session in sessions]
-            check_chunks(chunks, len(sessions), self._name)
-        except BaseException:  # the other sessions may hold replies that nobody will read
-            self._drop([seen.episode for seen in observations])
-            raise
-        return chunks
+        """Send all observations, then receive all replies, so that the server can batch.
+
+        When one of several fails, this raises and keeps the answers: to the same observations one by one, it
+        gives those, since the servers have advanced the rollouts.
+        """
+        kept = [self._kept.pop((seen.episode, seen.step), None) for seen in observations]
+        pairs = zip(observations, kept, strict=True)
+        received = iter(self._exchange([seen for seen, answer in pairs if answer is None]))
+        answers = [answer or next(received) for answer in kept]
+        errors = [answer for answer in answers if isinstance(answer, PolicyError)]
+        if errors and len(answers) > 1:
+            keys = [(seen.episode, seen.step) for seen in observations]
+            self._kept |= dict(zip(keys, answers, strict=True))
+        if errors:
+            raise errors[0]
+        return [answer for answer in answers if not isinstance(answer, PolicyError)]
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         """Tell the server, and close the connections of these rollouts."""
@@ -77,14 +83,44 @@ class Sessions(ABC):
     @abstractmethod
     def _begin(self, start: EpisodeStart) -> Session: ...
 
-    def _ask(self, seen: Observation) -> Session:
+    def _exchange(self, observations: Sequence[Observation]) -> list[ActionChunk | PolicyError]:
+        """Each answer, or why there is none: then the session is closed."""
+        try:
+            asked = [self._ask(seen) for seen in observations]
+            until = time.monotonic() + self._timeout * len(asked)
+            pairs = zip(observations, asked, strict=True)
+            return [self._receive(seen, session, until) for seen, session in pairs]
+        except BaseException:  # the sessions may hold replies that nobody will read
+            self._drop([seen.episode for seen in observations])
+            raise
+
+    def _ask(self, seen: Observation) -> Session | PolicyError:
         if seen.episode not in self._live:
-            raise PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
+            return PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
         _, session = self._live[seen.episode]
-        session.ask(seen)
+        try:
+            session.ask(seen)
+        except PolicyError as error:
+            self._drop([seen.episode])
+            return error
         return session
 
+    def _receive(
+        self, seen: Observation, session: Session | PolicyError, until: float
+    ) -> ActionChunk | PolicyError:
+        if isinstance(session, PolicyError):
+            return session
+        try:
+            with bad_action(self._name):
+                chunk = ActionChunk(session.answer(until - time.monotonic()))
+            check_chunks([chunk], 1, self._name)
+        except PolicyError as error:
+            self._drop([seen.episode])
+            return error
+        return chunk
+
     def _drop(self, episodes: Sequence[str]) -> None:
+        self._kept = {key: answer for key, answer in self._kept.items() if key[0] not in episodes}
         for episode in episodes:
             if episode in self._live:
                 self._live.pop(episode)[1].close()
