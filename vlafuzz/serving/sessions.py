@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Condition
@@ -18,9 +19,10 @@ from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
 
-# Seconds that a request waits for others: less than a simulator needs for a step and an image, and only
+# Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
 # while there are rollouts without a pending request.
 WAIT = 0.005
+PATIENCE = 0.05  # share of the time of the last answer that requests wait, if that is longer
 
 
 class RolloutHeader(BaseModel, frozen=True):
@@ -41,14 +43,14 @@ class _Pending:
 class RequestGatherer:
     """One policy for many threads; it has no thread of its own.
 
-    The first caller, while nobody else is being served, gathers the requests of the others for at most
-    ``wait`` seconds, has all of them answered, and distributes the answers. Requests that arrive meanwhile
-    are gathered by the next caller.
+    The first caller, while nobody else is being served, gathers the requests of the others until none has
+    come for ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the
+    answers. Requests that arrive meanwhile are gathered by the next caller.
     """
 
     def __init__(self, policy: Policy, wait: float = WAIT) -> None:
         self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
-        self._changed, self._busy = Condition(), False
+        self._changed, self._busy, self._took = Condition(), False, 0.0
         self._pending: list[_Pending] = []
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
 
@@ -62,13 +64,18 @@ class RequestGatherer:
             self._changed.wait_for(lambda: mine.answer is not None or not self._busy)
             if mine.answer is None:
                 self._busy = True
-                self._changed.wait_for(self._complete, self._wait)
+                self._gather()
         if mine.answer is None:
             self._answer_all()
         assert mine.answer is not None
         if isinstance(mine.answer, PolicyError):
             raise mine.answer
         return mine.answer
+
+    def _gather(self) -> None:
+        """A client that sends many observations needs longer for all of them than ``wait``."""
+        while not self._complete() and self._changed.wait(max(self._wait, PATIENCE * self._took)):
+            pass  # another request has come
 
     def _complete(self) -> bool:
         """Whether there is no reason to wait for further requests."""
@@ -79,13 +86,14 @@ class RequestGatherer:
         with self._changed:
             batch, self._pending = self._pending, []
         answers: Sequence[Answer] = [PolicyError("the policy gave no answer")] * len(batch)
+        began = time.monotonic()
         try:
             answers = self._batching.answer([(pending.caller, pending.request) for pending in batch])
         finally:  # whatever the policy raises, no caller may wait forever
             with self._changed:
                 for pending, answer in zip(batch, answers, strict=True):
                     pending.answer = answer
-                self._busy = False
+                self._busy, self._took = False, time.monotonic() - began
                 self._changed.notify_all()
 
 
