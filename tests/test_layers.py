@@ -15,7 +15,7 @@ import vlafuzz
 ROWS = (
     "__init__",
     "errors",
-    "text files watch",
+    "text files watch deadline",
     "assets plugins renderer statistics",
     "scene objects probability",
     "rigs",

@@ -24,8 +24,10 @@ from tests.doubles import (
 )  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import StoreError
 from vlafuzz.execute.base import LocalExecutor
+from vlafuzz.execute.until import Until
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
@@ -136,6 +138,26 @@ def test_wherever_it_is_cut_it_comes_to_the_same(tmp_path: Path, after: int):
     assert expected.duplicates > 3
     assert expected.findings > 3
     assert expected.verdicts["error"] > 0
+
+
+def test_a_run_whose_time_is_over_says_so_and_is_gone_on_with(tmp_path: Path):
+    class Impatient(Deadline):
+        """Passes after ten scenes."""
+
+        looked = 0
+
+        @property
+        def passed(self) -> bool:
+            self.looked += 1
+            return self.looked > 10
+
+    whole, parted = tmp_path / "whole.db", tmp_path / "parted.db"
+    expected = play(whole)
+    first = play(parted, executor=Until(LocalExecutor(Moody()), Impatient()))
+    assert 0 < first.proposals < expected.proposals
+    assert first.stopped == "its time is over; with --resume it goes on"
+    assert timeless(play(parted, resume=1), whole) == timeless(expected, whole)
+    assert contents(parted) == contents(whole)
 
 
 def test_it_may_be_cut_again_and_again(tmp_path: Path):

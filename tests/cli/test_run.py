@@ -9,6 +9,7 @@ from tests.triage.planted import CONDITIONS
 from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
+from vlafuzz.deadline import Deadline
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.triage import scene_runner as runner
@@ -48,6 +49,31 @@ def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pyt
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
     with Store.open(Path(store)) as opened:
         assert opened.scene(digest) in [finding.scene for finding in opened.findings()]
+
+
+def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    class Short(Deadline):
+        """Passes after twenty looks."""
+
+        looks = 20
+
+        def after(self, share: float) -> Deadline:
+            return self
+
+        @property
+        def left(self) -> float:
+            self.looks -= 1
+            return self.looks
+
+    assert main(["run", *IDLE, "--time", "soon"]) == 2
+    assert capsys.readouterr().err.startswith("error: --time: expected a time, got 'soon'")
+    monkeypatch.setattr("vlafuzz.deadline.deadline", lambda flag, text: Short())
+    assert main(["run", *IDLE, "--budget", "100", "--store", "a.db", "--time", "1h", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert 0 < json.loads(printed.out)["rollouts"] < 20
+    assert "stopped: its time is over; with --resume it goes on" in printed.err
 
 
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):

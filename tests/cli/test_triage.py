@@ -66,6 +66,15 @@ def test_it_goes_on_where_it_ended(capsys: pytest.CaptureFixture[str]):
         assert json.loads(capsys.readouterr().out)["triaged"] == done
 
 
+def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys: pytest.CaptureFixture[str]):
+    assert main(["triage", "a.db", "--rollouts", "1", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["triaged"] == 1
+    assert (
+        "2 findings are left: the limit is reached\nhint: continue with `vlafuzz triage a.db`" in printed.err
+    )
+
+
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], store: Path
 ):

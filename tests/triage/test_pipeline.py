@@ -9,6 +9,7 @@ import pytest
 from tests.doubles import failed, manifest, passed, rollout
 from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from tests.triage.runners import PlantedRunner
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import SimulatorError
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.phrasing import describe
@@ -16,7 +17,7 @@ from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause, Triaged, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import Progress, cause_findings, triage
+from vlafuzz.triage.pipeline import Allowance, Progress, cause_findings, triage
 from vlafuzz.triage.summary import summarise
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
@@ -319,6 +320,36 @@ def test_of_given_findings_the_others_are_left_alone(store):
     (_, second, third) = opened.findings()
     assert triage(opened, tilted, findings=[third, second]) == 0
     assert {each.scene for each in opened.triaged()} == {second.scene, third.scene}
+
+
+def test_no_finding_is_begun_once_the_rollouts_are_spent_and_the_next_triage_goes_on(store):
+    opened, allowance = store(scenes([TILTED], 4)), Allowance(rollouts=60)
+    assert triage(opened, tilted, allowance=allowance) == 0
+    done = opened.triaged()
+    assert 0 < len(done) < 4
+    assert allowance.spent == sum(each.policy_rollouts for each in done) >= 60
+    assert allowance.spent - done[-1].policy_rollouts < 60
+    triage(opened, tilted)
+    assert len(opened.triaged()) == 4
+
+
+def test_what_the_deadline_interrupts_is_left_as_it_was(store):
+    class Impatient(Deadline):
+        """Passes in the middle of the second finding."""
+
+        looked = 0
+
+        @property
+        def left(self) -> float:
+            self.looked += 1
+            return 100.0 if self.looked < 15 else 0.0
+
+    opened = store(scenes([TILTED], 3))
+    assert triage(opened, tilted, allowance=Allowance(deadline=Impatient())) == 0
+    first = opened.triaged()
+    assert len(first) < 3
+    triage(opened, tilted)
+    assert [each.bucket for each in opened.triaged()] == ["minimal"] * 3
 
 
 def test_two_workers_come_to_what_one_process_does(tmp_path: Path):

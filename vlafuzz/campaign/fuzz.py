@@ -11,6 +11,7 @@ import numpy as np
 from vlafuzz.campaign.causes import attribution
 from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.deadline import TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
@@ -23,6 +24,7 @@ from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
+_TIME_OVER = "its time is over; with --resume it goes on"
 AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
@@ -87,6 +89,8 @@ def fuzz(
     try:
         campaign.loop(patience)
         status = "stopped" if tally.stopped else "finished"
+    except TimeOverError:
+        status, tally.stopped = "interrupted", _TIME_OVER
     except (KeyboardInterrupt, PolicyError):
         status = "interrupted"
         raise

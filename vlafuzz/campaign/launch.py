@@ -12,9 +12,11 @@ from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.conditions.place import by_place, elsewhere
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import StoreError, UsageError, VlafuzzError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
+from vlafuzz.execute.until import Until
 from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
@@ -24,10 +26,11 @@ from vlafuzz.watch import Watch
 _FIRST = 20  # rollouts after which the remaining time can be estimated
 
 
-def start(plan: Plan, watch: Callable[[Tally], None]) -> Summary:
+def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None = None) -> Summary:
+    """Run a plan; after the deadline no scene is begun, and the run can be resumed."""
     # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
     with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
-        return fuzz(plan, store, executor, watch)
+        return fuzz(plan, store, Until(executor, deadline) if deadline else executor, watch)
 
 
 def fuzz(

@@ -57,6 +57,9 @@ ExecutorFlag = Annotated[
 AddressFlag = Annotated[
     str | None, _option("--address", "Of a ray cluster: auto, or host:port.", "a ray of this machine")
 ]
+TimeFlag = Annotated[
+    str | None, _option("--time", "Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit")
+]
 
 
 PackFlag = Annotated[

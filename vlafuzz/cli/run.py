@@ -18,6 +18,7 @@ from vlafuzz.cli.flags import (
     PlacementFlag,
     PolicyFlag,
     RobotFlag,
+    TimeFlag,
     VaryFlag,
     listed,
     opened,
@@ -30,8 +31,11 @@ if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.results import Beside
     from vlafuzz.campaign.tally import Summary
+    from vlafuzz.deadline import Deadline
     from vlafuzz.report.causes import CauseList
+    from vlafuzz.triage.pipeline import Allowance
 
+SEARCH = 0.5  # share of --time for the run, where triage follows: it takes about as many rollouts
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
@@ -50,6 +54,7 @@ def command(
         ),
     ] = None,
     budget: Annotated[int | None, typer.Option(help="Policy rollouts.", show_default="100")] = None,
+    time: TimeFlag = None,
     seed: Annotated[
         int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
     ] = None,
@@ -110,8 +115,11 @@ def command(
 
     Runs are kept in a store, by default runs/<task>-<policy>-<strategy>-<seed>.db. Scenes that a store knows
     are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
-    for example, is not run.
+    for example, is not run. With --time, half of it is for the run and what is left is for triage, if any.
     """
+    from vlafuzz.deadline import deadline
+
+    until = deadline("--time", time)
     _begin_early(policy, workers, executor)
     from vlafuzz.campaign import config
     from vlafuzz.campaign.resume import resume as resume_run
@@ -119,6 +127,7 @@ def command(
     from vlafuzz.cli.triage import print_causes
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about, looks_for_causes
+    from vlafuzz.triage.pipeline import Allowance
 
     values = {
         "task": task,
@@ -149,12 +158,15 @@ def command(
         plan = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     with Bar() as bar:
         plan = checked_plan(plan, unchecked=unchecked, watch=bar)
-    summary = _start(plan)
+    certifying = looks_for_causes(plan.strategy) if certify is None else certify
+    summary = _start(plan, until.after(SEARCH) if triage or certifying else until)
     found, beside, strategy_about = _causes(summary), _beside_random(summary), about(plan.strategy)
     if not json:
         print_summary(summary, beside, strategy_about, found.probability if found else None)
-    certifying = looks_for_causes(plan.strategy) if certify is None else certify
-    triaged = _triage(plan, summary, everything=triage, show=not json) if triage or certifying else {}
+    allowance = Allowance(deadline=until)
+    triaged: dict[str, Any] | None = {}
+    if triage or certifying:
+        triaged = _triage(plan, summary, allowance, everything=triage, show=not json)
     found = _causes(summary)
     if json:
         document = asdict(summary) | {"about": strategy_about, "random": asdict(beside) if beside else None}
@@ -164,8 +176,9 @@ def command(
         print_causes(found)
     elif not triage:
         _hint_at_triage(summary)
+    if not triage and (triaged is None or allowance.used_up):
+        _hint_at_rest(plan, found)
     if triaged is None:
-        _hint_at_rest(plan, None if triage else found)
         raise typer.Exit(INTERRUPTED)
     _end(summary, fail_on_finding)
 
@@ -199,16 +212,18 @@ def _end(summary: Summary, fail_on_finding: bool) -> None:
 
 
 def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
-    """How to certify as many causes as are missing after an interruption."""
+    """How to certify as many causes as are missing after an interruption, or when the time is over."""
     from vlafuzz.triage.pipeline import affordable
 
-    if found:
-        missing = max(1, affordable(plan.manifest.budget) - found.certified)
+    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
+    if missing > 0:
         command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing)])
         Bar.note(f"hint: continue with `{command}`")
 
 
 def _why_not(summary: Summary) -> str:
+    if not summary.proposals:
+        return "give it more --time"
     if summary.verdicts["error"] or not summary.invalid:
         return "`vlafuzz doctor` checks this machine"
     checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
@@ -216,7 +231,7 @@ def _why_not(summary: Summary) -> str:
     return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
 
 
-def _start(plan: Plan) -> Summary:
+def _start(plan: Plan, until: Deadline) -> Summary:
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
@@ -224,13 +239,15 @@ def _start(plan: Plan) -> Summary:
     stored = f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
     with interruptible(stored), RunBar(plan.manifest.budget) as bar:
         try:
-            return start(plan, bar)
+            return start(plan, bar, until)
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
 
 
-def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> dict[str, Any] | None:
+def _triage(
+    plan: Plan, summary: Summary, allowance: Allowance, *, everything: bool, show: bool
+) -> dict[str, Any] | None:
     """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.triage.pipeline import PER_CAUSE, affordable
@@ -245,6 +262,7 @@ def _triage(plan: Plan, summary: Summary, *, everything: bool, show: bool) -> di
         return triage_store(
             Path(summary.store),
             workers=plan.triage_workers,
+            allowance=allowance,
             causes_of=None if everything else summary.run,
             show=everything and show,
         )

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.cli.flags import TimeFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
+from vlafuzz.text import plural
 
 if TYPE_CHECKING:
     from vlafuzz.report.causes import CauseList
+    from vlafuzz.triage.pipeline import Allowance
     from vlafuzz.triage.summary import TriageSummary
 
 
@@ -30,6 +33,14 @@ def command(
     limit: Annotated[
         int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
     ] = None,
+    rollouts: Annotated[
+        int | None,
+        typer.Option(
+            help="Policy rollouts of all findings together, after which no further one is begun.",
+            show_default="no limit",
+        ),
+    ] = None,
+    time: TimeFlag = None,
     workers: Annotated[
         int, typer.Option(help="Processes over which the rollouts of all findings are spread.")
     ] = 1,
@@ -38,10 +49,15 @@ def command(
     """Say which failures can be trusted, and what they are due to.
 
     Every finding is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
-    them. Findings that were triaged before are left as they are.
+    them. Findings that were triaged before are left as they are. Those that show the commonest causes come
+    first, so that --limit, --rollouts and --time leave out what matters least; the next triage goes on.
     """
-    for name, value in (("--max-rollouts", max_rollouts), ("--limit", limit), ("--workers", workers)):
+    from vlafuzz.deadline import deadline
+
+    numbers = {"--max-rollouts": max_rollouts, "--limit": limit, "--rollouts": rollouts, "--workers": workers}
+    for name, value in numbers.items():
         check_number(name, value, 1)
+    until = deadline("--time", time)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.execute import forks
@@ -49,8 +65,10 @@ def command(
     forks.load_early(workers)
     from vlafuzz.report.causes import all_causes
     from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import Allowance
 
-    result = triage_store(store, max_rollouts, limit, workers, show=not json)
+    allowance = Allowance(rollouts, until)
+    result = triage_store(store, max_rollouts, limit, workers, allowance=allowance, show=not json)
     with Store.open(store) as opened:
         found = all_causes(opened)
     if json:
@@ -66,6 +84,7 @@ def triage_store(
     limit: int | None = None,
     workers: int = 1,
     *,
+    allowance: Allowance | None = None,
     causes_of: int | None = None,
     show: bool,
 ) -> dict[str, Any]:
@@ -79,12 +98,18 @@ def triage_store(
     if causes_of is None:
         note = f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
     with interruptible(note) as bar:
-        summary, unjudged = _triage(store, max_rollouts, limit, workers, causes_of, bar)
+        summary, unjudged = _triage(store, max_rollouts, limit, workers, allowance, causes_of, bar)
     if show:
         _print(summary)
     if unjudged:
         message = f"{unjudged} findings could not be judged: the policy broke, or they are no longer fair"
         Bar.note(f"{message}\nhint: the next triage tries them again")
+    left = summary.findings - summary.triaged
+    if left and causes_of is None and allowance and allowance.used_up:
+        verb = "is" if left == 1 else "are"
+        Bar.note(
+            f"{plural(left, 'finding')} {verb} left: the limit is reached\nhint: continue with `{again}`"
+        )
     return asdict(summary) | {"unjudged": unjudged}
 
 
@@ -93,6 +118,7 @@ def _triage(
     max_rollouts: int | None,
     limit: int | None,
     workers: int,
+    allowance: Allowance | None,
     causes_of: int | None,
     bar: Bar,
 ) -> tuple[TriageSummary, int]:
@@ -112,10 +138,18 @@ def _triage(
         runner = partial(runner_of_run, store, note=Bar.note)
         if causes_of is None:
             unjudged = triage(
-                opened, runner, max_rollouts=max_rollouts, limit=limit, workers=workers, watch=watch
+                opened,
+                runner,
+                max_rollouts=max_rollouts,
+                limit=limit,
+                allowance=allowance,
+                workers=workers,
+                watch=watch,
             )
         else:
-            unjudged = certify_causes(opened, runner, causes_of, workers=workers, watch=watch)
+            unjudged = certify_causes(
+                opened, runner, causes_of, allowance=allowance, workers=workers, watch=watch
+            )
         return summarise(opened), unjudged
 
 

@@ -3,9 +3,12 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass, field
+from functools import partial
 from itertools import count, groupby
 from typing import NamedTuple
 
+from vlafuzz.deadline import Deadline
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
@@ -23,6 +26,32 @@ class Progress(NamedTuple):
     rollouts: int
 
 
+@dataclass
+class Allowance:
+    """What triage may take: once it is used up, no further finding is begun.
+
+    A finding is not begun either if less time is left than those before it took on average. What the deadline
+    interrupts all the same is left for the next triage.
+
+    Attributes:
+        rollouts: of the policy; None for no limit. ``spent``: by the findings that are done.
+    """
+
+    rollouts: int | None = None
+    deadline: Deadline = field(default_factory=Deadline)
+    spent: int = 0
+    _seconds: list[float] = field(default_factory=list)
+
+    def charge(self, triaged: Triaged) -> None:
+        self.spent += triaged.policy_rollouts
+        self._seconds.append(triaged.seconds)
+
+    @property
+    def used_up(self) -> bool:
+        takes = sum(self._seconds) / max(len(self._seconds), 1)
+        return self.deadline.left <= takes or (self.rollouts is not None and self.spent >= self.rollouts)
+
+
 def triage(
     store: Store,
     runner: Make,
@@ -30,6 +59,7 @@ def triage(
     findings: Sequence[Finding] | None = None,
     max_rollouts: int | None = None,
     limit: int | None = None,
+    allowance: Allowance | None = None,
     workers: int = 1,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> int:
@@ -44,6 +74,7 @@ def triage(
         max_rollouts: of the policy, to shrink, certify and attribute one finding; None for 200, or 1000 for a
             stochastic policy.
         limit: the most findings to triage.
+        allowance: the rollouts and the time that it may take; by default there is no limit.
         watch: called after every finding.
 
     Returns:
@@ -64,13 +95,18 @@ def triage(
         Job(runs[number], list(several), max_rollouts, store.passing(number), blamed)
         for number, several in groupby(todo, lambda finding: finding.run)
     ]
+    allowance = allowance or Allowance()
     unjudged, rollouts = 0, 0
     watch(Progress(0, len(todo), 0))
-    results = _here(runner, jobs) if workers == 1 else _in_processes(runner, jobs, workers)
+    if workers == 1:
+        results = _here(runner, jobs, allowance)
+    else:
+        results = _in_processes(runner, jobs, workers, allowance)
     for number, triaged in enumerate(results, start=1):
         if triaged is None:
-            unjudged += 1
+            unjudged += not allowance.used_up
         else:
+            allowance.charge(triaged)
             store.settle(triaged)
             rollouts += triaged.policy_rollouts + triaged.expert_rollouts
         watch(Progress(number, len(todo), rollouts))
@@ -86,8 +122,9 @@ class Job(NamedTuple):
     passing: Sequence[Scene]
     blamed: Mapping[Scene, Sequence[str]]
 
-    def triager(self, runner: SceneRunner) -> Triager:
-        return Triager(runner, self.max_rollouts, self.passing, self.blamed)
+    def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
+        until = deadline or Deadline()
+        return Triager(runner, self.max_rollouts, self.passing, self.blamed, deadline=until)
 
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
@@ -95,23 +132,34 @@ def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]))
 
 
-def _here(make: Make, jobs: Sequence[Job]) -> Iterator[Triaged | None]:
+def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
     """Triage in this process, run by run."""
     for job in jobs:
         with closing(make(job.run)) as runner:
-            yield from map(job.triager(runner).triage, job.findings)
+            triager = job.triager(runner, allowance.deadline)
+            for finding in job.findings:
+                if allowance.used_up:
+                    return
+                yield triager.triage(finding)
 
 
-def _in_processes(make: Make, jobs: Sequence[Job], workers: int) -> Iterator[Triaged | None]:
+def _in_processes(
+    make: Make, jobs: Sequence[Job], workers: int, allowance: Allowance
+) -> Iterator[Triaged | None]:
     """Triage as many findings at a time as there are workers, whose rollouts all workers share.
 
     Results come in the order in which they are done.
     """
     with process_pool(workers) as pool:
         for job in jobs:
-            triager = job.triager(PooledRunner(pool, make, job.run))
-            for _, triaged in side_by_side(pool, workers, triager.triage, job.findings):
+            triager = job.triager(PooledRunner(pool, make, job.run), allowance.deadline)
+            allowed = partial(_allowed, triager, allowance)
+            for _, triaged in side_by_side(pool, workers, allowed, job.findings):
                 yield triaged
+
+
+def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | None:
+    return None if allowance.used_up else triager.triage(finding)
 
 
 def certify_causes(
@@ -119,6 +167,7 @@ def certify_causes(
     runner: Make,
     run: int,
     *,
+    allowance: Allowance | None = None,
     workers: int = 1,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> int:
@@ -128,17 +177,17 @@ def certify_causes(
     as long as the rollouts are no more than those of the run.
 
     Args:
-        runner, watch: see ``triage``.
+        runner, allowance, watch: see ``triage``.
 
     Returns:
         The number of findings that could not be judged, see ``triage``.
     """
     budget = next(each.manifest.budget for each in store.runs() if each.id == run)
     waiting, tried, unjudged = cause_findings(store, run), list[Finding](), 0
-    number = affordable(budget)
-    while number > 0 and waiting:
+    number, allowance = affordable(budget), allowance or Allowance()
+    while number > 0 and waiting and not allowance.used_up:
         some, waiting = waiting[:number], waiting[number:]
-        unjudged += triage(store, runner, findings=some, workers=workers, watch=watch)
+        unjudged += triage(store, runner, findings=some, allowance=allowance, workers=workers, watch=watch)
         tried += some
         keys = {finding.key for finding in tried}
         rows = [row for row in store.triaged() if row.key in keys]

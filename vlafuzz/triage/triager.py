@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Actions, Rate, Solver
 from vlafuzz.outcome import Outcome, Verdict
@@ -75,7 +76,7 @@ class SceneRunner(PolicyRunner, Protocol):
 
 
 class _BrokenError(Exception):
-    """Policy or simulator broke, which says nothing about the finding."""
+    """Policy or simulator broke, or there is no time left, which says nothing about the finding."""
 
 
 @dataclass
@@ -88,6 +89,7 @@ class Triager:
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
             out, if it can be.
         rolled: verdicts by scene's digest and number, which findings share; only ``roll`` changes it.
+        deadline: after which a finding is given up.
     """
 
     runner: SceneRunner
@@ -95,9 +97,10 @@ class Triager:
     passing: Sequence[Scene] = ()
     blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
     rolled: dict[tuple[str, int], Judged] = field(default_factory=dict)
+    deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
     def triage(self, finding: Finding) -> Triaged | None:
-        """The finding after triage; None where policy or simulator broke."""
+        """The finding after triage; None where policy or simulator broke, or the deadline has passed."""
         began = time.monotonic()
         self.runner.renew()
         try:
@@ -110,6 +113,8 @@ class Triager:
 
     def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
         """One rollout in each scene; those known from another finding cost nothing."""
+        if self.deadline.passed:
+            raise _BrokenError
         tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
         fresh = [key for key in tries if key not in self.rolled]
         outcomes = self.runner.evaluate([tries[key] for key in fresh], [number for _, number in fresh])

@@ -1,0 +1,39 @@
+"""Until: an executor that takes on no more scenes after a deadline."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from vlafuzz.deadline import Deadline, TimeOverError
+from vlafuzz.execute.base import Executor
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+
+Batch = tuple[int, Sequence[Scene]]
+
+
+class Until:
+    """Leaves all to another executor until the deadline; what that has begun by then, it completes."""
+
+    def __init__(self, executor: Executor, deadline: Deadline) -> None:
+        self._executor, self._deadline = executor, deadline
+
+    def run(self, batches: Iterable[Batch]) -> Iterator[tuple[int, list[Outcome]]]:
+        """See ``Executor``.
+
+        Raises:
+            TimeOverError: after the last outcome, if a batch was left out.
+        """
+        left_out = False
+
+        def in_time() -> Iterator[Batch]:
+            nonlocal left_out
+            for batch in batches:
+                if left_out := self._deadline.passed:
+                    return
+                yield batch
+
+        yield from self._executor.run(in_time())
+        if left_out:
+            raise TimeOverError
+
+    def close(self) -> None:
+        self._executor.close()
