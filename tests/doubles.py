@@ -86,7 +86,7 @@ class ClosedForm:
         self.evaluated += scenes
         return [self.outcome(scene) for scene in scenes]
 
-    def evaluation(self, scene: Scene) -> Evaluation:
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         yield 0.0
         (outcome,) = self.evaluate([scene])
         return outcome

@@ -27,12 +27,12 @@ LONG, SHORT, JUMP, LATE, BROKEN = (scene(light=light) for light in (4.0, 2.0, 1.
 
 
 class Asking:
-    """Asks a ``Counter`` four or two times; its last answer, in tenths, is the progress."""
+    """Asks a ``Counter`` four or two times. Tenths of the progress: its last answer; hundredths: the seed."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
 
-    def evaluation(self, scene: Scene) -> Evaluation:
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         word = "jump" if scene == JUMP else "move"
         harness = Harness(self._policy, EpisodeStart("same name", word, scene.task, 0))
         if scene == LATE:
@@ -47,7 +47,7 @@ class Asking:
             assert chunk is not None
             harness.accept(chunk)
             last = harness.next_action()[0]
-        return failed(last / 10)
+        return failed(last / 10 + (seed or 0) / 100)
 
     def close(self) -> None:
         pass
@@ -83,6 +83,11 @@ def test_scenes_of_one_batch_are_spread_over_the_lanes(executor, counter):
     ((tag, outcomes),) = executor.run([(7, [SHORT, LONG, SHORT])])
     assert (tag, [outcome.progress for outcome in outcomes]) == (7, pytest.approx([0.2, 0.4, 0.2]))
     assert counter.batches == [3, 3, 1, 1]
+
+
+def test_each_scene_has_its_seed_and_outcomes_are_in_order(executor):
+    outcomes = executor.evaluate([LONG, SHORT, SHORT, SHORT], [1, 2, 3, 4])
+    assert [outcome.progress for outcome in outcomes] == pytest.approx([0.41, 0.22, 0.23, 0.24])
 
 
 def test_calls_are_no_larger_than_the_policy_takes():
@@ -148,7 +153,7 @@ def test_a_run_that_is_left_early_leaves_nothing_behind(executor):
 
 
 class Missing(Asking):
-    def evaluation(self, scene: Scene) -> Evaluation:
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         yield 0.0
         raise PrerequisiteError("no renderer", "install one")
 

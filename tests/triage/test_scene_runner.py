@@ -14,6 +14,7 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
 SEEDS: list[int] = []
+BATCHES: list[int] = []
 
 
 class Dice(Frozen):
@@ -24,6 +25,23 @@ class Dice(Frozen):
 
     def reset(self, episodes):
         SEEDS.extend(episode.seed for episode in episodes)
+
+
+class Remote(Dice):
+    """As behind a server that takes four observations at once."""
+
+    schemes = ("ws",)
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("remote", deterministic=False, max_batch=4)
+
+    def act(self, observations):
+        BATCHES.append(len(observations))
+        return super().act(observations)
+
+
+def make_remote(**_):
+    return Remote()
 
 
 def make_dice(**_):
@@ -55,6 +73,16 @@ def test_a_stochastic_policy_gets_seeds_that_its_run_did_not_have(factory, repea
         assert outcome.verdict is Verdict.FAILED
     runner.close()
     assert (seeds, runner.deterministic) == (SEEDS, deterministic)
+
+
+def test_behind_a_server_scenes_are_rolled_out_at_the_same_time_each_with_its_seed():
+    SEEDS.clear()
+    BATCHES.clear()
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_remote"))
+    outcomes = runner.evaluate([nominal()] * 5, [0, 1, 2, 3, 6])
+    runner.close()
+    assert [outcome.verdict for outcome in outcomes] == [Verdict.FAILED] * 5
+    assert (SEEDS, set(BATCHES)) == ([8, 9, 10, 11, 14], {4, 1})
 
 
 def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal():

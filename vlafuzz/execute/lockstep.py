@@ -14,11 +14,17 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
+from vlafuzz.policies.registry import is_remote
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed
 
 Batches = Iterable[tuple[int, Sequence[Scene]] | None]
+
+
+def lanes_for(policy: Policy) -> int:
+    """Scenes at a time for a policy: as many as its server takes in a batch; one without a server."""
+    return policy.spec.max_batch if is_remote(policy) else 1
 
 
 class LockstepExecutor:
@@ -40,6 +46,14 @@ class LockstepExecutor:
         self._lanes: list[_Lane] = []
 
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
+        return self._run(batch and _Batch(*batch) for batch in batches)
+
+    def evaluate(self, scenes: Sequence[Scene], seeds: Sequence[int]) -> list[Outcome]:
+        """The outcome of each scene, whose rollouts begin with its seed."""
+        ((_, outcomes),) = self._run([_Batch(0, scenes, seeds)])
+        return outcomes
+
+    def _run(self, batches: Iterable[_Batch | None]) -> Iterator[tuple[int, list[Outcome]]]:
         queue = _Queue(batches)
         try:
             while True:
@@ -116,10 +130,14 @@ class _LanePolicy(StandIn):
 
 @dataclass(eq=False)
 class _Batch:
-    """A batch of scenes with the outcomes so far, by the scenes' indices."""
+    """A batch of scenes with the outcomes so far, by the scenes' indices.
+
+    ``seeds``: of the scenes' rollouts; None for those of the conditions.
+    """
 
     tag: int
     scenes: Sequence[Scene]
+    seeds: Sequence[int] | None = None
     outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
@@ -130,9 +148,9 @@ class _Job:
     batch: _Batch
     index: int
 
-    @property
-    def scene(self) -> Scene:
-        return self.batch.scenes[self.index]
+    def evaluation(self, evaluator: SteppedEvaluator) -> Evaluation:
+        seeds = self.batch.seeds
+        return evaluator.evaluation(self.batch.scenes[self.index], seeds[self.index] if seeds else None)
 
 
 @dataclass(eq=False)
@@ -146,7 +164,7 @@ class _Lane:
     _evaluation: Evaluation = field(init=False)
 
     def begin(self, job: _Job) -> None:
-        self.job, self._evaluation = job, self.evaluator.evaluation(job.scene)
+        self.job, self._evaluation = job, job.evaluation(self.evaluator)
         self.resume(None)
 
     def request(self) -> tuple[int, Request]:
@@ -179,7 +197,7 @@ class _Lane:
 class _Queue:
     """Hands out the scenes of batches one by one, and collects the batches whose scenes are all evaluated."""
 
-    def __init__(self, batches: Batches) -> None:
+    def __init__(self, batches: Iterable[_Batch | None]) -> None:
         self._source, self._jobs, self._open = iter(batches), deque[_Job](), list[_Batch]()
         self.exhausted = self._paused = False
 
@@ -204,6 +222,5 @@ class _Queue:
         if pulled is None:
             self._paused = True  # until the next outcome
             return
-        batch = _Batch(*pulled)
-        self._open.append(batch)
-        self._jobs += [_Job(batch, index) for index in range(len(batch.scenes))]
+        self._open.append(pulled)
+        self._jobs += [_Job(pulled, index) for index in range(len(pulled.scenes))]

@@ -9,12 +9,12 @@ from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor, LocalExecutor
-from vlafuzz.execute.lockstep import LockstepExecutor
+from vlafuzz.execute.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import is_remote, is_shared, make_policy
+from vlafuzz.policies.registry import is_shared, make_policy
 from vlafuzz.sim.base import SteppedEvaluator
 
 EXECUTORS = ("local", "processes", "ray")
@@ -73,7 +73,7 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
         policy: from ``policy_at``; closed with the executor at the latest.
     """
     if place.kind == "local":
-        lanes = place.lanes or (policy.spec.max_batch if is_remote(policy) else 1)
+        lanes = place.lanes or lanes_for(policy)
         return LockstepExecutor(make, policy, lanes) if lanes > 1 else LocalExecutor(make(policy))
     options: dict[str, Any] = {}
     if isinstance(policy, SharedPolicy):

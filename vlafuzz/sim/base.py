@@ -44,8 +44,10 @@ class Evaluator(Protocol):
 class SteppedEvaluator(Evaluator, Protocol):
     """An evaluator whose policy may be asked by its user, together with others'."""
 
-    def evaluation(self, scene: Scene) -> Evaluation:
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         """The evaluation of a scene, step by step; no other may begin before it ends.
+
+        ``seed``: of its first rollout; None for that of the conditions.
 
         Only PrerequisiteError is raised.
         """

@@ -13,6 +13,7 @@ from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions, Solver
 from vlafuzz.execute.base import evaluate_safely
+from vlafuzz.execute.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
@@ -63,6 +64,8 @@ class SimulatorSceneRunner:
         # By whether given actions are played
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
+        lanes = lanes_for(self._policy)
+        self._lockstep = LockstepExecutor(self._evaluator, self._policy, lanes) if lanes > 1 else None
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
         self._experts = {name: self._evaluator(solver, visible="") for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
@@ -84,6 +87,8 @@ class SimulatorSceneRunner:
         self._policies.renew()
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        if self._lockstep is not None:
+            return self._lockstep.evaluate(scenes, [self._seed + number for number in numbers])
         outcomes: list[Outcome] = []
         for scene, number in zip(scenes, numbers, strict=True):
             self._policies.seed = self._seed + number
@@ -132,6 +137,8 @@ class SimulatorSceneRunner:
     def close(self) -> None:
         if self._stills is not None:
             self._stills.close()
+        if self._lockstep is not None:
+            self._lockstep.close()
         for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
         for evaluator in (self._policies, *self._experts.values(), self._players):

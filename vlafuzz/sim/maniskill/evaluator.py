@@ -180,15 +180,16 @@ class ManiSkillEvaluator:
         self.renew()
         self._policy.close()
 
-    def evaluation(self, scene: Scene) -> Evaluation:
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         """See ``SteppedEvaluator``."""
         try:
             rejection = self.check(scene) if self._checked else None
             if rejection is not None:
                 return Outcome.invalid(rejection.check, rejection.reason)
             rollouts: tuple[Rollout, ...] = ()
-            for seed in range(self.seed, self.seed + self._conditions.repeats):
-                rollouts += ((yield from self._repeated(scene, seed)),)
+            first = self.seed if seed is None else seed
+            for number in range(first, first + self._conditions.repeats):
+                rollouts += ((yield from self._repeated(scene, number)),)
         except PrerequisiteError:
             raise  # other scenes would raise it too
         except PolicyError as error:
