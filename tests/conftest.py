@@ -5,6 +5,7 @@ import os
 # Before anything loads torch or a Vulkan driver. pytest-xdist runs several of these processes.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("LP_NUM_THREADS", "0")
+os.environ.setdefault("VLAFUZZ_WORKERS", "1")
 
 import functools
 

@@ -1,11 +1,13 @@
 """Test doubles: a space of three genes, an evaluator in closed form, a policy that does nothing."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 
+from vlafuzz.execute.base import Batches
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.scene import Light, Placement, Scene
@@ -142,14 +144,16 @@ class Gone(ClosedForm):
 
 
 class Backwards:
-    """An executor that takes all batches and finishes the last one first."""
+    """An executor that takes all batches that there are, and finishes the last one first."""
 
     def __init__(self, evaluator: ClosedForm) -> None:
         self._evaluator = evaluator
 
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        for tag, scenes in reversed(list(batches)):
-            yield tag, self._evaluator.evaluate(scenes)
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
+        todo = iter(batches)
+        while pulled := list(takewhile(bool, todo)):
+            for tag, scenes in reversed([batch for batch in pulled if batch]):
+                yield tag, self._evaluator.evaluate(scenes)
 
     def close(self) -> None:
         self._evaluator.close()

@@ -58,6 +58,7 @@ def fuzz(
     """
     own = None if isinstance(policy, str) else policy
     name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
+    flags.setdefault("workers", 1)  # more are processes, which run the caller's script again
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
     summary = launch.start(planned, watch)
     if looks_for_causes(planned.strategy) if certify is None else certify:

@@ -41,7 +41,7 @@ def run(path: Path, executor=None, *, space=SPACE, strategy=None, resume: int | 
     tallies = []
     with Store.open(path, "write") as store:
         fuzz(
-            manifest=manifest(strategy="causes", budget=60, batch=16),
+            manifest=manifest(strategy="causes", budget=60, batch=4),
             stages=STAGES,
             space=space,
             strategy=strategy or strategy_factory("causes")(space, 0, 60),

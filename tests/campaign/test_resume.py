@@ -65,6 +65,12 @@ class Climber:
         return np.clip(self._best + step, 0, 1 - 1e-9)
 
 
+class Steady(Climber):
+    """The same, asked while outcomes are outstanding."""
+
+    outstanding = 7
+
+
 class Moody(ClosedForm):
     """Errors on every fifth scene, by its digest."""
 
@@ -127,12 +133,13 @@ def timeless(summary: Summary, path: Path) -> Summary:
     return replace(summary, seconds=0.0, search_seconds=0.0, store_seconds=0.0, store=str(path))
 
 
+@pytest.mark.parametrize("kind", [Climber, Steady])
 @pytest.mark.parametrize("after", range(0, 34, 3))
-def test_wherever_it_is_cut_it_comes_to_the_same(tmp_path: Path, after: int):
+def test_wherever_it_is_cut_it_comes_to_the_same(tmp_path: Path, after: int, kind: type[Climber]):
     whole, parted = tmp_path / "whole.db", tmp_path / "parted.db"
-    expected = play(whole)
-    cut(parted, after)
-    again = play(parted, resume=1)
+    expected = play(whole, strategy=kind())
+    cut(parted, after, strategy=kind())
+    again = play(parted, resume=1, strategy=kind())
     assert contents(parted) == contents(whole)
     assert timeless(again, whole) == timeless(expected, whole)
     assert expected.duplicates > 3
@@ -182,9 +189,10 @@ def test_what_is_stored_is_not_run_again(tmp_path: Path):
     assert not set(first) & set(evaluator.evaluated)
 
 
-def test_a_batch_of_which_the_last_was_done_first_is_completed(tmp_path: Path):
+@pytest.mark.parametrize("kind", [Climber, Steady])
+def test_a_batch_of_which_the_last_was_done_first_is_completed(tmp_path: Path, kind: type[Climber]):
     whole, parted = tmp_path / "whole.db", tmp_path / "parted.db"
-    play(whole, executor=Backwards(Moody()))
+    play(whole, strategy=kind(), executor=Backwards(Moody()))
 
     class Cut(Moody):
         def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
@@ -193,8 +201,8 @@ def test_a_batch_of_which_the_last_was_done_first_is_completed(tmp_path: Path):
             return super().evaluate(scenes)
 
     with pytest.raises(KeyboardInterrupt):
-        play(parted, executor=Backwards(Cut()))
-    play(parted, resume=1, executor=Backwards(Moody()))
+        play(parted, strategy=kind(), executor=Backwards(Cut()))
+    play(parted, resume=1, strategy=kind(), executor=Backwards(Moody()))
     assert contents(parted) == contents(whole)
 
 

@@ -76,6 +76,20 @@ class TestExecutor:
         got = run(make(ClosedForm()), [DARK, BRIGHT], [FAR], [])
         assert got == {0: [Verdict.FAILED, Verdict.PASSED], 1: [Verdict.INVALID], 2: []}
 
+    def test_where_there_is_no_batch_yet_it_asks_again_after_an_outcome(self, make):
+        done: list[int] = []
+
+        def batches() -> Iterator[tuple[int, list[Scene]] | None]:
+            for tag, light in enumerate([DARK, BRIGHT, FAR]):
+                while len(done) < tag:
+                    yield None
+                yield tag, [light]
+
+        for tag, outcomes in make(ClosedForm()).run(batches()):
+            done.append(tag)
+            assert len(outcomes) == 1
+        assert done == [0, 1, 2]
+
     def test_an_evaluator_that_raises_is_an_error_and_the_rest_goes_on(self, make):
         evaluator = Raising(PolicyError("no answer within 10 s"), after=1)
         results = dict(make(evaluator).run(enumerate([[DARK], [DARK, BRIGHT], [FAR]])))

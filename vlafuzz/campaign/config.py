@@ -13,7 +13,7 @@ from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number
-from vlafuzz.execute.registry import Place, policy_at
+from vlafuzz.execute.registry import Place, default_workers, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
@@ -23,7 +23,7 @@ from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
-from vlafuzz.search.base import Strategy
+from vlafuzz.search.base import Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
 from vlafuzz.search.registry import POOL, Factory, strategy_factory
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
@@ -49,7 +49,7 @@ class RunConfig:
         policy: by default ``default_policy``.
         strategy: by default causes, with a pool surrogate; the scenes of a file are taken in order.
         budget: in policy rollouts; by default all scenes of a file, else 100.
-        batch: proposals that are asked for at once.
+        batch: proposals that are evaluated at a time; by default as many as suit the strategy.
         repeats: rollouts a scene.
         operators: a file of ranges, or the name of a shipped one; by default that of the robot.
         vary: operators that vary; empty for all that the file varies.
@@ -57,6 +57,7 @@ class RunConfig:
         pool: a file of scenes from which the strategy chooses, each of them once at most.
         packs: of objects, which replace the built-in ones unless ``operators`` names those.
         store: by default ``runs/<task>-<policy>-<strategy>-<seed>.db``.
+        workers: by default as many as this machine has room for, see ``default_workers``.
     """
 
     task: str | None = None
@@ -65,7 +66,7 @@ class RunConfig:
     strategy: str | None = None
     budget: int | None = None
     seed: int = 0
-    batch: int = 16
+    batch: int | None = None
     repeats: int = 1
     stop_early: bool = False
     criteria: str = "strict"
@@ -76,7 +77,7 @@ class RunConfig:
     pool: Path | None = None
     packs: tuple[Pack, ...] = ()
     store: Path | None = None
-    workers: int = 1
+    workers: int | None = None
     executor: str | None = None
     address: str | None = None
     command: str = ""
@@ -115,8 +116,6 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
         UsageError: a name, number or file is wrong.
     """
     _check_numbers(config)
-    place = Place(config.workers, config.executor, config.address)
-    place.check()
     scenes = read_scene_file(config.scenes, config.pool)
     task, setup = named_task(config, scenes), named_rig(config, scenes)
     policy_name = config.policy or default_policy(setup)
@@ -124,15 +123,14 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     factory = None if config.scenes else strategy_factory(strategy_name)
     if policy is None:
         check_policy_name(policy_name)
-    elif policy_name.startswith(OBJECT) and place.kind != "local":
-        hint = "name a factory of yours: python:pkg.mod:factory"
-        raise UsageError(f"--workers: {policy_name} works in this process only", hint=hint)
     catalogue = load_catalogue(packs=config.packs)
     space = SearchSpace(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
+    batch = config.batch or batch_of(strategy)
+    place = _place(config, policy_name, min(batch, budget))
     policy = policy or policy_at(place, policy_name)
-    named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget)
+    named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
     return Plan(
         manifest=_manifest(
             named,
@@ -150,6 +148,19 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
         patience=None if scenes else PATIENCE,  # a file of scenes ends by itself, fair or not
         place=place,
     )
+
+
+def _place(config: RunConfig, policy: str, most: int) -> Place:
+    """Where up to so many scenes at a time are evaluated."""
+    workers = config.workers
+    if workers is None:
+        workers = 1 if config.executor == "local" else default_workers(policy, most)
+    place = Place(workers, config.executor, config.address)
+    place.check()
+    if policy.startswith(OBJECT) and place.kind != "local":
+        hint = "name a factory of yours: python:pkg.mod:factory"
+        raise UsageError(f"--workers: {policy} works in this process only", hint=hint)
+    return place
 
 
 def default_policy(setup: Rig = PANDA) -> str:
@@ -250,7 +261,7 @@ def named_operators(config: RunConfig, setup: Rig) -> OperatorSet:
 def _manifest(
     config: RunConfig, space: SearchSpace, policy: Policy, scene_file: str, *, workers: bool
 ) -> Manifest:
-    """The manifest of a run; ``config`` has policy, strategy and budget filled in."""
+    """The manifest of a run; ``config`` has policy, strategy, budget and batch filled in."""
     operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.rig.robot},

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Protocol
 
-import numpy as np
-
 from vlafuzz.campaign.causes import attribution
+from vlafuzz.campaign.past import Past
 from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import TimeOverError
-from vlafuzz.errors import PolicyError, StoreError, UsageError
+from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Objective, cell, score
-from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes
+from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes, overlaps
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
 _TIME_OVER = "its time is over; with --resume it goes on"
-AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
 class Space(Measure, Protocol):
@@ -44,7 +44,6 @@ def fuzz(
     store: Store,
     objective: Objective = score,
     embed: Embed | None = None,
-    chunk: int = 1,
     patience: int | None = PATIENCE,
     resume: int | None = None,
     alone: bool = False,
@@ -52,14 +51,14 @@ def fuzz(
 ) -> Summary:
     """Run a strategy against a policy until the budget is spent or there is nothing more to roll out.
 
-    Proposals are asked for in batches of ``manifest.batch`` and told in the order asked, so one seed gives
-    the same scenes whatever the executor. Stored outcomes are reused at no cost. The ``budget`` counts policy
-    rollouts and is never exceeded. An interruption loses no trial, except that scenes of the last batch to
-    which the policy did not answer are tried again on resuming.
+    At most ``manifest.batch`` proposals are awaited at a time. They are told in the order asked, and before
+    which of them a strategy is asked again depends on neither time nor workers: one seed gives the same
+    scenes whatever the executor. Stored outcomes are reused at no cost. The ``budget`` counts policy rollouts
+    and is never exceeded. An interruption loses no trial, except that awaited scenes to which the policy did
+    not answer are tried again on resuming.
 
     Args:
         embed: the embedding of scenes by which near-duplicates among the failures are grouped.
-        chunk: scenes that the executor gets at once; more than one suits an executor that batches.
         patience: proposals in a row without a rollout after which the run stops; None for never.
         resume: a run that ended early; a new strategy is told the stored trials again, so that the result is
             that of an uninterrupted run.
@@ -81,13 +80,13 @@ def fuzz(
         executor=executor,
         store=store,
         objective=objective,
-        chunk=chunk,
         own=own,
         watch=watch,
+        patience=patience,
     )
     status: Status = "failed"
     try:
-        campaign.loop(patience)
+        campaign.loop()
         status = "stopped" if tally.stopped else "finished"
     except TimeOverError:
         status, tally.stopped = "interrupted", _TIME_OVER
@@ -103,6 +102,36 @@ def fuzz(
     return tally.summary(str(store.path), groups)
 
 
+@dataclass(eq=False)
+class _Asked:
+    """A proposal that the strategy has not been told about yet.
+
+    Attributes:
+        same: an earlier one of the same scene, which shares its outcome.
+        duplicate: its outcome is that of another trial.
+        kept: its trial is stored.
+    """
+
+    proposal: Proposal
+    scene: Scene
+    outcome: Outcome | None = None
+    same: _Asked | None = None
+    duplicate: bool = False
+    kept: bool = False
+
+    @property
+    def settled(self) -> bool:
+        """Whether its outcome is final: an ERROR for want of an answer is, once it is stored."""
+        return self.kept or (self.duplicate if self.same is None else self.same.settled)
+
+    @property
+    def result(self) -> Outcome:
+        """The outcome of a proposal that is settled."""
+        outcome = self.outcome if self.same is None else self.same.outcome
+        assert outcome is not None
+        return outcome
+
+
 @dataclass(kw_only=True)
 class _Campaign:
     tally: Tally
@@ -112,66 +141,79 @@ class _Campaign:
     executor: Executor
     store: Store
     objective: Objective
-    chunk: int
     own: int | None  # the only run whose outcomes are reused
     watch: Callable[[Tally], None]
-    unanswered: list[Trial] = field(default_factory=list)  # of the batch, since the last answer; not stored
-    in_a_row: int = 0  # of those, in this batch and before
+    patience: int | None
+    awaited: deque[_Asked] = field(default_factory=deque)  # in the order asked
+    todo: deque[_Asked] = field(default_factory=deque)
+    running: dict[int, _Asked] = field(default_factory=dict)
+    told: int = 0  # rollouts of which the strategy knows
+    unanswered: list[_Asked] = field(default_factory=list)  # since the last answer; not stored
+    in_a_row: int = 0  # scenes without an answer, the stored ones included
 
-    def loop(self, patience: int | None) -> None:
-        while not self.tally.stopped and (room := self._room()) > 0:
-            proposals = self._ask(room)
-            if not proposals:
-                break
-            scenes = [self.space.decode(proposal.genome) for proposal in proposals]
-            outcomes = self._evaluate(proposals, scenes)
-            self.tally.judge(scenes, outcomes, patience)
-            pairs = zip(scenes, outcomes, strict=True)
-            scores = [self.objective(*pair, self.space) for pair in pairs]
-            with self.tally.search:
-                self.strategy.tell(proposals, scores)
-                if looks_for_causes(self.strategy):
-                    self.tally.causes = causes_found(self.strategy)
+    def loop(self) -> None:
+        for number, outcomes in self.executor.run(self._scenes()):
+            self._take(self.running.pop(number), outcomes[0])
         self.past.check_empty()
 
-    def _ask(self, room: int) -> list[Proposal]:
-        with self.tally.search:
-            proposals = self.strategy.ask(room)
-        if len(proposals) > room:  # a user's own strategy may, but the budget holds
-            name = self.tally.manifest.strategy
-            problem = f"strategy {name!r}: asked for {room} proposals, got {len(proposals)}"
-            raise UsageError(problem, hint="give at most as many")
-        return proposals
+    def _scenes(self) -> Iterator[tuple[int, list[Scene]] | None]:
+        """Scenes as they are proposed; None when outcomes are needed before there are more."""
+        while True:
+            if not self.todo and not self.running:
+                self._keep_unanswered()
+            self._ask()
+            while self._tell():  # one group at a time, so that what is asked when is always the same
+                self._ask()
+            if self.todo:
+                asked = self.todo.popleft()
+                self.running[asked.proposal.id] = asked
+                yield asked.proposal.id, [asked.scene]
+            elif self.running:
+                yield None
+            elif not self.awaited:
+                return
+
+    def _ask(self) -> None:
+        while (room := self._room()) > 0:
+            with self.tally.search:
+                proposals = self.strategy.ask(room)
+            if len(proposals) > room:  # a user's own strategy may, but the budget holds
+                name = self.tally.manifest.strategy
+                problem = f"strategy {name!r}: asked for {room} proposals, got {len(proposals)}"
+                raise UsageError(problem, hint="give at most as many")
+            if not proposals:
+                return
+            self._admit(proposals)
 
     def _room(self) -> int:
-        left = self.tally.manifest.budget - self.tally.rollouts
-        return min(self.tally.manifest.batch, left // self.tally.manifest.repeats)
+        """For how many proposals to ask now."""
+        manifest, awaited = self.tally.manifest, len(self.awaited)
+        if self.tally.stopped or (awaited and not overlaps(self.strategy)):
+            return 0
+        affordable = (manifest.budget - self.told) // manifest.repeats - awaited
+        room = min(manifest.batch - awaited, affordable)
+        return min(room, 1) if overlaps(self.strategy) else room
 
-    def _evaluate(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> list[Outcome]:
-        """The outcome of each proposal; all are stored, new outcomes before reused ones."""
+    def _admit(self, proposals: Sequence[Proposal]) -> None:
+        """Answer proposals from the store, or from those that are awaited; evaluate the others."""
+        scenes = [self.space.decode(proposal.genome) for proposal in proposals]
         past = self._recall(proposals, scenes)
-        outcomes = {trial.scene.digest: trial.outcome for trial in past.values()}
-        fresh: dict[str, int] = {}
-        for index, scene in enumerate(scenes):
-            if scene.digest in outcomes or scene.digest in fresh:
-                continue
-            with self.tally.store:
-                known = self.store.known(scene, self.tally.manifest.key(), self.own)
-            if known is None:
-                fresh[scene.digest] = index
-            else:
-                outcomes[scene.digest] = known
-        for index, outcome in self._run(scenes, list(fresh.values())):
-            outcomes[scenes[index].digest] = outcome
-            self._take(self._trial(proposals[index], scenes[index], outcome, duplicate=False))
-        self._keep_unanswered()
-        for index, scene in enumerate(scenes):
-            if index not in past and fresh.get(scene.digest) != index:
-                self._keep(self._trial(proposals[index], scene, outcomes[scene.digest], duplicate=True))
-        return [outcomes[scene.digest] for scene in scenes]
+        by_scene = {asked.scene.digest: asked for asked in self.awaited if asked.same is None}
+        for index, (proposal, scene) in enumerate(zip(proposals, scenes, strict=True)):
+            asked = _Asked(proposal, scene, same=by_scene.get(scene.digest))
+            self.awaited.append(asked)
+            if (trial := past.get(index)) is not None:
+                asked.outcome, asked.duplicate = trial.outcome, trial.duplicate
+                asked.kept, asked.same = True, None
+            elif asked.same is None:
+                asked.outcome = self._known(scene)
+                asked.duplicate = asked.outcome is not None
+                if asked.outcome is None:
+                    self.todo.append(asked)
+            by_scene.setdefault(scene.digest, asked)
 
     def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """The stored trials of the batch, which are counted."""
+        """The stored trials of the proposals by index, which are counted."""
         with self.tally.store:
             past = self.past.take(proposals, scenes)
         for trial in past.values():
@@ -180,89 +222,76 @@ class _Campaign:
             self.watch(self.tally)
         return past
 
-    def _run(self, scenes: Sequence[Scene], wanted: list[int]) -> Iterator[tuple[int, Outcome]]:
-        chunks = [wanted[first : first + self.chunk] for first in range(0, len(wanted), self.chunk)]
-        batches = ((tag, [scenes[index] for index in chunk]) for tag, chunk in enumerate(chunks))
-        for tag, outcomes in self.executor.run(batches):
-            yield from zip(chunks[tag], outcomes, strict=True)
+    def _known(self, scene: Scene) -> Outcome | None:
+        with self.tally.store:
+            return self.store.known(scene, self.tally.manifest.key(), self.own)
 
-    def _take(self, trial: Trial) -> None:
+    def _tell(self) -> bool:
+        """Tell the strategy about what it proposed first, if that is settled; whether it is."""
+        group = list(islice(self.awaited, 1 if overlaps(self.strategy) else None))
+        if not group or not all(asked.settled for asked in group):
+            return False
+        for asked in group:
+            self.awaited.popleft()
+            if not asked.kept:
+                asked.duplicate = True
+                self._keep(asked)
+        self._learn(group)
+        return True
+
+    def _learn(self, group: Sequence[_Asked]) -> None:
+        scenes, outcomes = [asked.scene for asked in group], [asked.result for asked in group]
+        self.told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
+        if not self.tally.stopped:
+            self.tally.judge(scenes, outcomes, self.patience)
+        pairs = zip(scenes, outcomes, strict=True)
+        scores = [self.objective(*pair, self.space) for pair in pairs]
+        with self.tally.search:
+            self.strategy.tell([asked.proposal for asked in group], scores)
+            if looks_for_causes(self.strategy):
+                self.tally.causes = causes_found(self.strategy)
+
+    def _take(self, asked: _Asked, outcome: Outcome) -> None:
         """Store a trial; one to which the policy did not answer is stored once it answers again.
 
         Raises:
             PolicyError: the policy no longer answers.
         """
-        if not trial.outcome.unanswered:
-            if trial.outcome.verdict is not Verdict.INVALID:  # for which the policy was not asked
+        asked.outcome = outcome
+        if not outcome.unanswered:
+            if outcome.verdict is not Verdict.INVALID:  # for which the policy was not asked
                 self.in_a_row = 0
                 self._keep_unanswered()
-            self._keep(trial)
+            self._keep(asked)
             return
-        self.unanswered.append(trial)
+        self.unanswered.append(asked)
         self.in_a_row += 1
         if self.in_a_row == GONE:
-            problem = f"{GONE} scenes in a row had no answer: {trial.outcome.detail}"
+            problem = f"{GONE} scenes in a row had no answer: {outcome.detail}"
             raise PolicyError(problem, hint="repeat the command once the policy answers", cause="connect")
 
     def _keep_unanswered(self) -> None:
-        for trial in self.unanswered:
-            self._keep(trial)
+        for asked in self.unanswered:
+            self._keep(asked)
         self.unanswered.clear()
 
-    def _keep(self, trial: Trial) -> None:
+    def _keep(self, asked: _Asked) -> None:
+        trial, asked.kept = self._trial(asked), True
         with self.tally.store:
             self.store.add(self.tally.run, trial)
         self.tally.count(trial)
         self.watch(self.tally)
 
-    def _trial(self, proposal: Proposal, scene: Scene, outcome: Outcome, *, duplicate: bool) -> Trial:
-        place = None
-        if outcome.verdict is Verdict.FAILED:
-            place = cell(scene, outcome, self.space.severities(scene), rig(scene.robot).workspace)
+    def _trial(self, asked: _Asked) -> Trial:
+        scene, place = asked.scene, None
+        if asked.result.verdict is Verdict.FAILED:
+            place = cell(scene, asked.result, self.space.severities(scene), rig(scene.robot).workspace)
         return Trial(
-            proposal=proposal.id,
+            proposal=asked.proposal.id,
             scene=scene,
-            outcome=outcome,
+            outcome=asked.result,
             severity=self.space.severity(scene),
-            genome=proposal.genome,
+            genome=asked.proposal.genome,
             cell=place,
-            duplicate=duplicate,
+            duplicate=asked.duplicate,
         )
-
-
-class Past:
-    """Hands out a run's stored trials batch by batch, as its strategy proposes them again.
-
-    Attributes:
-        left: trials not yet handed out; 0 for a new run.
-    """
-
-    def __init__(self, store: Store, run: int) -> None:
-        self._store, self._run = store, run
-        self.left = store.count(run)
-
-    def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """The stored trials of a batch by index; an interrupted batch lacks some."""
-        if not self.left:
-            return {}
-        first = proposals[0].id
-        stored = self._store.stored(self._run, first, len(scenes))
-        trials = {trial.proposal - first: trial for trial in stored}
-        for index, trial in trials.items():
-            same = trial.genome is not None and np.array_equal(trial.genome, proposals[index].genome)
-            if not same or trial.scene != scenes[index]:
-                raise self._diverged(trial.proposal)
-        self.left -= len(trials)
-        if len(trials) < len(scenes):
-            self.check_empty()
-        return trials
-
-    def check_empty(self) -> None:
-        """Raise a StoreError if a stored trial was not handed out."""
-        if self.left:
-            raise self._diverged(self._store.count(self._run) - self.left)
-
-    def _diverged(self, proposal: int) -> StoreError:
-        problem = f"was made by another version: its strategy now differs at proposal {proposal}"
-        hint = f"use the version that began it, or {AFRESH}"
-        return StoreError(f"{self._store.path}: run {self._run} {problem}", hint)

@@ -18,7 +18,7 @@ from vlafuzz.campaign.config import (
     plan,
     read_scene_file,
 )
-from vlafuzz.campaign.fuzz import AFRESH
+from vlafuzz.campaign.past import AFRESH
 from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AddressFlag, ExecutorFlag, OperatorsFlag, PolicyFlag, VaryFlag, listed
+from vlafuzz.cli.flags import (
+    AddressFlag,
+    ExecutorFlag,
+    OperatorsFlag,
+    PolicyFlag,
+    VaryFlag,
+    WorkersFlag,
+    listed,
+)
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 
@@ -32,7 +40,7 @@ def command(
     seed: Annotated[int, typer.Option(help="Of the first run of every strategy; the others count on.")] = 0,
     operators: OperatorsFlag = None,
     vary: VaryFlag = None,
-    workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
+    workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
     address: AddressFlag = None,
     triage_rollouts: Annotated[

@@ -48,6 +48,13 @@ PlacementFlag = Annotated[
         "resting",
     ),
 ]
+WorkersFlag = Annotated[
+    int | None,
+    typer.Option(
+        help="Processes that evaluate scenes.",
+        show_default="as many as there are cores and memory for; 1 for a policy of your own",
+    ),
+]
 ExecutorFlag = Annotated[
     str | None,
     _option(

@@ -20,6 +20,7 @@ from vlafuzz.cli.flags import (
     RobotFlag,
     TimeFlag,
     VaryFlag,
+    WorkersFlag,
     listed,
     opened,
 )
@@ -69,7 +70,13 @@ def command(
         Path | None,
         typer.Option(help="The store; an existing one gets another run.", show_default="runs/….db"),
     ] = None,
-    batch: Annotated[int | None, typer.Option(help="Proposals per batch.", show_default="16")] = None,
+    batch: Annotated[
+        int | None,
+        typer.Option(
+            help="Proposals that are evaluated at a time.",
+            show_default="16; for causes a 75th of the budget, at least 4; for random 64",
+        ),
+    ] = None,
     repeats: Annotated[
         int | None, typer.Option(help="Rollouts per scene; it fails if one of them fails.", show_default="1")
     ] = None,
@@ -80,9 +87,7 @@ def command(
         str | None, typer.Option(help="What success means: strict, or published.", show_default="strict")
     ] = None,
     placement: PlacementFlag = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes that evaluate scenes.", show_default="1")
-    ] = None,
+    workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
     address: AddressFlag = None,
     resume: Annotated[

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, RobotFlag, opened
+from vlafuzz.cli.flags import PackFlag, RobotFlag, WorkersFlag, opened
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.tasks.tabletop import TASKS
@@ -57,7 +57,7 @@ def command(
         typer.Option(help="The pack of rq5's unseen objects, a folder or a name; may be repeated."),
     ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same scenes.")] = 0,
-    workers: Annotated[int, typer.Option(help="Processes that evaluate scenes.")] = 1,
+    workers: WorkersFlag = None,
     stores: Annotated[
         list[Path] | None,
         typer.Option("--from", help="Run nothing: rq1 of the runs of this store; may be repeated."),

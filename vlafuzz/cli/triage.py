@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import TimeFlag
+from vlafuzz.cli.flags import TimeFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.text import plural
@@ -41,9 +41,7 @@ def command(
         ),
     ] = None,
     time: TimeFlag = None,
-    workers: Annotated[
-        int, typer.Option(help="Processes over which the rollouts of all findings are spread.")
-    ] = 1,
+    workers: WorkersFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
@@ -82,7 +80,7 @@ def triage_store(
     store: Path,
     max_rollouts: int | None = None,
     limit: int | None = None,
-    workers: int = 1,
+    workers: int | None = None,
     *,
     allowance: Allowance | None = None,
     causes_of: int | None = None,
@@ -117,12 +115,13 @@ def _triage(
     store: Path,
     max_rollouts: int | None,
     limit: int | None,
-    workers: int,
+    workers: int | None,
     allowance: Allowance | None,
     causes_of: int | None,
     bar: Bar,
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
+    from vlafuzz.execute.registry import default_workers
     from vlafuzz.store.store import Store
     from vlafuzz.triage.pipeline import Progress, certify_causes, triage
     from vlafuzz.triage.scene_runner import runner_of_run
@@ -136,6 +135,7 @@ def _triage(
     Store.open(store).close()  # to write, an empty file would be made a store
     with Store.open(store, "write") as opened:
         runner = partial(runner_of_run, store, note=Bar.note)
+        workers = workers or min(default_workers(run.manifest.policy) for run in opened.runs())
         if causes_of is None:
             unjudged = triage(
                 opened,

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from vlafuzz import __version__, assets, renderer
 from vlafuzz.diagnostics import Check, Rating
+from vlafuzz.execute.capacity import most_workers, usable_cores
+from vlafuzz.text import plural
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
 PACKAGES = {
@@ -77,8 +79,8 @@ def check_packages() -> Iterator[Check]:
 
 
 def check_cores() -> Check:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return Check("cores", str(cores), "ok", f"up to {cores} workers run side by side")
+    workers = plural(most_workers(), "worker")
+    return Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
 
 
 def check_renderer(probed: renderer.Renderer) -> Check:

@@ -9,15 +9,18 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
 
+Batches = Iterable[tuple[int, Sequence[Scene]] | None]  # tagged; None: to be pulled again later
+
 
 class Executor(Protocol):
     """Evaluates batches of scenes."""
 
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
         """Yield the outcomes of each batch, identified by its tag, in the order of completion.
 
-        Batches are pulled when there is room for them. An exception during the evaluation of a scene becomes
-        an ERROR outcome; only KeyboardInterrupt, and what the user must install or start first, is raised.
+        Batches are pulled when there is room for them; None in place of one means that there is none before
+        the outcomes of another have been yielded. An exception during the evaluation of a scene becomes an
+        ERROR outcome; only KeyboardInterrupt, and what the user must install or start first, is raised.
         """
 
     def close(self) -> None:
@@ -30,8 +33,8 @@ class LocalExecutor:
     def __init__(self, evaluator: Evaluator) -> None:
         self._evaluator = evaluator
 
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
-        for tag, scenes in batches:
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
+        for tag, scenes in filter(None, batches):
             yield tag, evaluate_safely(self._evaluator, scenes)
 
     def close(self) -> None:

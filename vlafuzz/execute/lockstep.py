@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.execute.base import broken, checked
+from vlafuzz.execute.base import Batches, broken, checked
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
@@ -18,8 +18,6 @@ from vlafuzz.policies.registry import is_remote
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed
-
-Batches = Iterable[tuple[int, Sequence[Scene]] | None]
 
 
 def lanes_for(policy: Policy) -> int:

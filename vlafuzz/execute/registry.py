@@ -9,12 +9,13 @@ from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
 from vlafuzz.execute.base import Executor, LocalExecutor
+from vlafuzz.execute.capacity import most_workers
 from vlafuzz.execute.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import is_shared, make_policy
+from vlafuzz.policies.registry import POLICIES, is_shared, make_policy
 from vlafuzz.sim.base import SteppedEvaluator
 
 EXECUTORS = ("local", "processes", "ray")
@@ -56,6 +57,15 @@ class Place:
             raise UsageError(message, hint="expected auto or host:port")
         if self.kind == "ray" and importlib.util.find_spec("ray") is None:
             raise PrerequisiteError("--executor ray needs the package 'ray'", "pip install 'vlafuzz[ray]'")
+
+
+def default_workers(policy: str, most: int | None = None) -> int:
+    """Processes for a policy of that name, and for as many tasks at a time as there are at most.
+
+    A policy of the user's own gets one, as it may hold a model of any size. So does one that workers share.
+    """
+    workers = most_workers() if policy in POLICIES and not is_shared(policy) else 1
+    return workers if most is None else min(workers, most)
 
 
 def policy_at(place: Place, name: str) -> Policy:

@@ -2,17 +2,19 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.execute.base import Batches
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 
 TRIES = 2  # attempts at a batch, by different workers, before its scenes are ERROR
 TIMEOUT = 300.0  # seconds per scene
 LOOK = 0.5  # seconds between two checks of silent workers
+_END: tuple[int, Sequence[Scene]] = (-1, ())  # after the last batch
 
 
 class Lost(BaseException):
@@ -77,7 +79,7 @@ class WorkerPool:
         self._slots: list[_Slot] = []
         self._retries: deque[_Batch] = deque()
 
-    def run(self, batches: Iterable[tuple[int, Sequence[Scene]]]) -> Iterator[tuple[int, list[Outcome]]]:
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
         todo, last_busy = iter(batches), time.monotonic()
         self._retries.clear()
         try:
@@ -108,14 +110,15 @@ class WorkerPool:
             slot.worker.kill()
         self._slots = []
 
-    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]]]) -> bool:
+    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]] | None]) -> bool:
         """Give batches to idle workers that are ready; whether the batches are exhausted."""
         for slot in self._slots:
             if slot.batch is None and slot.worker.ready():
-                if not self._retries and (tagged := next(todo, None)):
-                    self._retries.append(_Batch(*tagged))
                 if not self._retries:
-                    return True
+                    tagged = next(todo, _END)
+                    if tagged is None or tagged is _END:
+                        return tagged is _END
+                    self._retries.append(_Batch(*tagged))
                 slot.batch = self._retries.popleft()
                 slot.batch.tries += 1
                 slot.worker.begin(slot.batch.scenes)

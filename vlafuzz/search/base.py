@@ -13,6 +13,7 @@ from vlafuzz.scoring import Measure, Score
 from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
+BATCH = 16  # proposals
 UNGUIDED = ("random", "pool")  # strategies whose scenes do not depend on earlier outcomes
 
 
@@ -77,10 +78,13 @@ class Cause:
 class Strategy(Protocol):
     """Proposes genomes and learns from their scores.
 
-    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size. An
-    optional method ``causes`` returns the causes that it has found so far; of such a strategy an optional
-    attribute ``unexplained`` holds the failures for which it found none, and an optional method
-    ``probability`` estimates the probability that the policy fails in a random scene.
+    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size. A
+    strategy with the optional attribute ``outstanding`` is asked for one proposal at a time, while up to so
+    many outcomes, or another number that the user gives, are outstanding; one without it is told of a whole
+    batch before it is asked for the next. An optional method ``causes`` returns the causes that it has found
+    so far; of such a strategy an optional attribute ``unexplained`` holds the failures for which it found
+    none, and an optional method ``probability`` estimates the probability that the policy fails in a random
+    scene.
     """
 
     def ask(self, n: int) -> list[Proposal]:
@@ -93,6 +97,16 @@ class Strategy(Protocol):
 def about(strategy: Strategy) -> str:
     """The strategy's description of itself in a few words; empty if it has no ``about``."""
     return str(getattr(strategy, "about", ""))
+
+
+def overlaps(strategy: Strategy) -> bool:
+    """Whether a strategy may be asked while outcomes of earlier proposals are outstanding."""
+    return hasattr(strategy, "outstanding")
+
+
+def batch_of(strategy: Strategy) -> int:
+    """How many proposals of a strategy are evaluated at a time by default."""
+    return int(getattr(strategy, "outstanding", BATCH))
 
 
 def causes(strategy: Strategy) -> Sequence[Cause]:

@@ -7,6 +7,7 @@ import numpy as np
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Score
 from vlafuzz.search.base import Genome, Proposal, Source, about, looks_for_causes
+from vlafuzz.search.proposals import UNLIMITED
 from vlafuzz.search.registry import Factory
 
 
@@ -31,6 +32,8 @@ class Pool:
 
 class InOrder:
     """Proposes the scenes of a pool in order, each once."""
+
+    outstanding = UNLIMITED
 
     def __init__(self, size: int) -> None:
         self._size, self._asked = size, 0

@@ -10,6 +10,7 @@ from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 
 REDRAWS = 20  # draws of known scenes before one is proposed again: tiny spaces run out
+UNLIMITED = 64  # outstanding proposals of a strategy that learns nothing: it could do with any number
 TRIES = 10  # known children before a random scene is proposed instead
 
 Rng = np.random.Generator
@@ -99,6 +100,8 @@ class OneByOne(ABC):
 
 class Random(OneByOne):
     """Draws scenes independently of earlier outcomes: VLATest's strategy."""
+
+    outstanding = UNLIMITED
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Scores change nothing."""

@@ -155,6 +155,11 @@ class Store:
         (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)
         return int(row["trials"])
 
+    def last_proposal(self, run: int) -> int:
+        """The largest id of a proposal of a run that has trials."""
+        (row,) = self._select("SELECT max(proposal) AS last FROM trial WHERE run = ?", run)
+        return int(row["last"])
+
     def judged(self, runs: Sequence[int]) -> tuple[int, int]:
         """Number of scenes of some runs that failed, and that failed or passed, by their last verdict."""
         query = (

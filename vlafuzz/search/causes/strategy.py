@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,9 @@ from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.proposals import ProposalFactory
 
-BATCH = 16  # proposals for which there is one attribution at a time: several look into the same cause
+LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to four workers busy
+ROUNDS = 75  # of outcomes to learn from: the more are outstanding, the later it learns
+TESTS = 15  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure
 HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
@@ -62,8 +65,10 @@ class Causes:
         avoid: bool = True,
         guided: bool = True,
     ) -> None:
-        self._space, self._seed, self._asked, self._at_once = space, seed, 0, 1
+        self._space, self._seed, self._asked = space, seed, 0
         self._avoids, self._guided = avoid, guided
+        self._budget = budget
+        self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
         self._draws = Draws(self._proposals, seed, budget, stretched)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
@@ -81,10 +86,9 @@ class Causes:
     def ask(self, n: int) -> list[Proposal]:
         """Up to ``n`` proposals: tests that are due, then draws unless there are failures to attribute."""
         rng = np.random.default_rng([self._seed, self._asked])
-        self._at_once = max(1, n // BATCH)
-        self._begin()
         proposals: list[Proposal] = []
         while len(proposals) < n:
+            self._begin()
             due = self._draws.due(self._asked)
             test = None if due else self._next_test(rng)
             if not (test or due or self._may_draw(len(proposals))):
@@ -148,11 +152,16 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        return not already or (not self._pending and len(self._active) < self._at_once)
+        return not already or (not self._pending and len(self._active) < self._at_once())
+
+    def _at_once(self) -> int:
+        """How many attributions there may be: one for each outstanding outcome, fewer at the end."""
+        left = math.inf if self._budget is None else self._budget - self._asked
+        return int(max(1, min(len(self._out) + 1, left // TESTS)))
 
     def _begin(self) -> None:
         """Attribute failures that wait, unless a rule explains them."""
-        while self._has_reference and self._pending and len(self._active) < self._at_once:
+        while self._has_reference and self._pending and len(self._active) < self._at_once():
             levels = self._pending.popleft()
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
