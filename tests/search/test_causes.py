@@ -1,5 +1,6 @@
 """What the strategy `causes` finds in policies that fail for known reasons."""
 
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from tests.search.worlds import CATALOGUE, space
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Score
+from vlafuzz.search.base import Proposal
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.causes.units import Units
@@ -26,12 +28,15 @@ def played(
 ) -> Causes:
     """The strategy after a run against a policy that fails at a rate where it ``fails``."""
     where = where or space()
-    strategy, rng, asked = Causes(where, seed, budget), np.random.default_rng(seed), 0
-    while asked < budget:
-        proposals = strategy.ask(16)
-        scenes = [where.decode(proposal.genome) for proposal in proposals]
-        strategy.tell(proposals, [FAILED if fails(s) and rng.random() < rate else PASSED for s in scenes])
-        asked += len(proposals)
+    strategy, rng = Causes(where, seed, budget), np.random.default_rng(seed)
+    outstanding: deque[Proposal] = deque()
+    for number in range(budget + strategy.outstanding):
+        if number < budget:
+            outstanding += strategy.ask(1)
+        if number >= strategy.outstanding:
+            proposal = outstanding.popleft()
+            failing = fails(where.decode(proposal.genome)) and rng.random() < rate
+            strategy.tell([proposal], [FAILED if failing else PASSED])
     return strategy
 
 
@@ -182,10 +187,23 @@ def test_the_probability_is_told_even_if_failures_that_have_no_cause_take_most_r
     assert high - low < 0.6
 
 
-def test_a_cause_says_what_share_of_random_scenes_lies_in_its_range():
+@pytest.mark.parametrize("rate", [1.0, 0.5])
+def test_a_cause_says_what_share_of_random_scenes_fail_for_it(rate: float):
     rng = np.random.default_rng(99)
-    true = np.mean([dark(space().sample(rng)) for _ in range(400)])
-    (cause,) = played(dark, 200).causes()
-    assert cause.share is not None
-    assert cause.share.low - 0.03 <= true <= cause.share.high + 0.03
-    assert cause.share.high < 0.6
+    true = rate * np.mean([dark(space().sample(rng)) for _ in range(400)])
+    (share,) = [
+        cause.share for cause in played(dark, 200, rate=rate).causes() if cause.operators == ("light",)
+    ]
+    assert share is not None
+    assert share.low - 0.03 <= true <= share.high + 0.03
+    assert abs(share.value - true) < 0.1
+    assert share.high < 0.6
+
+
+def test_scenes_that_fail_anyway_are_not_counted_for_a_cause():
+    rng = np.random.default_rng(3)
+    strategy = played(lambda scene: dark(scene) or rng.random() < 0.3, 300)
+    (share,) = [cause.share for cause in strategy.causes() if cause.operators == ("light",)]
+    dark_ones = np.mean([dark(space().sample(rng)) for _ in range(400)])
+    assert share is not None
+    assert share.low <= 0.7 * dark_ones <= share.high

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vlafuzz.probability import Draw, Probability, failure_probability
 from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.rules import Rule, Rules
-from vlafuzz.search.causes.units import Numbers, Units
+from vlafuzz.search.causes.units import Levels, Numbers, Units
 from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.statistics import wilson
 
@@ -23,6 +23,7 @@ AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose fa
 RECENT = 30  # draws by which that is judged
 SAMPLE = 600  # random scenes by which shares are estimated, and of which severe ones are made
 EXPLAINED, SURELY = 0.5, 0.95  # chance from which on a scene counts as explained, and is surely in a range
+FAILING, WORTH = 0.8, 2.0  # prior of the failure rate in a rule's range, and how many scenes it is worth
 NO_BUDGET = 1000  # rollouts that a run without a budget is taken to have
 
 
@@ -38,6 +39,7 @@ class Draws:
         self._plain = 0
         self._open: dict[int, Draw] = {}
         self._judged: dict[int, Draw] = {}
+        self._seen: list[tuple[Levels, bool]] = []  # random scenes that were rolled out, and which failed
 
     def due(self, asked: int) -> bool:
         """Whether there are fewer random scenes among so many proposals than the probability needs."""
@@ -58,10 +60,11 @@ class Draws:
         )
         return genome
 
-    def learn(self, number: int, *, failed: bool, explained: float) -> None:
+    def learn(self, number: int, levels: Levels, *, failed: bool, explained: float) -> None:
         """Learn the outcome of a scene that was rolled out."""
         self._recent.append(failed and explained < EXPLAINED)
         if number in self._open:
+            self._seen.append((levels, failed))
             self._judged[number] = replace(self._open.pop(number), failed=failed)
 
     def forget(self) -> None:
@@ -73,11 +76,28 @@ class Draws:
         return failure_probability([self._judged[number] for number in sorted(self._judged)])
 
     def share(self, rule: Rule, units: Units) -> Probability:
-        """The share of random scenes in a rule's range; the interval allows for doubt about the range."""
+        """The share of random scenes that fail for a rule's reason.
+
+        That is the share in the rule's range, times the rate at which random scenes fail there beyond that
+        elsewhere. The interval allows for doubt about range and rate, and for no other reason at its end.
+        """
         chances = rule.chance(self._random(units), units)
         low = wilson(int((chances >= SURELY).sum()), SAMPLE).low
         high = wilson(int((chances > 0).sum()), SAMPLE).high
-        return Probability(float(chances.mean()), low, high)
+        rate, other = self._rates(rule, units)
+        beyond = [max(0.0, (value - other) / (1 - other)) for value in (rate.value, rate.low)]
+        return Probability(float(chances.mean()) * beyond[0], low * beyond[1], high * rate.high)
+
+    def _rates(self, rule: Rule, units: Units) -> tuple[Probability, float]:
+        """The failure rates of random scenes in a rule's range and elsewhere."""
+        if not self._seen:
+            return Probability(1.0, 0.0, 1.0), 0.0
+        levels, failed = map(np.array, zip(*self._seen, strict=True))
+        inside = rule.chance(units.deviations(levels), units)
+        failures, scenes = float(inside @ failed), float(inside.sum())
+        rate = (failures + FAILING * WORTH) / (scenes + WORTH)
+        elsewhere = float((1 - inside) @ failed) / (len(levels) - scenes + 1)
+        return Probability(rate, *wilson(failures, scenes)), elsewhere
 
     def _random(self, units: Units) -> Numbers:
         """``(SAMPLE, units + 1)`` deviations of random scenes."""

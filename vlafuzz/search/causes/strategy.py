@@ -231,7 +231,7 @@ class Causes:
         if not score.rolled_out or number == 0:
             return
         explained = self._remember(levels, failed=score.failed)
-        self._draws.learn(number, failed=score.failed, explained=explained)
+        self._draws.learn(number, levels, failed=score.failed, explained=explained)
         if score.failed:
             self._pending.append(levels)
         elif not self._has_reference:
