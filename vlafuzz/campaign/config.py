@@ -18,7 +18,7 @@ from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import check_policy_name, is_shared
+from vlafuzz.policies.registry import check_policy_name, is_remote, is_shared
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
@@ -33,6 +33,7 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
+OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
 # Identifies most planted faults; with a pool, most failures: scripts/bench_strategies.py
 STRATEGY, STRATEGY_OF_POOL = "causes", "surrogate"
 MOST = 2**63 - 1  # the largest integer of SQLite
@@ -49,7 +50,8 @@ class RunConfig:
         policy: by default ``default_policy``.
         strategy: by default causes, with a pool surrogate; the scenes of a file are taken in order.
         budget: in policy rollouts; by default all scenes of a file, else 100.
-        batch: proposals that are evaluated at a time; by default as many as suit the strategy.
+        batch: proposals that are evaluated at a time; by default as many as suit the strategy, for a policy
+            behind a server at least ``OF_SERVER`` if it takes as many.
         repeats: rollouts a scene.
         operators: a file of ranges, or the name of a shipped one; by default that of the robot.
         vary: operators that vary; empty for all that the file varies.
@@ -127,9 +129,9 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     space = SearchSpace(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
-    batch = config.batch or batch_of(strategy)
-    place = _place(config, policy_name, min(batch, budget))
+    place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
     policy = policy or policy_at(place, policy_name)
+    batch = config.batch or max(batch_of(strategy), min(policy.spec.max_batch, OF_SERVER) * is_remote(policy))
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
     return Plan(
         manifest=_manifest(
