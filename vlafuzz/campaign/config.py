@@ -13,12 +13,13 @@ from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number
+from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import Place, default_workers, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import check_policy_name, is_remote, is_shared
+from vlafuzz.policies.registry import check_policy_name, is_shared
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
@@ -131,7 +132,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
     policy = policy or policy_at(place, policy_name)
-    batch = config.batch or max(batch_of(strategy), min(policy.spec.max_batch, OF_SERVER) * is_remote(policy))
+    batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
     return Plan(
         manifest=_manifest(

@@ -1,13 +1,11 @@
 """Until: an executor that takes on no more scenes after a deadline."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from vlafuzz.deadline import Deadline, TimeOverError
-from vlafuzz.execute.base import Executor
+from vlafuzz.execute.base import Batches, Executor
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
-
-Batch = tuple[int, Sequence[Scene]]
 
 
 class Until:
@@ -16,7 +14,7 @@ class Until:
     def __init__(self, executor: Executor, deadline: Deadline) -> None:
         self._executor, self._deadline = executor, deadline
 
-    def run(self, batches: Iterable[Batch]) -> Iterator[tuple[int, list[Outcome]]]:
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
         """See ``Executor``.
 
         Raises:
@@ -24,10 +22,10 @@ class Until:
         """
         left_out = False
 
-        def in_time() -> Iterator[Batch]:
+        def in_time() -> Iterator[tuple[int, Sequence[Scene]] | None]:
             nonlocal left_out
             for batch in batches:
-                if left_out := self._deadline.passed:
+                if batch is not None and (left_out := self._deadline.passed):
                     return
                 yield batch
 
