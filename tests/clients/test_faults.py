@@ -17,6 +17,7 @@ from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE
 from vlafuzz.cli import main
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.execute.lockstep import LockstepExecutor
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.registry import make_policy
@@ -87,6 +88,23 @@ class TestScenes:
         assert len(broken) == len(faults.came) - (protocol == "groot")  # ZeroMQ cuts off what is huge
         for index, (outcome, alone) in enumerate(zip(outcomes, undisturbed, strict=True)):
             assert index in broken or summary(outcome) == summary(alone)
+
+
+@pytest.mark.usefixtures("no_pause")
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, undisturbed):
+    plan = [*[None] * 5, "drop", None, None, "garbage", *[None] * 3, "cut", None, "error"]
+    faults = Faults(plan, seconds=1.0)
+    with faulty(protocol, faults) as name:
+        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout=0.5"), lanes=3)
+        faults.begin()
+        outcomes = executor.evaluate(sampled(4), [0] * 4)
+        executor.close()
+    broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
+    assert faults.came[:2] == ["drop", "garbage"]
+    assert len(broken) <= len({"garbage", "error"} & {*faults.came})
+    for index, (outcome, alone) in enumerate(zip(outcomes, undisturbed, strict=True)):
+        assert index in broken or summary(outcome) == summary(alone)
 
 
 @pytest.mark.usefixtures("no_pause")
