@@ -60,9 +60,9 @@ class LockstepExecutor:
                     self._idle().begin(job)
                 elif busy:
                     self._tick(busy)
-                elif queue.exhausted:
+                elif not queue.open and queue.exhausted:
                     return
-                else:
+                elif not queue.open:
                     raise RuntimeError("there is neither a scene to evaluate nor an outcome to come")
                 yield from queue.finished()
         finally:
@@ -196,7 +196,8 @@ class _Queue:
     """Hands out the scenes of batches one by one, and collects the batches whose scenes are all evaluated."""
 
     def __init__(self, batches: Iterable[_Batch | None]) -> None:
-        self._source, self._jobs, self._open = iter(batches), deque[_Job](), list[_Batch]()
+        self._source, self._jobs = iter(batches), deque[_Job]()
+        self.open: list[_Batch] = []  # those whose outcomes have not been yielded
         self.exhausted = self._paused = False
 
     def next(self) -> _Job | None:
@@ -206,8 +207,8 @@ class _Queue:
         return self._jobs.popleft() if self._jobs else None
 
     def finished(self) -> Iterator[tuple[int, list[Outcome]]]:
-        for batch in [batch for batch in self._open if len(batch.outcomes) == len(batch.scenes)]:
-            self._open.remove(batch)
+        for batch in [batch for batch in self.open if len(batch.outcomes) == len(batch.scenes)]:
+            self.open.remove(batch)
             self._paused = False
             yield batch.tag, [batch.outcomes[index] for index in range(len(batch.scenes))]
 
@@ -220,5 +221,5 @@ class _Queue:
         if pulled is None:
             self._paused = True  # until the next outcome
             return
-        self._open.append(pulled)
+        self.open.append(pulled)
         self._jobs += [_Job(pulled, index) for index in range(len(pulled.scenes))]
