@@ -127,6 +127,7 @@ def command(
     until = deadline("--time", time)
     _begin_early(policy, workers, executor)
     from vlafuzz.campaign import config
+    from vlafuzz.campaign.forecast import NOBODY_WAITS, Forecast
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
     from vlafuzz.cli.triage import print_causes
@@ -162,8 +163,10 @@ def command(
     else:
         plan = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     with Bar() as bar:
-        plan = checked_plan(plan, unchecked=unchecked, watch=bar)
+        plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
+    if speed and (forecast := Forecast(plan, speed, certifying)).run > NOBODY_WAITS:
+        Bar.note(str(forecast))
     summary = _start(plan, until.after(SEARCH) if triage or certifying else until)
     found, beside, strategy_about = _causes(summary), _beside_random(summary), about(plan.strategy)
     if not json:

@@ -4,9 +4,11 @@ import shlex
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
+from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.campaign.forecast import Speed, at_a_time, usual_speed
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
@@ -37,7 +39,14 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
                 yield check
 
 
-def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Plan:
+class Checked(NamedTuple):
+    """A plan that may be run, and the speed of its policy if that is known."""
+
+    plan: Plan
+    speed: Speed | None
+
+
+def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Checked:
     """The plan of a run, labelled with what seconds of checks find wrong with its policy.
 
     Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a
@@ -48,12 +57,15 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Plan:
     """
     manifest = plan.manifest
     if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
-        return plan
-    label = UNCHECKED if unchecked else _label(plan, watch)
-    return plan if plan.resume is not None else replace(plan, manifest=replace(manifest, checkup=label))
+        return Checked(plan, usual_speed(manifest.policy))
+    label, speed = (UNCHECKED, None) if unchecked else _label(plan, watch)
+    if plan.resume is None:
+        plan = replace(plan, manifest=replace(manifest, checkup=label))
+    return Checked(plan, speed)
 
 
-def _label(plan: Plan, watch: Watch) -> str:
+def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
+    """What the checks find wrong with the policy, and how fast it is."""
     from vlafuzz.diagnostics.exam import Exam
 
     name = plan.manifest.policy
@@ -62,6 +74,7 @@ def _label(plan: Plan, watch: Watch) -> str:
         for check in exam.quick():
             checks.append(check)
             watch.progress("checkup", len(checks), None)
+        speed = None if checks[-1].verdict == "refuse" else exam.speed(at_a_time(plan))
     doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
     for check in checks:
         if check.verdict == "refuse":
@@ -69,7 +82,8 @@ def _label(plan: Plan, watch: Watch) -> str:
             raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
         if check.verdict == "warn":
             watch.note(f"note: {name}: {check.found}: {check.follows}")
-    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok"
+    assert speed is not None
+    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok", speed
 
 
 def _make(name: str) -> Policy | Check:

@@ -1,15 +1,18 @@
 """Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, count, islice
+from itertools import chain, count, cycle, islice
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
+from vlafuzz.campaign.forecast import Speed
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.diagnostics import Check, until_refused, verdicts
-from vlafuzz.diagnostics.probes import Interview, moved, reworded, sights
+from vlafuzz.diagnostics.probes import Interview, ask, moved, reworded, sights
 from vlafuzz.diagnostics.recorder import Break, Recorder
 from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.errors import PolicyError, SimulatorError
@@ -49,6 +52,27 @@ class Exam:
     def quick(self) -> Iterator[Check]:
         """The checks that take seconds, up to the first refusal."""
         return until_refused(self._guarded(self._probed(quick=True)))
+
+    def speed(self, at_once: int) -> Speed:
+        """As it was measured in the checks, and with so many observations at once."""
+        recorder, most = self._recorder, min(at_once, self._spec.max_batch)
+        answer, batched = median(recorder.seconds[1:] or recorder.seconds), 0.0
+        words = f"measured: an answer takes {answer:.2g} s"
+        moments = list(islice(cycle(recorder.moments), most))
+        if most > 1:
+            for _ in range(2):  # the first time may take longer
+                began = time.perf_counter()
+                ask(self._policy, moments)
+                batched = time.perf_counter() - began
+            words += f", {most} at once {batched:.2g} s"
+        return Speed(
+            answer=answer,
+            simulator=median(recorder.between or [0.0]),
+            actions=len(recorder.moments[0].executed),
+            batch=most,
+            batched=batched,
+            words=words,
+        )
 
     def thorough(self, n: int) -> Iterator[Check]:
         """All checks up to the first refusal, with ``n`` nominal rollouts, and more where they fail.

@@ -74,7 +74,7 @@ class Recorder(Lent):
         most: number of answers after which a rollout is cut off, and which are kept as ``moments``; None for
             complete rollouts, of which no moments are kept.
         breaks: the breaks of all rollouts; ``broken``: that of the last rollout, which may be restarted.
-        seconds: duration of each answer.
+        seconds: duration of each answer; ``between``: from each to the next one of its rollout.
         longest: the number of actions in the longest chunk.
     """
 
@@ -85,9 +85,11 @@ class Recorder(Lent):
         self.breaks: list[Break] = []
         self.broken: Break | None = None
         self.seconds: list[float] = []
+        self.between: list[float] = []
         self.longest = 1
         self._start: EpisodeStart | None = None
         self._answers = 0
+        self._ended = 0.0
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         (self._start,), self._answers, self.broken = episodes, 0, None
@@ -99,10 +101,13 @@ class Recorder(Lent):
         if self._answers == self.most:
             raise PolicyError("enough was seen of this rollout")  # makes the evaluator end it
         began = time.perf_counter()
+        if self._answers:
+            self.between.append(began - self._ended)
         with self._noted():
             chunks = super().act(observations)
             (answer,) = check_chunks(chunks, 1, self.spec.name)
-        self.seconds.append(time.perf_counter() - began)
+        self._ended = time.perf_counter()
+        self.seconds.append(self._ended - began)
         self._answers += 1
         self.longest = max(self.longest, len(answer))
         if self.most is not None:

@@ -68,6 +68,13 @@ def default_workers(policy: str, most: int | None = None) -> int:
     return workers if most is None else min(workers, most)
 
 
+def lanes_at(place: Place, policy: Policy) -> int:
+    """Scenes at a time in this process."""
+    if place.kind != "local":
+        return 1
+    return place.lanes or lanes_for(policy)
+
+
 def policy_at(place: Place, name: str) -> Policy:
     """The policy of that name, or its stand-in when workers share it."""
     if place.kind != "local" and is_shared(name):
@@ -83,7 +90,7 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
         policy: from ``policy_at``; closed with the executor at the latest.
     """
     if place.kind == "local":
-        lanes = place.lanes or lanes_for(policy)
+        lanes = lanes_at(place, policy)
         return LockstepExecutor(make, policy, lanes) if lanes > 1 else LocalExecutor(make(policy))
     options: dict[str, Any] = {}
     if isinstance(policy, SharedPolicy):

@@ -1,0 +1,112 @@
+"""Forecast: how long a run will take, from the seconds of an answer and the steps of a rollout."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vlafuzz.campaign.config import Plan
+from vlafuzz.execute.registry import lanes_at
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.registry import is_remote, is_shared
+from vlafuzz.rigs.robots import rig
+from vlafuzz.text import duration, plural
+from vlafuzz.triage.pipeline import affordable
+
+# Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.
+SHORT, USUAL = 0.35, 0.7
+PER_CERTIFIED = 100  # rollouts to certify a cause: 50 to 180
+NOBODY_WAITS = 10.0  # seconds below which nothing is said
+# Seconds for a control step with the simulator, of built-in policies on one core of a usual server.
+_STEP = {"mini": 0.02, "pinhole": 0.008, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Speed:
+    """How fast a policy is, and the simulator with it.
+
+    Attributes:
+        answer: seconds for the answer to one observation; ``batched``: for ``batch`` observations at once.
+        simulator: seconds between two answers of a rollout.
+        actions: control steps that are executed of an answer.
+        words: what it rests on, as a part of a sentence.
+    """
+
+    answer: float
+    simulator: float
+    actions: int = 1
+    batch: int = 1
+    batched: float = 0.0
+    words: str = ""
+
+    def at_once(self, number: int) -> float:
+        """Seconds for the answers to so many observations."""
+        if self.batch == 1 or number == 1:
+            return self.answer * number
+        if number >= self.batch:
+            return self.batched * math.ceil(number / self.batch)
+        return self.answer + (self.batched - self.answer) * (number - 1) / (self.batch - 1)
+
+
+def usual_speed(policy: str) -> Speed | None:
+    """The speed of a built-in policy, as it usually is; None for others."""
+    if policy not in _STEP:
+        return None
+    return Speed(answer=_STEP[policy], simulator=0.0, words=f"at the usual speed of {policy}")
+
+
+def at_a_time(plan: Plan) -> int:
+    """The number of rollouts that a run has at a time."""
+    return max(plan.place.workers, lanes_at(plan.place, plan.policy))
+
+
+def longest(spec: PolicySpec, robot: str) -> int:
+    """Control steps of a rollout that does not succeed."""
+    setup = rig(robot)
+    return setup.seconds * (setup.control_hz or spec.action.hz)
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """How long a plan will take, with or without certification of its causes."""
+
+    plan: Plan
+    speed: Speed
+    certify: bool
+
+    @property
+    def run(self) -> float:
+        """Seconds of the run."""
+        place = self.plan.place
+        answer = self._answer(place.workers, lanes_at(place, self.plan.policy))
+        return self.plan.manifest.budget * self._answers * answer
+
+    @property
+    def certification(self) -> float:
+        """Seconds for the causes that a run with this budget certifies, if it finds so many."""
+        if not self.certify:
+            return 0.0
+        rollouts = PER_CERTIFIED * affordable(self.plan.manifest.budget)
+        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes=1)
+
+    def __str__(self) -> str:
+        manifest = self.plan.manifest
+        steps = f"of up to {longest(self.plan.policy.spec, manifest.robot)} steps"
+        low, high = (duration(self.run * share / USUAL) for share in (SHORT, 1.0))
+        takes = f"{plural(manifest.budget, 'rollout')} {steps} take {low} to {high}"
+        if self.certify:
+            takes += f", certifying their causes about {duration(self.certification)}"
+        return f"about {duration(self.run + self.certification)}: {takes}; {self.speed.words}"
+
+    @property
+    def _answers(self) -> float:
+        """Answers in a usual rollout."""
+        return USUAL * longest(self.plan.policy.spec, self.plan.manifest.robot) / self.speed.actions
+
+    def _answer(self, workers: int, lanes: int) -> float:
+        """Seconds per answer with so many workers, or so many rollouts at a time in one process."""
+        speed = self.speed
+        if lanes > 1:
+            return speed.at_once(lanes) / lanes + speed.simulator
+        together = is_remote(self.plan.policy) or is_shared(self.plan.manifest.policy)
+        return ((speed.at_once(workers) if together else speed.answer) + speed.simulator) / workers
