@@ -11,14 +11,15 @@ from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.registry import is_remote, is_shared
 from vlafuzz.rigs.robots import rig
 from vlafuzz.text import duration, plural
-from vlafuzz.triage.pipeline import affordable
+from vlafuzz.triage.pipeline import PER_FINDING, affordable
 
 # Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.
 SHORT, USUAL = 0.35, 0.7
-PER_CERTIFIED = 100  # rollouts to certify a cause: 50 to 180
+RIGHT = 1.25  # a forecast is right up to this factor
+FIRST = 20  # rollouts after which the time of one is known
 NOBODY_WAITS = 10.0  # seconds below which nothing is said
 # Seconds for a control step with the simulator, of built-in policies on one core of a usual server.
-_STEP = {"mini": 0.02, "pinhole": 0.008, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
+_STEP = {"mini": 0.02, "pinhole": 0.006, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +49,9 @@ class Speed:
         return self.answer + (self.batched - self.answer) * (number - 1) / (self.batch - 1)
 
 
-def usual_speed(policy: str) -> Speed | None:
+def usual_speed(plan: Plan) -> Speed | None:
     """The speed of a built-in policy, as it usually is; None for others."""
+    policy = plan.manifest.policy
     if policy not in _STEP:
         return None
     return Speed(answer=_STEP[policy], simulator=0.0, words=f"at the usual speed of {policy}")
@@ -86,7 +88,7 @@ class Forecast:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
         if not self.certify:
             return 0.0
-        rollouts = PER_CERTIFIED * affordable(self.plan.manifest.budget)
+        rollouts = PER_FINDING * affordable(self.plan.manifest.budget)
         return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes=1)
 
     def __str__(self) -> str:
@@ -97,6 +99,14 @@ class Forecast:
         if self.certify:
             takes += f", certifying their causes about {duration(self.certification)}"
         return f"about {duration(self.run + self.certification)}: {takes}; {self.speed.words}"
+
+    def after(self, seconds: float) -> str:
+        """The forecast in view of the seconds that a rollout takes; empty if it is still about right."""
+        run = seconds * self.plan.manifest.budget
+        if 1 / RIGHT <= run / self.run <= RIGHT:
+            return ""
+        both = run + self.certification * run / self.run
+        return f"rather about {duration(both)} in all: a rollout takes {seconds:.2g} s"
 
     @property
     def _answers(self) -> float:

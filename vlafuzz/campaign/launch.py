@@ -9,6 +9,7 @@ from itertools import groupby
 
 from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.forecast import FIRST, Forecast, Speed, usual_speed
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.conditions.place import by_place, elsewhere
@@ -23,7 +24,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import Watch
 
-_FIRST = 20  # rollouts after which the remaining time can be estimated
+SpeedOf = Callable[[Plan], Speed | None]
 
 
 def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None = None) -> Summary:
@@ -65,6 +66,8 @@ class WantedRun:
         name: for progress messages.
         stored: the run that the store has of it, finished or not.
         group: adjacent runs of one group share an executor.
+        policy: its name, where there are runs of several.
+        triage: rollouts for triage of the run, afterwards.
     """
 
     name: str
@@ -72,6 +75,8 @@ class WantedRun:
     plan: Callable[[], Plan]
     stored: Run | None
     group: object
+    policy: str | None = None
+    triage: int = 0
 
     @property
     def missing(self) -> bool:
@@ -89,11 +94,13 @@ def do_missing(
     wanted: Sequence[WantedRun],
     watch: Watch,
     left_out: Callable[[WantedRun, UsageError], None] | None = None,
+    speed_of: SpeedOf = usual_speed,
 ) -> None:
     """Begin or resume the runs that are missing, in order. They share no outcomes.
 
     Args:
         left_out: is told of a run that cannot be done, or has only invalid scenes; without it that is raised.
+        speed_of: the speed of a plan's policy, for a forecast.
 
     Raises:
         VlafuzzError: a run judged no scene.
@@ -101,7 +108,7 @@ def do_missing(
     missing = [run for run in wanted if run.missing]
     if not missing:
         return
-    pace = _Pace(watch, [run.budget for run in missing], [run.stored for run in wanted if run.stored])
+    pace = _Pace(watch, missing, [run.stored for run in wanted if run.stored], speed_of)
     for _, group in groupby(missing, key=lambda run: run.group):
         with ExitStack() as stack:
             executor: Executor | None = None
@@ -109,6 +116,7 @@ def do_missing(
                 pace.begin(run.name)
                 try:
                     plan = _plan(run, store, watch)
+                    pace.foresee(run, plan)
                     executor = executor or stack.enter_context(closing(make_executor(plan)))
                     summary = fuzz(plan, store, executor, pace, alone=True)
                 except StoreError:
@@ -156,13 +164,17 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
 
 
 class _Pace:
-    """Reports the progress over several runs and, once, how long all of them will take.
+    """Reports the progress over several runs, and how long all of them will take.
 
-    ``budgets`` are the rollouts of each; finished ones in ``stored`` tell how long a rollout takes.
+    Finished runs in ``stored`` tell how long a rollout takes, else the policy's speed and the first rollouts.
     """
 
-    def __init__(self, watch: Watch, budgets: Sequence[int], stored: Sequence[Run]) -> None:
-        self._watch, self._budgets, self._begun, self._description = watch, budgets, 0, ""
+    def __init__(
+        self, watch: Watch, runs: Sequence[WantedRun], stored: Sequence[Run], speed_of: SpeedOf
+    ) -> None:
+        self._watch, self._runs, self._speed_of = watch, runs, speed_of
+        self._budgets, self._begun, self._description = [run.budget for run in runs], 0, ""
+        self._foreseen = set[str | None]()
         self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
         finished = [run for run in stored if run.status not in UNFINISHED and run.seconds]
         self._estimated = bool(finished)
@@ -170,6 +182,19 @@ class _Pace:
             seconds = sum(run.seconds or 0.0 for run in finished)
             rollouts = sum(run.manifest.budget for run in finished)
             self._estimate(seconds / rollouts, "at the speed of the runs in the store")
+
+    def foresee(self, run: WantedRun, plan: Plan) -> None:
+        """Say how long the runs of a policy will take, before the first of them."""
+        if self._estimated or run.policy in self._foreseen:
+            return
+        self._foreseen.add(run.policy)
+        if speed := self._speed_of(plan):
+            runs = [one for one in self._runs if one.policy == run.policy]
+            rollouts, triage = sum(one.budget for one in runs), sum(one.triage for one in runs)
+            forecast = Forecast(plan, speed, certify=False)
+            seconds = forecast.run / plan.manifest.budget * (rollouts + triage)
+            both = f"{rollouts} rollouts" + (f" and up to {triage} of triage" if triage else "")
+            self._watch.note(f"{plural(len(runs), 'run')}, {both}: about {duration(seconds)}; {speed.words}")
 
     def begin(self, name: str) -> None:
         self._begun += 1
@@ -180,7 +205,7 @@ class _Pace:
         now, done = time.monotonic(), self._report(tally.rollouts)
         if self._first is None:
             self._first = (now, done)
-        elif not self._estimated and done - self._first[1] >= _FIRST:
+        elif not self._estimated and done - self._first[1] >= FIRST:
             self._estimated = True
             seconds, rollouts = now - self._first[0], done - self._first[1]
             self._estimate(seconds / rollouts, f"at the speed of the first {rollouts} rollouts")

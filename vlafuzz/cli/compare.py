@@ -70,6 +70,7 @@ def command(
     from vlafuzz.campaign import config
     from vlafuzz.compare.compare import compare
     from vlafuzz.compare.page import write_folder
+    from vlafuzz.diagnostics.before_run import speed_of
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
@@ -92,7 +93,7 @@ def command(
     )
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
     with interruptible(f"interrupted: all results so far are stored in {store}\nhint: {_CONTINUES}") as bar:
-        compared = compare(run, names, repeats, limit, folder, bar)
+        compared = compare(run, names, repeats, limit, folder, bar, speed_of)
     try:
         written = write_folder(compared, folder)
     except OSError as error:

@@ -26,10 +26,11 @@ from vlafuzz.cli.flags import (
 )
 from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json, stdout
 from vlafuzz.errors import PolicyError, VlafuzzError
-from vlafuzz.text import plural
+from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.results import Beside
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.deadline import Deadline
@@ -165,9 +166,10 @@ def command(
     with Bar() as bar:
         plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
-    if speed and (forecast := Forecast(plan, speed, certifying)).run > NOBODY_WAITS:
+    forecast = Forecast(plan, speed, certifying) if speed else None
+    if forecast and forecast.run > NOBODY_WAITS:
         Bar.note(str(forecast))
-    summary = _start(plan, until.after(SEARCH) if triage or certifying else until)
+    summary = _start(plan, forecast, until.after(SEARCH) if triage or certifying else until)
     found, beside, strategy_about = _causes(summary), _beside_random(summary), about(plan.strategy)
     if not json:
         print_summary(summary, beside, strategy_about, found.probability if found else None)
@@ -239,13 +241,13 @@ def _why_not(summary: Summary) -> str:
     return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
 
 
-def _start(plan: Plan, until: Deadline) -> Summary:
+def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
     again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store)])
     stored = f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
-    with interruptible(stored), RunBar(plan.manifest.budget) as bar:
+    with interruptible(stored), RunBar(plan.manifest.budget, forecast) as bar:
         try:
             return start(plan, bar, until)
         except PolicyError as error:
@@ -258,14 +260,18 @@ def _triage(
 ) -> dict[str, Any] | None:
     """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
     from vlafuzz.cli.triage import triage_store
-    from vlafuzz.triage.pipeline import PER_CAUSE, affordable
+    from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import PER_CAUSE, affordable, expected
 
     found = None if everything else _causes(summary)
     if found and found.found:
         most = affordable(plan.manifest.budget)
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
-        Bar.note(f"certifying {some}{count}, {PER_CAUSE} rollouts or more each; --no-certify leaves this out")
+        with Store.open(Path(summary.store)) as store:
+            takes = duration(expected(store, min(most, found.found), plan.triage_workers))
+        each = f"{PER_CAUSE} rollouts or more each, about {takes}"
+        Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
     try:
         return triage_store(
             Path(summary.store),

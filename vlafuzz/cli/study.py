@@ -99,6 +99,7 @@ def command(
         raise UsageError(f"{flags[0]} and --from: nothing is run", hint="leave one of the two out")
 
     from vlafuzz.campaign.config import RunConfig
+    from vlafuzz.diagnostics.before_run import speed_of
     from vlafuzz.rigs.robots import PANDA, rig
     from vlafuzz.studies.study import StudyRequest, study_of
     from vlafuzz.studies.study import study as run_study
@@ -123,7 +124,7 @@ def command(
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
-        result = run_study(request, run, out, bar)
+        result = run_study(request, run, out, bar, speed_of)
     _print(result, out, json)
 
 

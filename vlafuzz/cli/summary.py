@@ -1,6 +1,7 @@
 """How ``vlafuzz run`` shows a run: a bar on stderr while it goes on, a table at the end."""
 
 import shlex
+import time
 from typing import Self
 
 from rich.progress import (
@@ -14,6 +15,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from vlafuzz.campaign.forecast import FIRST, Forecast
 from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import stderr, stdout
@@ -25,10 +27,14 @@ from vlafuzz.text import interval, percent, plural, points
 
 
 class RunBar:
-    """A progress bar: rollouts of the budget, rollouts per second, failures and causes so far, time left."""
+    """A progress bar: rollouts of the budget, rollouts per second, failures and causes so far, time left.
 
-    def __init__(self, budget: int) -> None:
-        self.rollouts = 0
+    A forecast that does not hold is corrected, once that can be said.
+    """
+
+    def __init__(self, budget: int, forecast: Forecast | None = None) -> None:
+        self.rollouts, self._forecast = 0, forecast
+        self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
         console = stderr()
         self._progress = Progress(
             SpinnerColumn(),
@@ -46,11 +52,20 @@ class RunBar:
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
         self.rollouts = tally.rollouts
+        self._correct(tally.rollouts)
         speed = self._progress.tasks[0].speed
         rate = f"{speed:.2f} rollouts/s" if speed else "…"
         failed = tally.verdicts[Verdict.FAILED]
         causes = "" if tally.causes is None else f" · {plural(tally.causes, 'cause')}"
         self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed, causes=causes)
+
+    def _correct(self, rollouts: int) -> None:
+        now = time.monotonic()
+        began, before = self._first = self._first or (now, rollouts)
+        if self._forecast and rollouts - before >= FIRST:
+            if corrected := self._forecast.after((now - began) / (rollouts - before)):
+                self._progress.console.print(corrected, soft_wrap=True)
+            self._forecast = None
 
     def __enter__(self) -> Self:
         self._progress.start()

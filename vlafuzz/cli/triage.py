@@ -13,10 +13,11 @@ import typer
 from vlafuzz.cli.flags import TimeFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
-from vlafuzz.text import plural
+from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.report.causes import CauseList
+    from vlafuzz.store.store import Store
     from vlafuzz.triage.pipeline import Allowance
     from vlafuzz.triage.summary import TriageSummary
 
@@ -137,6 +138,8 @@ def _triage(
         runner = partial(runner_of_run, store, note=Bar.note)
         workers = workers or min(default_workers(run.manifest.policy) for run in opened.runs())
         if causes_of is None:
+            _forecast(opened, limit, workers, allowance)
+        if causes_of is None:
             unjudged = triage(
                 opened,
                 runner,
@@ -151,6 +154,21 @@ def _triage(
                 opened, runner, causes_of, allowance=allowance, workers=workers, watch=watch
             )
         return summarise(opened), unjudged
+
+
+def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance | None) -> None:
+    """Say how long triage will take, unless nobody will have to wait."""
+    from vlafuzz.campaign.forecast import NOBODY_WAITS
+    from vlafuzz.triage.pipeline import PER_FINDING, expected
+
+    done = {triaged.key for triaged in store.triaged()}
+    left = [finding for finding in store.findings() if finding.key not in done][:limit]
+    seconds = expected(store, len(left), workers)
+    if allowance and allowance.rollouts:
+        seconds *= min(allowance.rollouts / (PER_FINDING * max(len(left), 1)), 1.0)
+    if seconds > NOBODY_WAITS:
+        basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
+        Bar.note(f"about {duration(seconds)}: {plural(len(left), 'finding')}, {basis}")
 
 
 def _print(summary: TriageSummary) -> None:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
+from vlafuzz.campaign.forecast import usual_speed
+from vlafuzz.campaign.launch import SpeedOf, WantedRun, do_missing, note_places, stored_run
 from vlafuzz.compare.certified import certify, uncertified
 from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import count_run, with_causes
@@ -84,7 +85,13 @@ def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> N
 
 
 def compare(
-    run: RunConfig, strategies: Sequence[str], repeats: int, limit: int, folder: Path, watch: Watch = SILENT
+    run: RunConfig,
+    strategies: Sequence[str],
+    repeats: int,
+    limit: int,
+    folder: Path,
+    watch: Watch = SILENT,
+    speed_of: SpeedOf = usual_speed,
 ) -> Comparison:
     """Compare strategies at equal budget; the first is the reference.
 
@@ -92,6 +99,7 @@ def compare(
         run: the same for all runs, but for strategy and seed; it names the store.
         limit: policy rollouts to triage the failures of each run; 0 for no triage.
         folder: for the results; made before the runs.
+        speed_of: see ``do_missing``.
     """
     assert run.store
     first = config.plan(run)
@@ -101,7 +109,7 @@ def compare(
             stored(run.store, store.runs(), first.manifest, wanted)
     make_folder(folder)
     with Store.open(run.store, "write") as store:
-        runs = _done(run, first.manifest, store, wanted, watch)
+        runs = _done(run, first.manifest, store, wanted, limit, watch, speed_of)
         counted = [count_run(store, done, first.embed) for done in runs]
         if limit:
             _certify(store, runs, limit, first.triage_workers, watch)
@@ -110,7 +118,15 @@ def compare(
     return compare_runs(by_strategy, strategies[0], store=str(run.store), limit=limit)
 
 
-def _done(run: RunConfig, manifest: Manifest, store: Store, wanted: Sequence[Job], watch: Watch) -> list[Run]:
+def _done(
+    run: RunConfig,
+    manifest: Manifest,
+    store: Store,
+    wanted: Sequence[Job],
+    limit: int,
+    watch: Watch,
+    speed_of: SpeedOf,
+) -> list[Run]:
     """Do the runs that are missing; all runs, in the order of the jobs."""
 
     def plan(job: Job) -> Plan:
@@ -126,10 +142,11 @@ def _done(run: RunConfig, manifest: Manifest, store: Store, wanted: Sequence[Job
             plan=partial(plan, job),
             stored=known.get(job),
             group=job.seed,  # the executor does not depend on the strategy
+            triage=limit,
         )
         for job in wanted
     ]
-    do_missing(store, runs, watch)
+    do_missing(store, runs, watch, speed_of=speed_of)
     known = stored(store.path, store.runs(), manifest, wanted)
     note_places(known.values(), watch)
     return list(known.values())

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.campaign.forecast import Speed, at_a_time, usual_speed
+from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import POLICIES, make_policy
+from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
 UNCHECKED = "unchecked"
@@ -33,10 +34,13 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
             f"{run.policy}: a few seconds of questions, then {n} rollouts; where they fail, "
             "up to some 150 more, with corrections"
         )
+        most = longest(policy.spec, manifest.robot)
         with closing(Exam(manifest, policy)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):
                 watch.progress(f"after {check.check}", number, None)
                 yield check
+                if check.check == "speed":
+                    watch.note(_duration(exam.speed(1), most, n))
 
 
 class Checked(NamedTuple):
@@ -57,11 +61,22 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
     """
     manifest = plan.manifest
     if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
-        return Checked(plan, usual_speed(manifest.policy))
+        return Checked(plan, usual_speed(plan))
     label, speed = (UNCHECKED, None) if unchecked else _label(plan, watch)
     if plan.resume is None:
         plan = replace(plan, manifest=replace(manifest, checkup=label))
     return Checked(plan, speed)
+
+
+def speed_of(plan: Plan) -> Speed | None:
+    """How fast a plan's policy usually is, or as measured, which takes seconds; None if it breaks."""
+    from vlafuzz.diagnostics.exam import Exam
+
+    if plan.manifest.policy in POLICIES:
+        return usual_speed(plan)
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        seen = list(exam.looks())
+        return None if any(check.verdict == "refuse" for check in seen) else exam.speed(at_a_time(plan))
 
 
 def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
@@ -84,6 +99,13 @@ def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
             watch.note(f"note: {name}: {check.found}: {check.follows}")
     assert speed is not None
     return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok", speed
+
+
+def _duration(speed: Speed, most: int, n: int) -> str:
+    """How long the doctor's rollouts take at most."""
+    seconds = most / speed.actions * (speed.answer + speed.simulator)
+    first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
+    return f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}"
 
 
 def _make(name: str) -> Policy | Check:

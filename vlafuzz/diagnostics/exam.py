@@ -49,6 +49,10 @@ class Exam:
     def close(self) -> None:
         self._evaluator.close()
 
+    def looks(self) -> Iterator[Check]:
+        """Only what the other checks begin with: some answers in a few scenes."""
+        return self._guarded(self._observe() for _ in range(1))
+
     def quick(self) -> Iterator[Check]:
         """The checks that take seconds, up to the first refusal."""
         return until_refused(self._guarded(self._probed(quick=True)))

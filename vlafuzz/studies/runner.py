@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
+from vlafuzz.campaign.forecast import usual_speed
+from vlafuzz.campaign.launch import SpeedOf, WantedRun, do_missing, note_places, stored_run
 from vlafuzz.conditions.conditions import ASKED, Origin, Role
 from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import write_scenes
@@ -141,6 +142,7 @@ class StudyRunner:
     Attributes:
         config: common to all runs; its ``budget`` is the number of random scenes of each run.
         folder: of the study, for files of variants.
+        speed_of: see ``do_missing``.
         commit: of the loaded code: a later commit does not change what is running.
         left_out: parts for which no scene could be generated, and why.
     """
@@ -151,6 +153,7 @@ class StudyRunner:
     folder: Path
     commit: str | None
     watch: Watch
+    speed_of: SpeedOf = usual_speed
     left_out: list[str] = field(default_factory=list)
 
     def run_random(self, parts: Iterable[Part], packs: Sequence[Pack] | None = None) -> dict[Part, Run]:
@@ -205,10 +208,11 @@ class StudyRunner:
                 plan=lambda job=job: job.plan,  # type: ignore[misc]
                 stored=stored(self.store, job.plan.manifest, job.scenes),
                 group=part,
+                policy=job.plan.manifest.policy,
             )
             for part, job in jobs.items()
         ]
-        do_missing(self.store, wanted, self.watch, leave_out)
+        do_missing(self.store, wanted, self.watch, leave_out, self.speed_of)
         runs = {part: stored(self.store, job.plan.manifest, job.scenes) for part, job in jobs.items()}
         done = {part: run for part, run in runs.items() if run and self.store.count(run.id)}
         note_places(done.values(), self.watch)

@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from vlafuzz.campaign.config import RunConfig
+from vlafuzz.campaign.forecast import usual_speed
+from vlafuzz.campaign.launch import SpeedOf
 from vlafuzz.conditions.provenance import commit
 from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
@@ -61,15 +63,30 @@ class StudyRequest:
         return parts_of(self.study, list(tasks), self.policies)
 
 
-def study(request: StudyRequest, config: RunConfig, folder: Path, watch: Watch = SILENT) -> StudyResult:
-    """Do the runs that the folder's store lacks, each of ``config.budget`` scenes, and count all."""
+def study(
+    request: StudyRequest,
+    config: RunConfig,
+    folder: Path,
+    watch: Watch = SILENT,
+    speed_of: SpeedOf = usual_speed,
+) -> StudyResult:
+    """Do the runs that the folder's store lacks, each of ``config.budget`` scenes, and count all.
+
+    ``speed_of``: see ``do_missing``.
+    """
     operators = load_operators(config.operators)
     for policy in filter(None, request.policies):
         check_policy_name(policy)
     make_folder(folder)
     with Store.open(folder / "study.db", "write") as store:
         runner = StudyRunner(
-            config=config, operators=operators, store=store, folder=folder, commit=commit(), watch=watch
+            config=config,
+            operators=operators,
+            store=store,
+            folder=folder,
+            commit=commit(),
+            watch=watch,
+            speed_of=speed_of,
         )
         return STUDIES[request.study](runner, request)
 

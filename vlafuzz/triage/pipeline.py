@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import count, groupby
+from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
 from vlafuzz.deadline import Deadline
@@ -16,6 +16,8 @@ from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
 from vlafuzz.triage.triager import SceneRunner, Triager
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
+PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
+SAMPLE = 200  # rollouts that tell how long one takes
 
 
 class Progress(NamedTuple):
@@ -24,6 +26,15 @@ class Progress(NamedTuple):
     done: int
     findings: int
     rollouts: int
+
+
+def expected(store: Store, findings: int, workers: int) -> float:
+    """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
+    runs = [run.id for run in store.runs()]
+    found = chain.from_iterable(store.trials(run) for run in reversed(runs))
+    some = islice((rollout.seconds for trial in found for rollout in trial.outcome.rollouts), SAMPLE)
+    seconds = list(some) or [0.0]
+    return PER_FINDING * findings * sum(seconds) / len(seconds) / workers
 
 
 @dataclass
