@@ -1,7 +1,9 @@
 """``vlafuzz doctor --policy``, and what ``vlafuzz run`` looks at first."""
 
 import json
+import re
 import socket
+import time
 from itertools import count
 from pathlib import Path
 
@@ -23,6 +25,16 @@ def deaf() -> Policy:
 
 def constant() -> Policy:
     return FAULTS["constant"]("pinhole")
+
+
+def drowsy() -> Policy:
+    """Takes 40 ms for an answer."""
+
+    def answer(actions: np.ndarray) -> np.ndarray:
+        time.sleep(0.04)
+        return actions
+
+    return Changed("pinhole", answer=answer)
 
 
 def interrupted() -> Policy:
@@ -149,3 +161,18 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
 def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert run(tmp_path, "frozen") == 0
     assert json.loads(capsys.readouterr().out)["checkup"] == ""
+
+
+@pytest.mark.slow
+def test_a_run_says_before_it_starts_how_long_it_will_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    flags = ["--policy", f"{HERE}:drowsy", "--budget", "20", "--store", str(tmp_path / "a.db"), "--json"]
+    assert main(["run", *flags, "--strategy", "random"]) == 0
+    printed = capsys.readouterr()
+    said = re.search(
+        r"20 rollouts of up to 80 steps take (\d+) (s|min) to (\d+) (s|min); measured", printed.err
+    )
+    assert said is not None
+    low, high = (int(said[group]) * {"s": 1, "min": 60}[said[group + 1]] for group in (1, 3))
+    assert low / 2 < json.loads(printed.out)["seconds"] < high * 2

@@ -1,6 +1,7 @@
 """The doctor's verdicts in the simulator on policies with one planted fault each, and on healthy ones."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from contextlib import closing
 
 import numpy as np
@@ -10,7 +11,7 @@ from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.exam import Exam
-from vlafuzz.policies.base import Policy
+from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.policies.registry import make_policy
 
 Examine = Callable[..., list[Check]]
@@ -35,6 +36,27 @@ def named(checks: list[Check]) -> dict[str, str]:
         for check in checks
         if check.verdict != "ok"
     }
+
+
+class Drowsy(Changed):
+    """Pinhole that takes 20 ms for an answer, and 10 ms more for each further one of a batch."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        time.sleep(0.02 + 0.01 * (len(observations) - 1))
+        return super().act(observations)
+
+
+def test_the_time_of_an_answer_is_measured_alone_and_in_batches():
+    policy = Drowsy("pinhole", max_batch=8)
+    manifest = plan(RunConfig(policy="pinhole"), policy=policy).manifest
+    with closing(Exam(manifest, policy)) as exam:
+        assert len(list(exam.looks())) == 1
+        speed = exam.speed(16)
+    assert 0.02 <= speed.answer < 0.2
+    assert (speed.batch, speed.actions) == (8, 1)
+    assert speed.batched >= 0.09
+    assert speed.words.startswith("measured: an answer takes 0.")
+    assert ", 8 at once 0." in speed.words
 
 
 # The checks that must not be ok, by fault.

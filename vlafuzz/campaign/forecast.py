@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from vlafuzz.campaign.config import Plan
+from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import lanes_at
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.registry import is_remote, is_shared
@@ -89,7 +90,8 @@ class Forecast:
         if not self.certify:
             return 0.0
         rollouts = PER_FINDING * affordable(self.plan.manifest.budget)
-        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes=1)
+        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
+        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
 
     def __str__(self) -> str:
         manifest = self.plan.manifest
