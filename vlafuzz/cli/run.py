@@ -201,7 +201,8 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
     if policy in (None, "mini"):
         begin_probe()
     if executor in (None, "processes"):
-        forks.load_early(workers or 1)
+        own = ":" in (policy or "")  # has one worker by default
+        forks.load_early(workers or (1 if own else None))
 
 
 def _hint_at_triage(summary: Summary) -> None:

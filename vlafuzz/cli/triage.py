@@ -59,9 +59,6 @@ def command(
     until = deadline("--time", time)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
-    from vlafuzz.execute import forks
-
-    forks.load_early(workers)
     from vlafuzz.report.causes import all_causes
     from vlafuzz.store.store import Store
     from vlafuzz.triage.pipeline import Allowance
