@@ -64,7 +64,7 @@ def stored(path: Path, runs: Iterable[Run], here: Manifest, wanted: Sequence[Job
 
 def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
     for name in run.manifest.differences(wanted, origins=ASKED):
-        if name in Job._fields:
+        if name in (*Job._fields, "batch"):  # the batch is as suits a strategy
             continue
         was, now = getattr(run.manifest, name), getattr(wanted, name)
         difference = _SAID.get(name, f"{name} {was}, not {now}")
