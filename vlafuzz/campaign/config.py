@@ -88,7 +88,10 @@ class RunConfig:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """A run that can be started, or with ``resume`` a stored one that can be resumed."""
+    """A run that can be started, or with ``resume`` a stored one that can be resumed.
+
+    ``triage_workers``: processes for triage of the run, each with a policy of its own, on this machine.
+    """
 
     manifest: Manifest
     task: Task
@@ -99,13 +102,8 @@ class Plan:
     store: Path
     patience: int | None
     place: Place
+    triage_workers: int
     resume: int | None = None
-
-    @property
-    def triage_workers(self) -> int:
-        """Processes for triage of the run. Each of them makes a policy, and they are on this machine."""
-        alone = self.place.kind == "ray" or is_shared(self.manifest.policy)
-        return 1 if alone else self.place.workers
 
 
 def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy | None = None) -> Plan:
@@ -150,6 +148,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
         store=config.store or default_store(task.name, policy_name, strategy_name, config.seed),
         patience=None if scenes else PATIENCE,  # a file of scenes ends by itself, fair or not
         place=place,
+        triage_workers=_triage_workers(config.workers, policy_name, place),
     )
 
 
@@ -164,6 +163,12 @@ def _place(config: RunConfig, policy: str, most: int) -> Place:
         hint = "name a factory of yours: python:pkg.mod:factory"
         raise UsageError(f"--workers: {policy} works in this process only", hint=hint)
     return place
+
+
+def _triage_workers(wanted: int | None, policy: str, place: Place) -> int:
+    if place.kind in ("local", "ray") or is_shared(policy):
+        return 1
+    return default_workers(policy) if wanted is None else wanted
 
 
 def default_policy(setup: Rig = PANDA) -> str:

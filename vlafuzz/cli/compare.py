@@ -94,12 +94,12 @@ def command(
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
     with interruptible(f"interrupted: all results so far are stored in {store}\nhint: {_CONTINUES}") as bar:
         compared = compare(run, names, repeats, limit, folder, bar, speed_of)
+    _print(compared, json=json, csv=csv, markdown=markdown)
     try:
         written = write_folder(compared, folder)
     except OSError as error:
         raise UsageError(f"--out: {error}", hint=f"all runs are stored: {_CONTINUES}") from None
     Bar.note(f"written to {folder}: {', '.join(written)}")
-    _print(compared, json=json, csv=csv, markdown=markdown)
 
 
 def _names(strategies: str) -> list[str]:
