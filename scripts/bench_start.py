@@ -2,8 +2,9 @@
 """Seconds from the command `vlafuzz run` to its first proposal and its first outcome, best of several.
 
 Each run is a process of its own, with a new store and two workers unless --workers says otherwise. A wrapper
-around the strategy notes when it is first asked and first told, in a batch of one scene, and which heavy
-libraries the process has loaded at these moments and at its end. Start it twice: the first time fills caches.
+around the strategy notes when it is first asked and first told, in a batch of one scene, how much CPU time the
+process itself has taken by then, and which heavy libraries it has loaded. Start it twice: the first time fills
+caches.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ class Timed:
     def _note(self, event: str) -> None:
         if event not in self._noted:
             seconds = time.monotonic() - float(os.environ[BEGAN])
-            self._noted[event] = (seconds, [name for name in HEAVY if name in sys.modules])
+            loaded = [name for name in HEAVY if name in sys.modules]
+            self._noted[event] = (seconds, time.process_time(), loaded)
 
     def _write(self) -> None:
         self._note("end")
@@ -87,8 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 measure(policy, chosen.strategy, chosen.workers, Path(folder)) for _ in range(chosen.repeats)
             ]
             for event in ("asked", "proposed", "outcome", "end"):
-                seconds, loaded = min(run[event] for run in runs if event in run)
-                print(f"{policy:8} {event:9} {seconds:6.2f} s  {' '.join(loaded)}")
+                seconds, cpu, loaded = min(run[event] for run in runs if event in run)
+                print(f"{policy:8} {event:9} {seconds:6.2f} s, {cpu:5.2f} s of CPU here  {' '.join(loaded)}")
     return 0
 
 

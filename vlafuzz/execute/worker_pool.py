@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
@@ -80,7 +81,11 @@ class WorkerPool:
         self._retries: deque[_Batch] = deque()
 
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        todo, last_busy = iter(batches), time.monotonic()
+        batches = iter(batches)
+        first = list(
+            islice(batches, 1)
+        )  # before the workers, which may have to wait for the simulator's import
+        todo, last_busy = chain(first, batches), time.monotonic()
         self._retries.clear()
         try:
             while len(self._slots) < self._count:
