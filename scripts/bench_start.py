@@ -2,9 +2,9 @@
 """Seconds from the command `vlafuzz run` to its first proposal and its first outcome, best of several.
 
 Each run is a process of its own, with a new store and two workers unless --workers says otherwise. A wrapper
-around the strategy notes when it is first asked and first told, in a batch of one scene, how much CPU time the
-process itself has taken by then, and which heavy libraries it has loaded. Start it twice: the first time fills
-caches.
+around the strategy notes when it is first asked and first told, in a batch of one scene, how much CPU time
+the process itself has taken by then, and which heavy libraries it has loaded. Start it twice: the first time
+fills caches.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ import pytest
 from tests.doubles import ClosedForm, scene
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.processes import ProcessExecutor
+from vlafuzz.execute.worker_pool import Worker, WorkerPool
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
@@ -142,6 +143,23 @@ def test_batches_are_pulled_only_when_a_worker_is_free(executor):
     next(results)
     assert len(pulled) <= 4
     assert len(list(results)) == 8
+
+
+def test_the_first_scene_is_proposed_before_the_workers_start():
+    happened: list[str] = []
+
+    def batches() -> Iterator[tuple[int, list[Scene]]]:
+        happened.append("proposed")
+        yield 0, [DARK]
+
+    def start() -> Worker:
+        happened.append("started")
+        raise UsageError("no simulator")
+
+    pool = WorkerPool(start, lambda workers: None, 1, lambda: None)
+    with pytest.raises(UsageError, match="no simulator"):
+        list(pool.run(batches()))
+    assert happened == ["proposed", "started"]
 
 
 def test_nobody_is_left_when_it_is_closed_or_given_up(executor):

@@ -82,9 +82,7 @@ class WorkerPool:
 
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
         batches = iter(batches)
-        first = list(
-            islice(batches, 1)
-        )  # before the workers, which may have to wait for the simulator's import
+        first = list(islice(batches, 1))  # now, as the start of workers may wait for the simulator's import
         todo, last_busy = chain(first, batches), time.monotonic()
         self._retries.clear()
         try:
