@@ -23,6 +23,7 @@ from typing import Any
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.deadline import deadline
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.report.causes import CauseList, all_causes
@@ -38,6 +39,7 @@ def fuzz(
     policy: Policy | str,
     *,
     certify: bool | None = None,
+    time: str | None = None,
     watch: Callable[[Tally], None] = lambda tally: None,
     **flags: Any,
 ) -> Summary:
@@ -47,6 +49,7 @@ def fuzz(
         policy: an object, which stays open and works in this process, or a name as on the command line.
         certify: whether to triage the scenes that show the commonest causes, with about as many rollouts as
             the budget; by default if the strategy looks for causes.
+        time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow.
         watch: called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
@@ -56,14 +59,16 @@ def fuzz(
     Raises:
         UsageError: a name, number or file is wrong.
     """
-    own = None if isinstance(policy, str) else policy
+    until, own = deadline("time", time), None if isinstance(policy, str) else policy
     name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
     flags.setdefault("workers", 1)  # more are processes, which run the caller's script again
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
-    summary = launch.start(planned, watch)
-    if looks_for_causes(planned.strategy) if certify is None else certify:
+    certifying = looks_for_causes(planned.strategy) if certify is None else certify
+    summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
+    if certifying:
         with Store.open(Path(summary.store), "write") as store:
-            pipeline.certify_causes(store, partial(_runner, Path(summary.store), own), summary.run)
+            runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
+            pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
 
 
@@ -83,6 +88,8 @@ def triage(
     *,
     limit: int | None = None,
     max_rollouts: int | None = None,
+    rollouts: int | None = None,
+    time: str | None = None,
     watch: Callable[[pipeline.Progress], None] = lambda progress: None,
 ) -> TriageSummary:
     """Confirm, witness, shrink and attribute the findings of a store that were not triaged yet.
@@ -91,6 +98,8 @@ def triage(
         policy: the object that the store's runs are of; None for runs of named policies.
         limit: the most findings to triage.
         max_rollouts: of the policy, to shrink and attribute one finding.
+        rollouts: of the policy, after which no further finding is begun.
+        time: wall clock that it takes at most, such as "30m".
         watch: called after every finding.
 
     Raises:
@@ -99,8 +108,14 @@ def triage(
     """
     Store.open(Path(store)).close()  # to write, a missing file would be made a store
     with Store.open(Path(store), "write") as opened:
-        runner = partial(_runner, Path(store), policy)
-        pipeline.triage(opened, runner, limit=limit, max_rollouts=max_rollouts, watch=watch)
+        pipeline.triage(
+            opened,
+            partial(_runner, Path(store), policy),
+            limit=limit,
+            max_rollouts=max_rollouts,
+            allowance=pipeline.Allowance(rollouts, deadline("time", time)),
+            watch=watch,
+        )
         return summarise(opened)
 
 

@@ -24,6 +24,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import Watch
 
+SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 SpeedOf = Callable[[Plan], Speed | None]
 
 

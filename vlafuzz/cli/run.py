@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from vlafuzz.report.causes import CauseList
     from vlafuzz.triage.pipeline import Allowance
 
-SEARCH = 0.5  # share of --time for the run, where triage follows: it takes about as many rollouts
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
@@ -129,6 +128,7 @@ def command(
     _begin_early(policy, workers, executor)
     from vlafuzz.campaign import config
     from vlafuzz.campaign.forecast import NOBODY_WAITS, Forecast
+    from vlafuzz.campaign.launch import SEARCH
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
     from vlafuzz.cli.triage import print_causes

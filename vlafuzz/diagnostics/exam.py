@@ -1,6 +1,5 @@
 """Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, cycle, islice
@@ -13,7 +12,7 @@ from vlafuzz.campaign.forecast import Speed
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.diagnostics import Check, until_refused, verdicts
 from vlafuzz.diagnostics.probes import Interview, ask, moved, reworded, sights
-from vlafuzz.diagnostics.recorder import Break, Recorder
+from vlafuzz.diagnostics.recorder import Break, Recorder, Timed
 from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.execute.base import evaluate_safely
@@ -64,10 +63,10 @@ class Exam:
         words = f"measured: an answer takes {answer:.2g} s"
         moments = list(islice(cycle(recorder.moments), most))
         if most > 1:
+            timed = Timed(self._policy)
             for _ in range(2):  # the first time may take longer
-                began = time.perf_counter()
-                ask(self._policy, moments)
-                batched = time.perf_counter() - began
+                ask(timed, moments)
+            batched = min(timed.seconds)
             words += f", {most} at once {batched:.2g} s"
         return Speed(
             answer=answer,
