@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -18,6 +18,9 @@ from vlafuzz.policies.registry import is_remote
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed
+
+Results = Generator[tuple[int, list[Outcome]], None, None]
+Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes, with the seed of each
 
 
 def lanes_for(policy: Policy) -> int:
@@ -44,15 +47,18 @@ class LockstepExecutor:
         self._lanes: list[_Lane] = []
 
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        return self._run(batch and _Batch(*batch) for batch in batches)
+        return self._run(_Queue(batch and _Batch(*batch) for batch in batches))
 
     def evaluate(self, scenes: Sequence[Scene], seeds: Sequence[int]) -> list[Outcome]:
         """The outcome of each scene, whose rollouts begin with its seed."""
-        ((_, outcomes),) = self._run([_Batch(0, scenes, seeds)])
+        ((_, outcomes),) = self.run_seeded([(0, scenes, seeds)])
         return outcomes
 
-    def _run(self, batches: Iterable[_Batch | None]) -> Iterator[tuple[int, list[Outcome]]]:
-        queue = _Queue(batches)
+    def run_seeded(self, batches: Iterable[Seeded | None]) -> Results:
+        """As ``run``; after None, batches are pulled again before every call of the policy."""
+        return self._run(_Queue((batch and _Batch(*batch) for batch in batches), eager=True))
+
+    def _run(self, queue: _Queue) -> Results:
         try:
             while True:
                 busy = [lane for lane in self._lanes if lane.job]
@@ -60,6 +66,7 @@ class LockstepExecutor:
                     self._idle().begin(job)
                 elif busy:
                     self._tick(busy)
+                    queue.ticked()
                 elif not queue.open and queue.exhausted:
                     return
                 elif not queue.open:
@@ -195,16 +202,21 @@ class _Lane:
 class _Queue:
     """Hands out the scenes of batches one by one, and collects the batches whose scenes are all evaluated."""
 
-    def __init__(self, batches: Iterable[_Batch | None]) -> None:
+    def __init__(self, batches: Iterable[_Batch | None], *, eager: bool = False) -> None:
         self._source, self._jobs = iter(batches), deque[_Job]()
         self.open: list[_Batch] = []  # those whose outcomes have not been yielded
         self.exhausted = self._paused = False
+        self._eager = eager
 
     def next(self) -> _Job | None:
         """The next scene; None where there is none for now, or at all."""
         while not self._jobs and not self.exhausted and not self._paused:
             self._pull()
         return self._jobs.popleft() if self._jobs else None
+
+    def ticked(self) -> None:
+        """The policy has answered."""
+        self._paused = self._paused and not self._eager
 
     def finished(self) -> Iterator[tuple[int, list[Outcome]]]:
         for batch in [batch for batch in self.open if len(batch.outcomes) == len(batch.scenes)]:

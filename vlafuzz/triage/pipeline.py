@@ -13,6 +13,8 @@ from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.triage.shared_runner import SharedRunner
 from vlafuzz.triage.triager import SceneRunner, Triager
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
@@ -144,9 +146,14 @@ def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
 
 
 def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
-    """Triage in this process, run by run."""
+    """Triage in this process, run by run; behind a server, as many findings at a time as it takes scenes."""
     for job in jobs:
         with closing(make(job.run)) as runner:
+            if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:
+                shared = SharedRunner(runner)
+                allowed = partial(_allowed, job.triager(shared, allowance.deadline), allowance)
+                yield from shared.side_by_side(allowed, job.findings)
+                continue
             triager = job.triager(runner, allowance.deadline)
             for finding in job.findings:
                 if allowance.used_up:

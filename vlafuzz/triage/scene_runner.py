@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions, Solver
 from vlafuzz.execute.base import evaluate_safely
-from vlafuzz.execute.lockstep import LockstepExecutor, lanes_for
+from vlafuzz.execute.lockstep import LockstepExecutor, Results, Seeded, lanes_for
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
@@ -40,6 +40,7 @@ class SimulatorSceneRunner:
         policy: another policy than the run's, by name, or the run's own where that is an object.
 
     Attributes:
+        lanes: scenes that are rolled out at a time.
         changed: names of the conditions that come with the installation and are not as they were in the run.
         elsewhere: where the run was made, in words; empty if it was made here.
     """
@@ -64,8 +65,8 @@ class SimulatorSceneRunner:
         # By whether given actions are played
         self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
-        lanes = lanes_for(self._policy)
-        self._lockstep = LockstepExecutor(self._evaluator, self._policy, lanes) if lanes > 1 else None
+        self.lanes = lanes_for(self._policy)
+        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
         self._experts = {name: self._evaluator(solver, visible="") for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
@@ -87,13 +88,20 @@ class SimulatorSceneRunner:
         self._policies.renew()
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        if self._lockstep is not None:
+        if self.lanes > 1:
             return self._lockstep.evaluate(scenes, [self._seed + number for number in numbers])
         outcomes: list[Outcome] = []
         for scene, number in zip(scenes, numbers, strict=True):
             self._policies.seed = self._seed + number
             outcomes += evaluate_safely(self._policies, [scene])
         return outcomes
+
+    def rollouts(self, batches: Iterable[Seeded | None]) -> Results:
+        """The outcomes of tagged batches of scenes and numbers; see ``LockstepExecutor.run_seeded``."""
+        seeded = (
+            batch and (batch[0], batch[1], [self._seed + number for number in batch[2]]) for batch in batches
+        )
+        return self._lockstep.run_seeded(seeded)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
         self._solvers[solver].attempt = attempt
@@ -137,7 +145,7 @@ class SimulatorSceneRunner:
     def close(self) -> None:
         if self._stills is not None:
             self._stills.close()
-        if self._lockstep is not None:
+        if self.lanes > 1:
             self._lockstep.close()
         for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
