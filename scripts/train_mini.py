@@ -35,7 +35,7 @@ HELD_OUT = 50  # every 50th episode is for validation
 SOFT = 1.0  # bins, standard deviation of a label
 LATER = 0.25  # weight of the later steps of a chunk
 RATE, DECAY, WARM_UP, AVERAGED = 1e-3, 0.05, 300, 0.999
-VERSION = "1"
+VERSION = "2"
 
 
 @dataclass

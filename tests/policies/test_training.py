@@ -10,7 +10,7 @@ import pytest
 
 from tests.sim.scenes import nominal
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.policies.mini.policy import CARD, Mini
+from vlafuzz.policies.mini.policy import CARD, WEIGHTS, Mini
 from vlafuzz.tasks.tabletop import TASKS
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -81,3 +81,12 @@ def test_a_second_round_is_written_into_the_card(folder):
     card = json.loads((again / CARD).read_text())
     assert [part["recipe"]["updates"] for part in card["rounds"]] == [3, 2]
     assert card["words"] == json.loads((folder / "mini" / CARD).read_text())["words"]
+
+
+def test_quantization_notes_a_range_of_every_layer_and_the_weights_stay(folder):
+    before = (folder / "mini" / WEIGHTS).read_bytes()
+    call("quantize_mini.py", "--weights", folder / "mini", "--scenes", 1)
+    card = json.loads((folder / "mini" / CARD).read_text())
+    assert len(card["ranges"]) == 11
+    assert all(size > 0 for size in card["ranges"].values())
+    assert (folder / "mini" / WEIGHTS).read_bytes() == before

@@ -5,6 +5,9 @@ spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) i
 action chunks.
 """
 
+from dataclasses import dataclass
+from functools import cache
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -19,10 +22,20 @@ FEATURES = 64
 DESCRIBED = 8  # keypoints whose features are read
 HIDDEN = 512
 DROPPED = 0.1
+Affine = tuple[Tensor, Tensor]  # a factor and an offset of each channel, ``(n, channels, 1, 1)``
+
+
+@dataclass(frozen=True)
+class Told:
+    """All that the network makes of an instruction, the same in every step of a rollout."""
+
+    text: Tensor
+    films: tuple[Affine, ...]
+    queries: Tensor
 
 
 class Film(nn.Module):
-    """Scales and shifts channels by the text vector. Initialized to the identity."""
+    """Factor and offset of each channel from the text vector. Initialized to the identity."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -30,10 +43,9 @@ class Film(nn.Module):
         nn.init.zeros_(self.line.weight)
         nn.init.zeros_(self.line.bias)
 
-    def forward(self, x: Tensor, text: Tensor) -> Tensor:
+    def forward(self, text: Tensor) -> Affine:
         scale, shift = self.line(text)[:, :, None, None].chunk(2, dim=1)
-        shifted: Tensor = x * (1 + scale) + shift
-        return shifted
+        return 1 + scale, shift
 
 
 class Block(nn.Module):
@@ -46,9 +58,10 @@ class Block(nn.Module):
         self.norms = nn.ModuleList(nn.GroupNorm(8, channels) for _ in range(2))
         self.film = Film(channels)
 
-    def forward(self, x: Tensor, text: Tensor) -> Tensor:
+    def forward(self, x: Tensor, film: Affine) -> Tensor:
+        scale, shift = film
         y = functional.relu(self.norms[0](self.first(x)))
-        return functional.relu(x + self.film(self.norms[1](self.second(y)), text))
+        return functional.relu(x + (self.norms[1](self.second(y)) * scale + shift))
 
 
 class Down(nn.Module):
@@ -110,24 +123,32 @@ class Network(nn.Module):
         self.places = nn.Linear(HIDDEN, 6)
 
     def forward(self, pictures: Tensor, tokens: Tensor, state: Tensor) -> dict[str, Tensor]:
+        """``act`` on the instructions ``tokens``."""
+        return self.act(pictures, self.read(tokens), state)
+
+    def read(self, tokens: Tensor) -> Told:
+        """What the instructions say: ``(n, words.LENGTH)`` tokens."""
+        text = self.reader(tokens)
+        films = tuple(block.film(text) for block in (*self.middle, *self.far))
+        return Told(text, films, self.queries(text).unflatten(1, (POINTS, FEATURES)))
+
+    def act(self, pictures: Tensor, told: Told, state: Tensor) -> dict[str, Tensor]:
         """Predict actions and where the objects are.
 
         Args:
             pictures: ``(n, 3, 128, 128)`` in [0, 1].
-            tokens: ``(n, words.LENGTH)``.
+            told: of n instructions.
             state: ``(n, STATE)``, see ``actions.proprioception``.
 
         Returns:
             ``moves`` ``(n, HORIZON, 6, BINS)`` logits, ``gripper`` ``(n, HORIZON)`` logits of open,
             ``points`` ``(n, POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
         """
-        text = self.reader(tokens)
-        middle, far = self._see(pictures, text)
+        middle, far = self._see(pictures, told)
         fused = functional.relu(self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0))
-        fused = functional.relu(self.fused(fused))
-        points, spread, features = self._look(fused, text)
+        points, spread, features = _look(functional.relu(self.fused(fused)), told.queries)
         summary = functional.adaptive_avg_pool2d(functional.relu(self.summary(far)), 8).flatten(1)
-        seen = torch.cat([points.flatten(1) * 2 - 1, spread, features, summary, text, state], dim=1)
+        seen = torch.cat([points.flatten(1) * 2 - 1, spread, features, summary, told.text, state], dim=1)
         hidden = self.trunk(seen)
         return {
             "moves": self.moves(hidden).unflatten(1, (HORIZON, 6, BINS)),
@@ -136,25 +157,32 @@ class Network(nn.Module):
             "places": self.places(hidden).unflatten(1, (2, 3)),
         }
 
-    def _see(self, pictures: Tensor, text: Tensor) -> tuple[Tensor, Tensor]:
-        count, _, height, width = pictures.shape
-        rows = torch.linspace(-1, 1, height, device=pictures.device, dtype=pictures.dtype)
-        columns = torch.linspace(-1, 1, width, device=pictures.device, dtype=pictures.dtype)
-        grid = torch.stack(torch.meshgrid(rows, columns, indexing="ij"))
-        x = torch.cat([pictures * 2 - 1, grid.expand(count, -1, -1, -1)], dim=1)
-        x = self.to_middle(self.stem(x))
+    def _see(self, pictures: Tensor, told: Told) -> tuple[Tensor, Tensor]:
+        grid = _grid(pictures.device, pictures.dtype).expand(len(pictures), -1, -1, -1)
+        x = self.to_middle(self.stem(torch.cat([pictures * 2 - 1, grid], dim=1)))
+        films = iter(told.films)
         for block in self.middle:
-            x = block(x, text)
+            x = block(x, next(films))
         middle, x = x, self.to_far(x)
         for block in self.far:
-            x = block(x, text)
+            x = block(x, next(films))
         return middle, x
 
-    def _look(self, fused: Tensor, text: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        queries = self.queries(text).unflatten(1, (POINTS, FEATURES))
-        heat = (queries @ fused.flatten(2) / 8.0).float().softmax(-1)
-        cells = torch.arange(32, device=fused.device).float().add(0.5) / 32
-        square = heat.unflatten(-1, (32, 32))
-        across, down = square.sum(-2) @ cells, square.sum(-1) @ cells
-        features = heat[:, :DESCRIBED].to(fused.dtype) @ fused.flatten(2).transpose(1, 2)
-        return torch.stack([across, down], -1), heat.amax(-1), features.flatten(1)
+
+@cache
+def _grid(device: torch.device, dtype: torch.dtype) -> Tensor:
+    """``(1, 2, 128, 128)``: row and column of each pixel in [-1, 1]."""
+    side = torch.linspace(-1, 1, 128, device=device, dtype=dtype)
+    grid = torch.stack(torch.meshgrid(side, side, indexing="ij"))[None]
+    return grid.contiguous(memory_format=torch.channels_last)
+
+
+def _look(fused: Tensor, queries: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Where each query finds its like, how surely, and the features that the first ones find there."""
+    seen = fused.flatten(2)
+    heat = (queries @ seen / 8.0).float().softmax(-1)
+    cells = torch.arange(32, device=fused.device).float().add(0.5) / 32
+    square = heat.view(-1, POINTS, 32, 32)
+    across, down = square.sum(-2) @ cells, square.sum(-1) @ cells
+    features = heat[:, :DESCRIBED].to(fused.dtype) @ seen.transpose(1, 2)
+    return torch.stack([across, down], -1), heat.amax(-1), features.flatten(1)

@@ -28,13 +28,12 @@ from vlafuzz.policies.base import (
 from vlafuzz.policies.mini import words
 
 if TYPE_CHECKING:
-    import torch
-
-    from vlafuzz.policies.mini.model import Network
+    from vlafuzz.policies.mini.model import Network, Told
 
 SHIPPED = Path(__file__).parent
 WEIGHTS, CARD = "weights.safetensors", "policy.json"
 CAMERA = CameraRequest("front", 128, 128)
+REMEMBERED = 1000  # instructions
 
 
 @dataclass
@@ -65,7 +64,7 @@ class Mini:
             max_batch=64,
             provenance={"weights": self._card["weights"]},
         )
-        self._tokens: dict[str, torch.Tensor] = {}
+        self._told: dict[str, Told] = {}
         self._memory: dict[str, Memory] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -84,10 +83,12 @@ class Mini:
         import torch
         from safetensors.torch import load_file
 
+        from vlafuzz.policies.mini.integer import to_integers
         from vlafuzz.policies.mini.model import Network
 
         network, weights = Network().eval(), load_file(self._folder / WEIGHTS)
         network.load_state_dict({name: value.float() for name, value in weights.items()})
+        to_integers(network, self._card.get("ranges", {}))
         torch.set_num_threads(1)  # more would change the last bits, and there are many workers
         return network
 
@@ -100,10 +101,10 @@ class Mini:
             raise PolicyError("mini needs a picture and proprioception, and got none", cause="protocol")
         known = self._memory.setdefault(seen.episode, Memory(seen.state[6:], LONG))
         state = proprioception(seen.state[None], known.opening, np.array([known.since]))
-        picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name])).permute(2, 0, 1)
-        network, text = self._network, self._read(seen.instruction)
+        picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name]))[None].permute(0, 3, 1, 2)
         with torch.inference_mode():
-            output = network(picture[None].float() / 255, text, torch.from_numpy(state))
+            told = self._read(seen.instruction)
+            output = self._network.act(picture.float() / 255, told, torch.from_numpy(state))
             moves = decode(output["moves"])[0].numpy()
         actions = np.ones((HORIZON, 7))
         actions[:, :6] = moves
@@ -113,12 +114,15 @@ class Mini:
         self._memory[seen.episode] = Memory(seen.state[6:], since, command)
         return ActionChunk(actions)
 
-    def _read(self, instruction: str) -> torch.Tensor:
+    def _read(self, instruction: str) -> Told:
         import torch
 
-        if instruction not in self._tokens:
-            self._tokens[instruction] = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
-        return self._tokens[instruction]
+        if instruction not in self._told:
+            if len(self._told) == REMEMBERED:
+                self._told.clear()
+            tokens = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
+            self._told[instruction] = self._network.read(tokens)
+        return self._told[instruction]
 
 
 def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
