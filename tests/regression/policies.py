@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from shutil import copy
+from tempfile import mkdtemp
 
 import numpy as np
 import torch
+from safetensors.torch import load_file, save_file
 
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.expert import Expert
-from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS, Mini
 
 STAY = np.array([[0.0] * 6 + [1.0]])
 
@@ -31,8 +35,10 @@ class Flaky(Expert):
 
 def zeroed() -> Mini:
     """`mini` with a tenth of its weights set to zero."""
-    policy, generator = Mini(), torch.Generator().manual_seed(0)
-    with torch.no_grad():
-        for weights in policy._network.parameters():
-            weights[torch.rand(weights.shape, generator=generator) < 0.1] = 0.0
-    return policy
+    folder, generator = Path(mkdtemp()), torch.Generator().manual_seed(0)
+    copy(SHIPPED / CARD, folder)
+    weights = load_file(SHIPPED / WEIGHTS)
+    for values in weights.values():
+        values[torch.rand(values.shape, generator=generator) < 0.1] = 0.0
+    save_file(weights, folder / WEIGHTS)
+    return Mini(folder)
