@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-# The largest integers of inputs and of weights: two products fit into 16 bits, where older processors add them.
+# The largest integers of inputs and of weights: older processors add two products in 16 bits.
 LEVELS, SIGNED = 255, 64
 
 
