@@ -17,6 +17,7 @@ ROWS = (
     "errors",
     "text files watch deadline",
     "assets plugins renderer statistics",
+    "processor",
     "scene objects probability",
     "rigs",
     "tasks outcome",

@@ -1,5 +1,7 @@
 """Mini's convolutions in 8-bit integers, against those in floating point."""
 
+import subprocess
+
 import pytest
 import torch
 from torch import nn
@@ -40,6 +42,17 @@ def test_processors_without_integers_compute_the_same(conv):
         pytest.skip("this processor has none")
     integer, whole = IntegerConv(conv, LARGEST), torch.randint(LEVELS, (1, 32, 16, 16), dtype=torch.uint8)
     assert torch.allclose(integer.fast(whole), integer.slow(whole), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize(("code", "answer"), [(0, True), (1, False), (-11, False)])
+def test_integers_are_used_where_a_process_has_survived_their_trial_with_right_sums(
+    monkeypatch: pytest.MonkeyPatch, tmp_path, code: int, answer: bool
+):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    monkeypatch.setattr(subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, code))
+    assert exact.__wrapped__() is answer
+    monkeypatch.setattr(subprocess, "run", lambda command, **_: pytest.fail("it is tried once"))
+    assert exact.__wrapped__() is answer
 
 
 def test_the_card_has_a_range_of_every_large_convolution_but_the_one_that_sees_the_picture():

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import json
 import os
 import platform
-import re
 import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 
-from vlafuzz import assets
 from vlafuzz.plugins import OBJECT, PREFIX
 from vlafuzz.policies.base import PolicySpec
+from vlafuzz.processor import cpuinfo, kept
 from vlafuzz.renderer import CPU_CAPS, keep_to_avx, probe_once
 
 # Limits that torch does not report, of the libraries that compute for it.
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
-
-_KEPT = "torch.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,22 +104,10 @@ def _read(place: str) -> Place:
 
 def _torch() -> tuple[str, str]:
     """Torch's version and instruction set: from the cache where possible, since its import takes a second."""
-    spec = None if "torch" in sys.modules else importlib.util.find_spec("torch")
-    if spec is None or spec.origin is None:
+    if "torch" in sys.modules:
         return _ask_torch()
-    given = [spec.origin, os.stat(spec.origin).st_mtime_ns, os.environ.get("ATEN_CPU_CAPABILITY")]
-    given += [_cpuinfo("flags"), _cpuinfo("Features")]  # of x86 and of Arm
-    digest = hashlib.blake2b(json.dumps(given).encode(), digest_size=8).hexdigest()
-    try:
-        folder = assets.made_once(f"torch/{digest}", _keep_torch, lambda folder: (folder / _KEPT).is_file())
-        version, instructions = json.loads((folder / _KEPT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return _ask_torch()
+    version, instructions = kept("torch", _ask_torch, os.environ.get("ATEN_CPU_CAPABILITY"))
     return version, instructions
-
-
-def _keep_torch(folder: Path) -> None:
-    (folder / _KEPT).write_text(json.dumps(_ask_torch()), encoding="utf-8")
 
 
 def _ask_torch() -> tuple[str, str]:
@@ -142,16 +123,8 @@ def _threads() -> int:
 
 
 def _processor() -> str:
-    vendor = _cpuinfo("vendor_id")
+    vendor = cpuinfo("vendor_id")
     return f"{platform.machine()} {vendor}" if vendor else platform.machine()
-
-
-def _cpuinfo(entry: str) -> str | None:
-    """An entry of the first processor, where there is ``/proc/cpuinfo`` and it has the entry."""
-    with suppress(OSError):
-        line = re.search(rf"^{entry}\s*: (.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-        return line and line[1]
-    return None
 
 
 def _renderer() -> str:

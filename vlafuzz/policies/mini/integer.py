@@ -4,7 +4,11 @@ Weights have one scale per output channel, inputs one per layer, from the ranges
 measures (Jacob et al. 2018, <https://arxiv.org/abs/1712.05877>).
 """
 
+import os
+import subprocess
+import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -12,8 +16,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from vlafuzz.processor import kept
+
 # The largest integers of inputs and of weights: older processors add two products in 16 bits.
 LEVELS, SIGNED = 255, 64
+SHAPES = ((32, 64, 64, 2), (64, 64, 32, 1), (64, 128, 32, 2), (128, 128, 16, 1))  # channels, size, stride
+TIMEOUT = 120.0  # seconds
 
 
 class IntegerConv(nn.Module):
@@ -58,15 +66,33 @@ class IntegerConv(nn.Module):
 
 @cache
 def exact() -> bool:
-    """Whether torch multiplies 8-bit integers on this processor, and sums them without overflow: a trial."""
-    conv = nn.Conv2d(64, 1, 3, bias=False)
-    nn.init.constant_(conv.weight, SIGNED)
-    trial = IntegerConv(conv, LEVELS)
-    whole = torch.full((1, 64, 3, 3), LEVELS, dtype=torch.uint8)
-    try:
-        return bool(trial.fast(whole) == whole.sum() * SIGNED)
-    except (AttributeError, RuntimeError, TypeError):  # not in this build, or called otherwise
-        return False
+    """Whether torch convolves 8-bit integers on this processor, and sums them without overflow.
+
+    That is tried in a process of its own, as a kernel may crash, and once for a processor and torch.
+    """
+    limit = os.environ.get("ONEDNN_MAX_CPU_ISA")
+    return bool(kept("integers", _survives_trial, limit))
+
+
+def _survives_trial() -> bool:
+    command = [sys.executable, "-c", f"from {__name__} import trial; raise SystemExit(not trial())"]
+    with suppress(subprocess.TimeoutExpired, OSError):
+        return subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False).returncode == 0
+    return False
+
+
+@torch.inference_mode()
+def trial() -> bool:
+    """Whether sums of the largest integers are right in convolutions of mini's shapes."""
+    torch.set_num_threads(1)
+    for before, after, size, stride in SHAPES:
+        conv = nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=False)
+        nn.init.constant_(conv.weight, SIGNED)
+        whole = torch.full((1, before, size, size), LEVELS, dtype=torch.uint8)
+        inner = IntegerConv(conv, LEVELS).fast(whole.to(memory_format=torch.channels_last))[..., 1:-1, 1:-1]
+        if not bool((inner == 9 * before * LEVELS * SIGNED).all()):
+            return False
+    return True
 
 
 def to_integers(network: nn.Module, largest: Mapping[str, float]) -> None:
