@@ -14,7 +14,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
-from vlafuzz.policies.registry import is_remote
+from vlafuzz.policies.registry import batches
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed
@@ -24,8 +24,8 @@ Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes,
 
 
 def lanes_for(policy: Policy) -> int:
-    """Scenes at a time for a policy: as many as its server takes in a batch; one without a server."""
-    return policy.spec.max_batch if is_remote(policy) else 1
+    """Scenes at a time for a policy: as many as its server batches; one where it answers one by one."""
+    return policy.spec.max_batch if batches(policy) else 1
 
 
 class LockstepExecutor:

@@ -44,7 +44,8 @@ class Client(Protocol):
     """The class of a policy behind a model server.
 
     ``form`` shows how users name it. ``options``: a class of ``clients.remote.CommonOptions``. Without
-    ``schemes``, the policy is in a folder instead of at an address.
+    ``schemes``, the policy is in a folder instead of at an address. An attribute ``batches`` says that such
+    servers answer several observations in one call of the model.
     """
 
     form: str
@@ -98,6 +99,11 @@ def is_shared(name: str) -> bool:
 def is_remote(policy: Policy) -> bool:
     """Whether the policy is behind a model server."""
     return bool(getattr(policy, "schemes", ()))
+
+
+def batches(policy: Policy) -> bool:
+    """Whether the policy is behind a server that answers several observations in one call of its model."""
+    return bool(getattr(policy, "batches", False))
 
 
 def make_policy(name: str) -> Policy:
