@@ -168,18 +168,18 @@ def test_what_the_user_must_install_is_raised():
         list(LockstepExecutor(Missing, Idle(), lanes=2).run([(0, [SHORT])]))
 
 
-class Remote(Counter):
-    schemes = ("ws",)
+class Batching(Counter):
+    answers_batches = True
 
 
 @pytest.mark.parametrize(
     ("policy", "lanes", "kind"),
     [
-        (Remote(8), None, LockstepExecutor),
-        (Remote(1), None, LocalExecutor),
+        (Batching(8), None, LockstepExecutor),
+        (Batching(1), None, LocalExecutor),
         (Counter(8), None, LocalExecutor),
         (Counter(8), 2, LockstepExecutor),
-        (Remote(8), 1, LocalExecutor),
+        (Batching(8), 1, LocalExecutor),
     ],
 )
 def test_policies_behind_servers_that_take_batches_get_lanes(policy, lanes, kind):

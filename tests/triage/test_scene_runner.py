@@ -30,7 +30,7 @@ class Dice(Frozen):
 class Remote(Dice):
     """As behind a server that takes four observations at once."""
 
-    schemes = ("ws",)
+    answers_batches = True
 
     def __init__(self) -> None:
         self.spec = PolicySpec("remote", deterministic=False, max_batch=4)

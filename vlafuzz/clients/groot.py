@@ -83,7 +83,7 @@ class Groot:
 
     form: ClassVar[str] = "groot:tcp://host:port"
     schemes: ClassVar[Sequence[str]] = ("tcp",)
-    batches: ClassVar[bool] = True
+    answers_batches: ClassVar[bool] = True
     options: ClassVar[type[CommonOptions]] = GrootOptions
 
     def __init__(self, address: Address[GrootOptions]) -> None:

@@ -32,7 +32,7 @@ class VlaEval(Sessions):
 
     form: ClassVar[str] = "vla-eval:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
-    batches: ClassVar[bool] = True
+    answers_batches: ClassVar[bool] = True
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
 
     def __init__(self, address: Address[VlaEvalOptions]) -> None:

@@ -14,7 +14,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
-from vlafuzz.policies.registry import batches
+from vlafuzz.policies.registry import answers_batches
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed
@@ -25,7 +25,7 @@ Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes,
 
 def lanes_for(policy: Policy) -> int:
     """Scenes at a time for a policy: as many as its server batches; one where it answers one by one."""
-    return policy.spec.max_batch if batches(policy) else 1
+    return policy.spec.max_batch if answers_batches(policy) else 1
 
 
 class LockstepExecutor:

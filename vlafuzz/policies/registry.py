@@ -44,7 +44,7 @@ class Client(Protocol):
     """The class of a policy behind a model server.
 
     ``form`` shows how users name it. ``options``: a class of ``clients.remote.CommonOptions``. Without
-    ``schemes``, the policy is in a folder instead of at an address. An attribute ``batches`` says that such
+    ``schemes``, the policy is in a folder instead of at an address. With ``answers_batches`` set, its
     servers answer several observations in one call of the model.
     """
 
@@ -101,9 +101,9 @@ def is_remote(policy: Policy) -> bool:
     return bool(getattr(policy, "schemes", ()))
 
 
-def batches(policy: Policy) -> bool:
+def answers_batches(policy: Policy) -> bool:
     """Whether the policy is behind a server that answers several observations in one call of its model."""
-    return bool(getattr(policy, "batches", False))
+    return bool(getattr(policy, "answers_batches", False))
 
 
 def make_policy(name: str) -> Policy:
