@@ -20,7 +20,7 @@ RIGHT = 1.25  # a forecast is right up to this factor
 FIRST = 20  # rollouts after which the time of one is known
 NOBODY_WAITS = 10.0  # seconds below which nothing is said
 # Seconds for a control step with the simulator, of built-in policies on one core of a usual server.
-_STEP = {"mini": 0.02, "pinhole": 0.006, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
+_STEP = {"mini": 0.013, "pinhole": 0.003, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
 
 
 @dataclass(frozen=True, kw_only=True)
