@@ -38,12 +38,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from timed_rollouts import timed_rollouts
 
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.forks import single_threaded
 from vlafuzz.execute.registry import Place, executor_at, policy_at
 from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.mini.policy import CAMERA, Mini
 from vlafuzz.policies.registry import make_policy
@@ -157,14 +157,9 @@ def workers(options: argparse.Namespace, name: str) -> Executor:
 
 def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:
     """Control steps per second, and the hashes of all states."""
-    began = time.perf_counter()
-    results = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
-    spent = time.perf_counter() - began
-    outcomes = [results[number][0] for number in range(len(scenes))]
-    if broken := [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]:
-        raise RuntimeError(broken[0])
-    done = [rollout for outcome in outcomes for rollout in outcome.rollouts]
-    return sum(len(rollout.actions) for rollout in done) / spent, [rollout.states_hash for rollout in done]
+    seconds, done = timed_rollouts(executor, scenes)
+    steps = sum(len(rollout.actions) for rollout in done)
+    return steps / seconds, [rollout.states_hash for rollout in done]
 
 
 def simulators(options: argparse.Namespace, name: str) -> Measured:

@@ -24,12 +24,12 @@ from itertools import count
 from pathlib import Path
 
 import numpy as np
+from timed_rollouts import timed_rollouts
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import Place, executor_at
 from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.registry import make_policy
@@ -61,14 +61,8 @@ class Sleeping(Random):
 
 def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:
     """Rollouts per hour, and the hashes of all states."""
-    began = time.perf_counter()
-    results = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
-    spent = time.perf_counter() - began
-    outcomes = [results[number][0] for number in range(len(scenes))]
-    if broken := [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]:
-        raise RuntimeError(broken[0])
-    hashes = [rollout.states_hash for outcome in outcomes for rollout in outcome.rollouts]
-    return 3600 * len(hashes) / spent, hashes
+    seconds, done = timed_rollouts(executor, scenes)
+    return 3600 * len(done) / seconds, [rollout.states_hash for rollout in done]
 
 
 def main() -> None:

@@ -53,7 +53,8 @@ def test_workers_that_share_a_policy_are_answered_in_batches(planned: Plan):
 
 
 def test_scenes_in_lockstep_are_answered_in_batches_and_share_the_simulator(planned: Plan):
-    eight = replace(planned, place=Place(lanes=8))
+    manifest = replace(planned.manifest, batch=8)
+    eight = replace(planned, manifest=manifest, place=Place(lanes=16))
     speed = replace(SLOW, simulator=0.01)
     assert at_a_time(eight) == 8
     assert Forecast(eight, speed, certify=False).run == pytest.approx(300 * 0.7 * 80 * (0.8 / 8 + 0.01))

@@ -11,126 +11,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.campaign.resuming import SPACE, Climber, Moody, Steady, contents, cut, play, timeless
 from tests.doubles import (
     STAGES,
     Backwards,
     ClosedForm,
     Raising,
     Scripted,
-    TinySpace,
     manifest,
     rollout,
     scene,
 )  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.campaign.tally import Summary
 from vlafuzz.deadline import Deadline
 from vlafuzz.errors import StoreError
 from vlafuzz.execute.base import LocalExecutor
 from vlafuzz.execute.until import Until
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
-from vlafuzz.search.base import Proposal
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
-
-SPACE = TinySpace()
-ABOUT = manifest(budget=30, batch=7)
-
-
-class Climber:
-    """Six scenes a generation, near the one nearest to failing so far; asked for in any portions."""
-
-    def __init__(self, seed: int = 0) -> None:
-        self._seed, self._asked, self._best, self._ease = seed, 0, np.full(3, 0.5), np.inf
-        self._generation: list[tuple[Score, Proposal]] = []
-
-    def ask(self, n: int) -> list[Proposal]:
-        n = min(n, 6 - self._asked % 6)
-        first, self._asked = self._asked, self._asked + n
-        return [Proposal(number, self._near(number)) for number in range(first, self._asked)]
-
-    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        self._generation += zip(scores, proposals, strict=True)
-        if len(self._generation) == 6:
-            score, proposal = min(self._generation, key=lambda pair: (pair[0].ease, pair[1].id))
-            if score.ease <= self._ease:
-                self._best, self._ease = proposal.genome, score.ease
-            self._generation = []
-
-    def _near(self, number: int) -> np.ndarray:
-        step = np.random.default_rng([self._seed, number]).normal(0, 0.2, 3)
-        return np.clip(self._best + step, 0, 1 - 1e-9)
-
-
-class Steady(Climber):
-    """The same, asked while outcomes are outstanding."""
-
-    outstanding = 7
-
-
-class Moody(ClosedForm):
-    """Errors on every fifth scene, by its digest."""
-
-    def outcome(self, scene: Scene) -> Outcome:
-        return Outcome.error("no answer") if int(scene.digest, 16) % 5 == 0 else super().outcome(scene)
-
-
-def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summary:
-    defaults = {
-        "strategy": Climber(),
-        "executor": LocalExecutor(Moody()),
-        "embed": SPACE.encode,
-        "patience": None,
-    }
-    with Store.open(path, "write") as store:
-        return fuzz(
-            manifest=about,
-            stages=STAGES,
-            space=SPACE,
-            store=store,
-            resume=resume,
-            **defaults | parts,
-        )
-
-
-def cut(path: Path, after: int, **parts) -> None:
-    """A run that Ctrl-C ends after so many scenes."""
-
-    class Cut(Moody):
-        def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-            if len(self.evaluated) == after:
-                raise KeyboardInterrupt
-            return super().evaluate(scenes)
-
-    with pytest.raises(KeyboardInterrupt):
-        play(path, executor=LocalExecutor(Cut()), **parts)
-
-
-def contents(path: Path, run: int = 1) -> tuple[object, ...]:
-    """All that a run left, but for times."""
-    with Store.open(path) as store:
-        trials = [
-            (
-                each.proposal,
-                each.scene,
-                each.outcome.verdict,
-                each.outcome.progress,
-                len(each.outcome.rollouts),
-                each.genome.tobytes() if each.genome is not None else None,
-                each.cell,
-                each.duplicate,
-            )
-            for each in store.trials(run)
-        ]
-        (status,) = [each.status for each in store.runs() if each.id == run]
-        return trials, store.findings(run), status
-
-
-def timeless(summary: Summary, path: Path) -> Summary:
-    return replace(summary, seconds=0.0, search_seconds=0.0, store_seconds=0.0, store=str(path))
 
 
 @pytest.mark.parametrize("kind", [Climber, Steady])
@@ -303,7 +204,7 @@ def test_its_seconds_are_those_of_all_parts(tmp_path: Path):
 RUN = """
 import sys, time
 from pathlib import Path
-from tests.campaign.test_resume import Moody, play
+from tests.campaign.resuming import Moody, play
 from vlafuzz.execute.base import LocalExecutor
 
 class Slow(Moody):

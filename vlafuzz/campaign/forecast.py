@@ -60,7 +60,7 @@ def usual_speed(plan: Plan) -> Speed | None:
 
 def at_a_time(plan: Plan) -> int:
     """The number of rollouts that a run has at a time."""
-    return max(plan.place.workers, lanes_at(plan.place, plan.policy))
+    return min(plan.manifest.batch, max(plan.place.workers, lanes_at(plan.place, plan.policy)))
 
 
 def longest(spec: PolicySpec, robot: str) -> int:
@@ -81,8 +81,8 @@ class Forecast:
     def run(self) -> float:
         """Seconds of the run."""
         place = self.plan.place
-        answer = self._answer(place.workers, lanes_at(place, self.plan.policy))
-        return self.plan.manifest.budget * self._answers * answer
+        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
+        return self.plan.manifest.budget * self._answers * self._answer(place.workers, lanes)
 
     @property
     def certification(self) -> float:

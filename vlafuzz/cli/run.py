@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.cli.early import begin_early
 from vlafuzz.cli.flags import (
     AddressFlag,
     ExecutorFlag,
@@ -125,7 +126,7 @@ def command(
     from vlafuzz.deadline import deadline
 
     until = deadline("--time", time)
-    _begin_early(policy, workers, executor)
+    begin_early(policy, workers, executor)
     from vlafuzz.campaign import config
     from vlafuzz.campaign.forecast import NOBODY_WAITS, Forecast
     from vlafuzz.campaign.launch import SEARCH
@@ -191,18 +192,6 @@ def command(
     if triaged is None:
         raise typer.Exit(INTERRUPTED)
     _end(summary, fail_on_finding)
-
-
-def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
-    """Begin what takes seconds and is most likely needed: the probe, and loading the simulator."""
-    from vlafuzz.execute import forks
-    from vlafuzz.renderer import begin_probe
-
-    if policy in (None, "mini"):
-        begin_probe()
-    if executor in (None, "processes"):
-        own = ":" in (policy or "")  # has one worker by default
-        forks.load_early(workers or (1 if own else None))
 
 
 def _hint_at_triage(summary: Summary) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.diagnostics import Check, until_refused, verdicts
-from vlafuzz.diagnostics.probes import Interview, ask, moved, reworded, sights
-from vlafuzz.diagnostics.recorder import Break, Recorder, Timed
+from vlafuzz.diagnostics.probes import Interview, moved, reworded, seconds_at_once, sights
+from vlafuzz.diagnostics.recorder import Break, Recorder
 from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.execute.base import evaluate_safely
@@ -63,10 +63,7 @@ class Exam:
         words = f"measured: an answer takes {answer:.2g} s"
         moments = list(islice(cycle(recorder.moments), most))
         if most > 1:
-            timed = Timed(self._policy)
-            for _ in range(2):  # the first time may take longer
-                ask(timed, moments)
-            batched = min(timed.seconds)
+            batched = seconds_at_once(self._policy, moments)
             words += f", {most} at once {batched:.2g} s"
         return Speed(
             answer=answer,

@@ -1,7 +1,9 @@
 """Probes: show a policy recorded moments of its rollouts with one thing changed, and compare its answers."""
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,13 +12,14 @@ from numpy.typing import NDArray
 
 from vlafuzz.clients.wire import with_retries
 from vlafuzz.diagnostics.recorder import Moment
-from vlafuzz.policies.base import Finishing, Outlines, Policy, PolicySpec
+from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.harness import blamed_on, check_chunks
 
 Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
 HARDLY = 0.02  # relative size below which a change does not count
 ALPHA = 0.01  # significance level; low, since there are several probes
+TIMED = 3  # calls in which a policy is timed
 FEW, MANY = 6, 24  # moments for a deterministic policy, and for a stochastic one
 
 # The moment to show in place of the first one; the second one is of another scene.
@@ -190,14 +193,38 @@ def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
     return with_retries(lambda: _ask(policy, moments))
 
 
+def seconds_at_once(policy: Policy, moments: Sequence[Moment]) -> float:
+    """The least time of an answer to all moments in one call, of a few calls in the same rollouts.
+
+    The first call takes longer, and a server may not know yet how many rollouts there are.
+    """
+    return with_retries(lambda: min(_timed(policy, moments)))
+
+
+def _timed(policy: Policy, moments: Sequence[Moment]) -> list[float]:
+    with _rollouts(policy, moments) as shown:
+        times = [time.perf_counter()]
+        for step in range(TIMED):
+            answers = policy.act([replace(seen, step=step) for seen in shown])
+            check_chunks(answers, len(shown), policy.spec.name)
+            times.append(time.perf_counter())
+    return np.diff(times).tolist()
+
+
 def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
+    with _rollouts(policy, moments) as shown:
+        return check_chunks(policy.act(shown), len(shown), policy.spec.name)
+
+
+@contextmanager
+def _rollouts(policy: Policy, moments: Sequence[Moment]) -> Iterator[list[Observation]]:
+    """A rollout of its own for each moment, and its observation there."""
     begun = [replace(moment.start, episode=f"checkup-{next(_numbers)}") for moment in moments]
     pairs = zip(moments, begun, strict=True)
-    shown = [replace(moment.seen, episode=start.episode, step=0) for moment, start in pairs]
     try:
         with blamed_on(policy.spec.name):
             policy.reset(begun)
-            return check_chunks(policy.act(shown), len(shown), policy.spec.name)
+            yield [replace(moment.seen, episode=start.episode, step=0) for moment, start in pairs]
     finally:
         if isinstance(policy, Finishing):
             policy.finish(begun)

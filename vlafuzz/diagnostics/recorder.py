@@ -51,20 +51,6 @@ class Lent:
         """Nothing: the owner closes the policy."""
 
 
-class Timed(Lent):
-    """Times the calls of a policy: ``seconds`` of each."""
-
-    def __init__(self, policy: Policy) -> None:
-        super().__init__(policy)
-        self.seconds: list[float] = []
-
-    def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        began = time.perf_counter()
-        chunks = super().act(observations)
-        self.seconds.append(time.perf_counter() - began)
-        return chunks
-
-
 @dataclass(frozen=True, eq=False)
 class Moment:
     """An observation of a rollout, and the executed part of its answer: ``(steps, 7)``, units of the spec."""

@@ -17,16 +17,11 @@ def context() -> ForkServerContext:
     return forked
 
 
-def load_early(workers: int | None = None) -> None:
-    """Let the server load the simulator from now on, if there will be several workers.
-
-    Args:
-        workers: their number; by default one a core.
-    """
-    if (workers or os.cpu_count() or 1) > 1:
-        context()
-        with single_threaded():
-            forkserver.ensure_running()
+def load_early() -> None:
+    """Let the server load the simulator from now on."""
+    context()
+    with single_threaded():
+        forkserver.ensure_running()
 
 
 def settle_in(environment: Mapping[str, str]) -> None:

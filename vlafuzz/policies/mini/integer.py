@@ -10,6 +10,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
+from itertools import product
 from typing import Any
 
 import torch
@@ -85,9 +86,10 @@ def _survives_trial() -> bool:
 def trial() -> bool:
     """Whether sums of the largest integers are right in convolutions of mini's shapes."""
     torch.set_num_threads(1)
-    for before, after, size, stride in SHAPES:
-        conv = nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=False)
-        nn.init.constant_(conv.weight, SIGNED)
+    for (before, after, size, stride), bias in product(SHAPES, (False, True)):
+        conv = nn.Conv2d(before, after, 3, stride=stride, padding=1, bias=bias)
+        for parameter in conv.parameters():
+            nn.init.constant_(parameter, SIGNED if parameter is conv.weight else 0.0)
         whole = torch.full((1, before, size, size), LEVELS, dtype=torch.uint8)
         inner = IntegerConv(conv, LEVELS).fast(whole.to(memory_format=torch.channels_last))[..., 1:-1, 1:-1]
         if not bool((inner == 9 * before * LEVELS * SIGNED).all()):

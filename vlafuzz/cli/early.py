@@ -1,0 +1,14 @@
+"""What takes seconds and is most likely needed begins while a command is still being checked."""
+
+
+def begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
+    """Begin the probe of the renderer and loading the simulator for workers, if the flags need them."""
+    from vlafuzz.execute import forks
+    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.renderer import begin_probe
+
+    if policy in (None, "mini"):
+        begin_probe()
+    own = ":" in (policy or "")  # has one worker by default
+    if executor in (None, "processes") and (workers or (1 if own else most_workers())) > 1:
+        forks.load_early()
