@@ -26,6 +26,7 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.store import Store
 
 PROTOCOLS = ("vla-eval", "openpi", "http", "groot")
+STALL = 4.0  # seconds; a server gets half of it to answer, enough on a busy machine
 HERE = "python:tests.clients.faults:Drifting"
 RATES = {"drop": 0.05, "cut": 0.02, "stall": 0.005, "garbage": 0.005, "huge": 0.005, "error": 0.005}
 
@@ -64,9 +65,9 @@ def summary(outcome: Outcome) -> tuple[Verdict, list[str]]:
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 class TestScenes:
     def outcomes(self, protocol: str, scenes: int, *plan: str | None) -> tuple[list[Outcome], Faults]:
-        faults = Faults(plan, seconds=1.0)
+        faults = Faults(plan, seconds=STALL)
         with faulty(protocol, faults) as name:
-            simulator = evaluator(make_policy(f"{name}&timeout=0.5"))
+            simulator = evaluator(make_policy(f"{name}&timeout={STALL / 2}"))
             faults.begin()
             outcomes = simulator.evaluate(sampled(4)[:scenes])
             simulator.close()
@@ -94,9 +95,9 @@ class TestScenes:
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, undisturbed):
     plan = [*[None] * 5, "drop", None, None, "garbage", *[None] * 3, "cut", None, "error"]
-    faults = Faults(plan, seconds=1.0)
+    faults = Faults(plan, seconds=STALL)
     with faulty(protocol, faults) as name:
-        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout=0.5"), lanes=3)
+        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout={STALL / 2}"), lanes=3)
         faults.begin()
         outcomes = executor.evaluate(sampled(4), [0] * 4)
         executor.close()
@@ -109,9 +110,9 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
 
 @pytest.mark.usefixtures("no_pause")
 def test_what_is_lost_three_times_is_an_error_with_its_cause(undisturbed):
-    faults = Faults(["drop"] * 3, seconds=1.0)
+    faults = Faults(["drop"] * 3, seconds=STALL)
     with faulty("http", faults) as name:
-        simulator = evaluator(make_policy(f"{name}&timeout=0.5"))
+        simulator = evaluator(make_policy(f"{name}&timeout={STALL / 2}"))
         faults.begin()
         lost, *others = simulator.evaluate(sampled(4))
         simulator.close()

@@ -52,7 +52,7 @@ def hang() -> None:
 
 
 def gorge() -> None:
-    held = bytearray(400 * 2**20)
+    held = bytearray(1300 * 2**20)
     held[::4096] = b"x" * len(held[::4096])
     time.sleep(600)
 
@@ -94,7 +94,7 @@ TROUBLES = {
     "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
     "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
     "hung": (hang, {"timeout": 3.0}, "worker: no answer within 3 s, 2 times"),
-    "greedy": (gorge, {"memory": 300 * 2**20}, "worker: held more than 0.3 GiB of memory, 2 times"),
+    "greedy": (gorge, {"memory": 2**30}, "worker: held more than 1.0 GiB of memory, 2 times"),
 }
 
 
