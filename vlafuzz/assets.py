@@ -3,19 +3,31 @@
 The latter hold files that may not be shipped, such as robots and photos.
 """
 
+import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 
 from platformdirs import user_cache_path
 
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.files import reason
 
 _PACKAGE = Path(str(files("vlafuzz")))
 FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
+_UNWRITABLE = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.ENOTDIR,
+    errno.EEXIST,
+)
 
 
 def add_folders(folders: Iterable[Path]) -> None:
@@ -84,6 +96,26 @@ def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Pa
     folder = cache_dir() / name
     if is_complete(folder):
         return folder
+    with _explained(folder):
+        _make(folder, fill, is_complete)
+    return folder
+
+
+@contextmanager
+def _explained(folder: Path) -> Iterator[None]:
+    """A PrerequisiteError where the system does not let us write to the cache."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _UNWRITABLE:
+            raise
+        hint = "make room there, or name another folder in VLAFUZZ_CACHE"
+        raise PrerequisiteError(
+            f"the cache {folder.parent} cannot be written: {reason(error)}", hint
+        ) from None
+
+
+def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
         draft = Path(space) / "draft"
@@ -95,4 +127,3 @@ def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Pa
             if not is_complete(folder):  # damaged; otherwise another process was faster
                 shutil.rmtree(folder, ignore_errors=True)
                 draft.rename(folder)
-    return folder

@@ -1,11 +1,15 @@
-"""Files and folders that are written whole or not at all."""
+"""Files and folders that are written whole or not at all; devices and pipes, which are written in place."""
 
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from vlafuzz.errors import UsageError
+
+ELSEWHERE = "name a file in a folder of yours"
 
 
 def reason(error: OSError) -> str:
@@ -14,29 +18,63 @@ def reason(error: OSError) -> str:
 
 
 @contextmanager
+def writing(path: Path, hint: str = ELSEWHERE) -> Iterator[None]:
+    """Make the folder of a file that is written in this block.
+
+    Raises:
+        UsageError: the system refuses to write it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {reason(error)}", hint) from None
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A place beside ``path`` for a new file or folder, moved to ``path`` in the end and removed on failure.
+    """A place for a new file or folder, moved to ``path`` in the end and removed on failure.
+
+    Where ``path`` is a link, its target is replaced. A device or a pipe is never replaced: what is in the new
+    file is written to it.
 
     Raises:
         OSError: it cannot be written, or ``path`` is a folder that is not empty.
     """
-    unfinished = path.with_name(f".{path.name}.part")
+    if is_stream(path):
+        with TemporaryDirectory(prefix="vlafuzz-") as folder:
+            unfinished = Path(folder) / path.name
+            yield unfinished
+            with path.open("wb") as stream:
+                stream.write(unfinished.read_bytes())
+        return
+    target = path.resolve()
+    unfinished = target.with_name(f".{target.name}.part")
     _remove(unfinished)  # of a process that was killed
     try:
         yield unfinished
-        unfinished.replace(path)
+        unfinished.replace(target)
     finally:
         _remove(unfinished)
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file; readers see the old one or all of the new one.
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file; readers see the old one or all of the new one. Text is written as UTF-8.
 
     Raises:
         OSError: it cannot be written.
     """
     with replacing(path) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+        unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a path leads to a device, a pipe or a socket, which can be written to but not replaced."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def make_folder(folder: Path, flag: str = "--out") -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz import assets
+from vlafuzz.errors import PrerequisiteError
 
 _KEPT = "answer.json"
 
@@ -41,5 +42,5 @@ def kept(name: str, ask: Callable[[], Any], *given: object) -> Any:
     try:
         folder = assets.made_once(f"{name}/{digest}", keep, lambda folder: (folder / _KEPT).is_file())
         return json.loads((folder / _KEPT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, PrerequisiteError):
         return ask()

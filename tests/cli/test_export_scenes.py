@@ -56,7 +56,7 @@ def test_exported_scenes_can_be_run_again(store: str, capsys: pytest.CaptureFixt
     [
         (["no.db", "--out", "out.jsonl"], "no.db: no such store"),
         (["a.db", "--out", "out.jsonl", "--run", "9"], "a.db: no run 9"),
-        (["a.db", "--out", "no/out.jsonl"], "cannot be written"),
+        (["a.db", "--out", "a.db/out.jsonl"], "cannot be written"),
     ],
 )
 def test_export_refuses_what_is_not_there(

@@ -34,9 +34,11 @@ def store(path: Path):
         yield opened
 
 
-def test_a_second_writer_is_told_who_writes(store: Store, path: Path):
+@pytest.mark.parametrize("name", ["a.db", "link.db"])
+def test_a_second_writer_is_told_who_writes(store: Store, path: Path, name: str):
+    path.with_name("link.db").symlink_to(path)
     with pytest.raises(StoreError, match=f"process {os.getpid()} is writing to it"):
-        Store.open(path, "write")
+        Store.open(path.with_name(name), "write")
 
 
 def test_others_read_while_one_writes(store: Store, path: Path):

@@ -59,13 +59,13 @@ def command(
             whole=whole,
             watch=bar,
         )
-    if junit:
-        write_junit(compared, junit)
-        Bar.note(f"written: {junit}")
     if json:
         print_json(document(compared, exported))
     else:
         _print(compared, exported)
+    if junit:  # last: where it cannot be written, the result of hours is shown all the same
+        write_junit(compared, junit)
+        Bar.note(f"written: {junit}")
     if compared.alarm:
         raise typer.Exit(1)
     if not compared.tells:

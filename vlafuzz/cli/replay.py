@@ -9,7 +9,7 @@ import typer
 from vlafuzz.cli.flags import PackFlag, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
-from vlafuzz.files import reason, write_whole
+from vlafuzz.files import write_whole, writing
 from vlafuzz.renderer import check_renderer
 
 
@@ -52,7 +52,8 @@ def command(
     if seen:
         write_picture(seen, recording.seen())
     if trace and (document := replayed.trace()):
-        _write(trace, json_format.dumps(document) + "\n")
+        with writing(trace):
+            write_whole(trace, json_format.dumps(document) + "\n")
     report = replayed.report()
     if json:
         print_json(report)
@@ -61,13 +62,3 @@ def command(
     for path in (video, picture, seen, trace):
         if path:
             stderr().print(f"written: {path}")
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text)
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot be written: {reason(error)}", hint="name a file in a folder of yours"
-        ) from None

@@ -39,8 +39,9 @@ def command(
     check_place(out)  # before minutes go by
     if videos and view.cards:
         view = _with_films(source, view, limit)
-    write_page(out, render(view))
-    Bar.note(f"written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
+    page = render(view)
+    write_page(out, page)
+    Bar.note(f"written: {out} ({len(page.encode()) / 1e6:.1f} MB)")
 
 
 def _view(source: Path) -> View:

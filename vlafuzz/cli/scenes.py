@@ -16,6 +16,7 @@ from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.diagnostics.lint import Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
 from vlafuzz.errors import SceneError, UsageError, check_number
+from vlafuzz.files import writing
 from vlafuzz.formats.scene_lines import is_store, is_vlatest, read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.read import Imported, read_vlatest
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
@@ -64,7 +65,8 @@ def vlatest(
     with progress() as bar:
         tracked = bar.track(files, description="reading")
         imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
-    write_scenes(out, [scene for file in imported for scene in file.scenes])
+    with writing(out):
+        write_scenes(out, [scene for file in imported for scene in file.scenes])
     _print_missing(imported)
     rows = [
         {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}

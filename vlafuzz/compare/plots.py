@@ -10,6 +10,7 @@ import numpy as np
 
 from vlafuzz.compare.comparison import Comparison
 from vlafuzz.compare.figures import Curve
+from vlafuzz.files import replacing
 
 # Okabe, Ito 2008: distinguishable with any colour vision, and by dashes and markers in greyscale.
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
@@ -29,7 +30,8 @@ def plot(compared: Comparison, folder: Path) -> list[Path]:
     """Draw curves over the budget and box plots of the main figures; the files."""
     figures = {folder / "curves.png": _curves(compared), folder / "figures.png": _boxes(compared)}
     for path, figure in figures.items():
-        figure.savefig(path, dpi=150)
+        with replacing(path) as unfinished:
+            figure.savefig(unfinished, dpi=150, format="png")
     return list(figures)
 
 

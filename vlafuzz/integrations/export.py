@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
-from vlafuzz.files import reason
+from vlafuzz.files import writing
 from vlafuzz.formats.scene_lines import read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.write import write_vlatest
@@ -49,16 +49,13 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
 def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
     """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``."""
     left_out: Mapping[str, int] = {}
-    try:
+    with writing(out):
         if layout == "vlafuzz":
             write_scenes(out, scenes)
         else:
             ours = (scene for scene in scenes if not as_original(scene))  # originals are written unchanged
             names = (placement.object for scene in ours for placement in scene.placements)
             left_out = write_vlatest(out, scenes, load_catalogue(packs=packs_of(names)))
-    except OSError as error:
-        message = f"{out}: cannot be written: {reason(error)}"
-        raise UsageError(message, hint="give --out in a folder that exists") from None
     return Exported(len(scenes) - sum(left_out.values()), left_out)
 
 

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from vlafuzz.errors import UsageError
-from vlafuzz.files import reason, replacing
+from vlafuzz.files import write_whole, writing
 from vlafuzz.regression.pairs import GROUPS, Compared, Group
 from vlafuzz.regression.regress import Comparison
 
@@ -23,12 +22,8 @@ def write_junit(comparison: Comparison, path: Path) -> None:
     Only an alarm is a failure, that of the controls. Another scene in which the policy fails is skipped, with
     a message; there, failures raise no alarm.
     """
-    try:
-        with replacing(path) as unfinished:
-            unfinished.write_bytes(Xml.tostring(_report(comparison), encoding="utf-8", xml_declaration=True))
-    except OSError as error:
-        message = f"{path}: cannot be written: {reason(error)}"
-        raise UsageError(message, hint="give --junit another place") from None
+    with writing(path, "give --junit another place"):
+        write_whole(path, Xml.tostring(_report(comparison), encoding="utf-8", xml_declaration=True))
 
 
 def _report(comparison: Comparison) -> Xml.Element:

@@ -1,8 +1,6 @@
 """Views and sheets as self-contained HTML pages."""
 
 from base64 import b64encode
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
 
@@ -10,7 +8,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
-from vlafuzz.files import reason, write_whole
+from vlafuzz.files import is_stream, write_whole, writing
 from vlafuzz.report.view import BUCKETS, SOLVERS, Sheet, View
 from vlafuzz.sim.base import FILM_SPEED
 from vlafuzz.text import interval, percent
@@ -49,22 +47,12 @@ def check_place(out: Path) -> None:
     """Raise a UsageError if no page can be written there."""
     if out.is_dir():
         raise UsageError(f"{out}: is a folder", hint="give --out a file, such as page.html")
-    with _folder_of(out):
-        TemporaryFile(dir=out.parent).close()
+    with writing(out):
+        if not is_stream(out):
+            TemporaryFile(dir=out.parent).close()
 
 
 def write_page(out: Path, page: str) -> None:
     """Write atomically; a UsageError if the page cannot be written there."""
-    with _folder_of(out):
+    with writing(out):
         write_whole(out, page)
-
-
-@contextmanager
-def _folder_of(out: Path) -> Iterator[None]:
-    """Creates the folder; system errors become usage errors."""
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        message = f"{out}: cannot be written: {reason(error)}"
-        raise UsageError(message, hint="name a file in a folder of yours") from None

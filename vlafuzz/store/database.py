@@ -143,7 +143,8 @@ class WriterLock:
 
     def __init__(self, path: Path) -> None:
         check_is_file(path)
-        self._beside = path.with_name(path.name + ".lock")
+        real = path.resolve()  # a link to a store is under the same lock
+        self._beside = real.with_name(real.name + ".lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._acquire(path)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.compare.plots import plain
+from vlafuzz.files import replacing
 from vlafuzz.statistics import Share
 
 # Okabe, Ito 2008: distinguishable with any colour vision.
@@ -80,7 +81,8 @@ def save(figure: Any, path: Path) -> None:
     if labelled:
         place = {"loc": "outside lower center", "ncols": min(6, len(labelled))}
         figure.legend(labelled.values(), labelled.keys(), **place, frameon=False, fontsize=8)
-    figure.savefig(path, dpi=150)
+    with replacing(path) as unfinished:
+        figure.savefig(unfinished, dpi=150, format="png")
 
 
 def coloured(names: Sequence[str]) -> dict[str, str]:

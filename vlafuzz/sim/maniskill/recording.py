@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
+from vlafuzz.files import write_whole, writing
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
 from vlafuzz.rigs.robots import rig
@@ -151,13 +152,8 @@ def _held(frames: list[Picture]) -> Picture:
 
 
 def _write(path: Path, pixels: Picture, **options: Any) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        imageio.imwrite(path, pixels, **options)
-    except OSError as error:
-        raise UsageError(
-            f"{path}: cannot be written: {error}", hint="name a file in a folder of yours"
-        ) from None
+    with writing(path):
+        write_whole(path, imageio.imwrite("<bytes>", pixels, **options))
 
 
 def _captioned(picture: Picture, *lines: str) -> Picture:
