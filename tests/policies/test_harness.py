@@ -190,13 +190,14 @@ def test_the_harness_sticks_over_the_border_of_a_chunk():
     [
         (chunk_of(np.nan, 0, 0, 0, 0, 0, 1), "bad_action", "an action is not finite: \\[nan"),
         (chunk_of(0, 0, 0, 0, 0, 0, -np.inf), "bad_action", "an action is not finite"),
+        ([ActionChunk(np.full((1, 7), 1 + 1j))], "bad_action", "actions are complex128, not real numbers"),
         (chunk_of(0, 0, 0, 0, 0, 1), "bad_action", r"actions of shape \(1, 6\)"),
         ([ActionChunk(np.zeros((0, 7)))], "bad_action", r"actions of shape \(0, 7\)"),
         ([ActionChunk(np.zeros(7))], "bad_action", r"actions of shape \(7,\)"),
         ([], "bad_action", "1 observations, 0 chunks"),
         (numbered(1) * 2, "bad_action", "1 observations, 2 chunks"),
         (None, "remote", "raised TypeError"),
-        ([ActionChunk(np.array([["up"] * 7]))], "remote", "raised ValueError"),
+        ([ActionChunk(np.array([["0.1"] * 7]))], "bad_action", "actions are str96, not real numbers"),
         (
             ZeroDivisionError("division by zero"),
             "remote",
@@ -214,6 +215,11 @@ def test_an_answer_that_is_no_chunk_is_the_policies_error_with_its_cause(answer,
 def test_a_bad_action_late_in_a_chunk_is_found_before_any_of_it_is_executed():
     with pytest.raises(PolicyError, match="not finite"):
         first(Dictated(numbered(1, 2, np.nan), execute=1))
+
+
+def test_an_action_that_its_scale_makes_infinite_is_the_policies_error():
+    with pytest.raises(PolicyError, match="not finite"):
+        first(Dictated(chunk_of(1e200, 0, 0, 0, 0, 0, 1), position_scale=1e200))
 
 
 def test_a_reset_that_raises_is_the_policies_error_too():

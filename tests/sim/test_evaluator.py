@@ -131,6 +131,18 @@ def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stag
     (outcome,) = evaluate(Expert(), NOMINAL, criteria="published")
     assert (outcome.verdict, outcome.lost_stage) == (Verdict.FAILED, "success")
     assert outcome.progress < 1
+    assert outcome.rollouts[0].steps == 80  # the strict success does not end it
+
+
+def test_a_rollout_ends_by_the_criteria_by_which_it_is_judged():
+    def rollout(**conditions):
+        (outcome,) = evaluate(lets_go_at(is_lifted, times=3), NOMINAL, **conditions)
+        return outcome.rollouts[0]
+
+    usual, early = (rollout(criteria="published", stop_early=stop) for stop in (False, True))
+    assert rollout(criteria="strict", stop_early=True).steps == 80
+    assert usual.steps == early.steps + 10 < 30
+    assert (usual.success_at_end, early.success_at_end) == (False, True)  # the object falls meanwhile
 
 
 def test_other_criteria_are_refused():

@@ -11,12 +11,11 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from vlafuzz.clients.profiles import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.policies.base import CameraRequest
+from vlafuzz.policies.base import SIM_HZ, CameraRequest
 from vlafuzz.policies.registry import Client
 
 INSTALL = "pip install 'vlafuzz[remote]'"
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
-SIM_HZ = 100
 
 
 def size(text: object) -> object:

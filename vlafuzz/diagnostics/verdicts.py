@@ -7,7 +7,6 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.clients.remote import divisor
 from vlafuzz.diagnostics import Check, Rating
 from vlafuzz.diagnostics.probes import Answers, Change
 from vlafuzz.diagnostics.recorder import Break
@@ -26,9 +25,7 @@ ANYWAY = " (100%: as much as from moment to moment)"
 
 
 def on_spec(spec: PolicySpec) -> Check:
-    """Whether the spec is valid and complete."""
-    if errors := _errors(spec):
-        return Check("spec", "; ".join(errors), "refuse", "correct it in the policy's spec")
+    """Whether the spec is complete."""
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         options = " and ".join(f"{name}=…" for name in guessed)
         detail = f"neither server nor options declare {' and '.join(guessed)}"
@@ -40,26 +37,6 @@ def on_spec(spec: PolicySpec) -> Check:
         return Check("spec", "it asks for nothing to look at", "warn", advice)
     words = [f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{spec.action.hz} Hz"]
     return Check("spec", ", ".join(words), "ok")
-
-
-def _errors(spec: PolicySpec) -> list[str]:
-    action, names = spec.action, [camera.name for camera in spec.cameras]
-    errors = []
-    try:
-        divisor(action.hz)
-    except ValueError as error:
-        errors.append(f"hz: {error}")
-    for name in ("position_scale", "rotation_scale"):
-        scale = getattr(action, name)
-        if not math.isfinite(scale) or scale == 0:
-            errors.append(f"{name} is {scale}")
-    if len(set(names)) < len(names):
-        errors.append(f"two cameras have one name: {', '.join(names)}")
-    empty = [camera.name for camera in spec.cameras if camera.width * camera.height < 1]
-    errors += [f"the camera {name} has no pixels" for name in empty]
-    if (spec.execute or 1) < 1 or spec.max_batch < 1:
-        errors.append(f"execute is {spec.execute}, max_batch is {spec.max_batch}")
-    return errors
 
 
 def on_break(broken: Break, *, first: bool) -> Check:

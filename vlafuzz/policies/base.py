@@ -1,5 +1,6 @@
 """The policy under test as a protocol: what it asks for, what it observes and what it answers."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, Protocol, runtime_checkable
@@ -9,19 +10,37 @@ from numpy.typing import NDArray
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.policies.expected import expect, expect_count, expect_one_of
 from vlafuzz.rigs.camera import CameraPose
 from vlafuzz.scene import Scene
 from vlafuzz.tasks.base import State
 
+Role = Literal["third_person", "wrist"]
+Rotation = Literal["axis_angle", "euler_xyz", "rpy"]
+Relative = Literal["target", "current"]
+Gripper = Literal["open_positive", "close_positive", "open_01", "close_01"]
+SIM_HZ = 100  # of the simulator
+_MOST_PIXELS = 4096  # of a side of an image
+
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """An image that the policy needs in every observation. ``width`` and ``height`` in pixels."""
+    """An image that the policy needs in every observation. ``width`` and ``height`` in pixels.
+
+    Raises:
+        UsageError: a value makes no sense; so do ``ActionSpec`` and ``PolicySpec``.
+    """
 
     name: str
     width: int
     height: int
-    role: Literal["third_person", "wrist"] = "third_person"
+    role: Role = "third_person"
+
+    def __post_init__(self) -> None:
+        expect("name of a camera", self.name, "a text", usable=isinstance(self.name, str))
+        for side in ("width", "height"):
+            expect_count(f"{side} of the camera {self.name}", getattr(self, side), 1, _MOST_PIXELS)
+        expect_one_of("role", self.role, Role)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +61,24 @@ class ActionSpec:
         hz: control rate; a divisor of 100.
     """
 
-    rotation: Literal["axis_angle", "euler_xyz", "rpy"] = "axis_angle"
-    relative_to: Literal["target", "current"] = "target"
+    rotation: Rotation = "axis_angle"
+    relative_to: Relative = "target"
     position_scale: float = 1.0
     rotation_scale: float = 1.0
-    gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] = "open_positive"
+    gripper: Gripper = "open_positive"
     sticky: int = 0
     hz: int = 5
+
+    def __post_init__(self) -> None:
+        for name, known in (("rotation", Rotation), ("relative_to", Relative), ("gripper", Gripper)):
+            expect_one_of(name, getattr(self, name), known)
+        for name in ("position_scale", "rotation_scale"):
+            scale = getattr(self, name)
+            usable = isinstance(scale, int | float) and math.isfinite(scale) and scale != 0
+            expect(name, scale, "a finite number other than 0", usable=usable)
+        expect_count("sticky", self.sticky, 0)
+        expect_count("hz", self.hz, 1)
+        expect("hz", self.hz, f"a divisor of {SIM_HZ}", usable=SIM_HZ % self.hz == 0)
 
 
 @dataclass(frozen=True)
@@ -80,6 +110,23 @@ class PolicySpec:
     max_batch: int = 1
     provenance: Mapping[str, str] = field(default_factory=dict)
     calibrated: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("name", "version"):
+            text = getattr(self, name)
+            expect(name, text, "a text", usable=isinstance(text, str) and text != "")
+        expect("action", self.action, "an ActionSpec", usable=isinstance(self.action, ActionSpec))
+        requests = isinstance(self.cameras, tuple) and all(isinstance(c, CameraRequest) for c in self.cameras)
+        expect("cameras", self.cameras, "a tuple of CameraRequest", usable=requests)
+        names = [camera.name for camera in self.cameras]
+        expect("cameras", names, "different names", usable=len(set(names)) == len(names))
+        expect_count("execute", 1 if self.execute is None else self.execute, 1)
+        expect_count("max_batch", self.max_batch, 1)
+        kept = self.provenance
+        texts = isinstance(kept, Mapping) and all(
+            isinstance(text, str) for pair in kept.items() for text in pair
+        )
+        expect("provenance", kept, "texts by name", usable=texts)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
 
 Array = NDArray[np.float64]
+_NOT_REAL = "cSUmM"  # kinds of dtypes that NumPy would convert all the same
 AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations
 
 
@@ -51,11 +52,13 @@ class Harness:
 
     def _metric(self, action: Array) -> Array:
         spec = self._spec.action
-        rotation = action[3:6] * spec.rotation_scale
+        with np.errstate(over="ignore"):
+            metric = action * ([spec.position_scale] * 3 + [spec.rotation_scale] * 3 + [1.0])
+        _check_finite(metric[None], self._spec.name)
         if spec.rotation in AXES:
-            rotation = Rotation.from_euler(AXES[spec.rotation], rotation).as_rotvec()
-        gripper = self._gripper.command(float(action[6]))
-        return np.array([*(action[:3] * spec.position_scale), *rotation, gripper])
+            metric[3:6] = Rotation.from_euler(AXES[spec.rotation], metric[3:6]).as_rotvec()
+        metric[6] = self._gripper.command(float(action[6]))
+        return metric
 
 
 def ask(policy: Policy, observation: Observation) -> ActionChunk:
@@ -111,11 +114,18 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> lis
 
 
 def _check(chunk: ActionChunk, name: str) -> Array:
-    actions = np.asarray(getattr(chunk, "actions", chunk), dtype=np.float64)
+    given = np.asarray(getattr(chunk, "actions", chunk))
+    if given.dtype.kind in _NOT_REAL:
+        raise PolicyError(f"{name}: actions are {given.dtype.name}, not real numbers", cause="bad_action")
+    actions = given.astype(np.float64)
     if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
         message = f"{name}: actions of shape {actions.shape}"
         raise PolicyError(message, "expected (steps, 7), at least one step", "bad_action")
+    _check_finite(actions, name)
+    return actions
+
+
+def _check_finite(actions: Array, name: str) -> None:
     if not np.all(np.isfinite(actions)):
         bad = actions[~np.isfinite(actions).all(axis=1)][0]
         raise PolicyError(f"{name}: an action is not finite: {bad}", cause="bad_action")
-    return actions

@@ -126,7 +126,7 @@ class Monitor:
         self._task, self._models, self._start = task, models, start
         self._streaks = [0] * len(task.stages)
         self.reached: list[str] = []
-        self.published_success = False
+        self.published_success = self.published_now = False
         self._trace: list[float] = []
 
     def observe(self, state: State) -> None:
@@ -135,7 +135,8 @@ class Monitor:
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
         self._advance()
         self._trace.append(self._progress(situation))
-        self.published_success = self.published_success or self._task.published(situation)
+        self.published_now = self._task.published(situation)
+        self.published_success = self.published_success or self.published_now
 
     @property
     def success_now(self) -> bool:

@@ -68,6 +68,12 @@ class Episode:
         return monitor.published_success if self._published else monitor.success_once
 
     @property
+    def success_now(self) -> bool:
+        """Whether the task is solved after the last step."""
+        monitor = self.env.monitor
+        return monitor.published_now if self._published else monitor.success_now
+
+    @property
     def instruction(self) -> str:
         """The current instruction, see ``Scene.instruction_at``."""
         return self._scene.instruction_at(len(self.env.monitor.reached))
@@ -84,9 +90,7 @@ class Episode:
             outlines=outlines(env.models, state, env.view, env.light, env.table_colour)
             if spec.silhouettes
             else None,
-            privileged=Privileged(scene, env.models, state, env.monitor.success_now)
-            if spec.privileged
-            else None,
+            privileged=Privileged(scene, env.models, state, self.success_now) if spec.privileged else None,
             calibration=Calibration(env.view, env.light, env.models[: env.task.targets])
             if spec.calibrated
             else None,
@@ -94,11 +98,10 @@ class Episode:
 
     def advance(self, action: NDArray[np.float64]) -> None:
         """Execute a metric action for one control step."""
-        monitor = self.env.monitor
-        before = monitor.success_once
+        before = self.success
         self.actions.append(action)
         self._state = self.env.advance(action, self._spec.action.relative_to)
-        if monitor.success_once and not before:
+        if self.success and not before:
             self._last = min(self._last, len(self.actions) + self._after)
 
     def rollout(self, seconds: float = 0.0) -> Rollout:
@@ -106,7 +109,7 @@ class Episode:
         monitor, names = self.env.monitor, self.env.task.stage_names
         return Rollout(
             success_once=self.success,
-            success_at_end=monitor.success_now,
+            success_at_end=self.success_now,
             published_success=monitor.published_success,
             reached=names if self.success else tuple(monitor.reached[: len(names) - 1]),
             # 1 if only the other criteria are met

@@ -1,0 +1,94 @@
+"""A policy's spec is checked on construction, so that no command can run one that makes no sense."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vlafuzz import api
+from vlafuzz.cli import main
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+
+CAMERA = CameraRequest("front", 128, 128)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"gripper": "positive_open"}, "gripper: expected one of open_positive, close_positive, open_01, "),
+        (
+            {"rotation": "quaternion"},
+            "rotation: expected one of axis_angle, euler_xyz, rpy, got 'quaternion'",
+        ),
+        ({"relative_to": None}, "relative_to: expected one of target, current, got None"),
+        ({"position_scale": float("nan")}, "position_scale: expected a finite number other than 0, got nan"),
+        ({"rotation_scale": 0.0}, "rotation_scale: expected a finite number other than 0, got 0.0"),
+        ({"position_scale": np.float32(1)}, "position_scale: expected a finite number"),
+        ({"hz": 30}, "hz: expected a divisor of 100, got 30"),
+        ({"hz": -5}, "hz: expected 1 or more, got -5"),
+        ({"hz": 0}, "hz: expected 1 or more, got 0"),
+        ({"hz": 5.0}, "hz: expected 1 or more, got 5.0"),
+        ({"sticky": -1}, "sticky: expected 0 or more, got -1"),
+    ],
+)
+def test_an_action_spec_that_makes_no_sense_is_refused(changes: dict[str, object], says: str):
+    with pytest.raises(UsageError) as caught:
+        ActionSpec(**changes)
+    assert str(caught.value).startswith(f"the policy's spec: {says}")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"name": ""}, "name: expected a text, got ''"),
+        ({"version": 3}, "version: expected a text, got 3"),
+        ({"action": {"hz": 5}}, "action: expected an ActionSpec, got {'hz': 5}"),
+        ({"cameras": [CAMERA]}, "cameras: expected a tuple of CameraRequest, got [CameraRequest"),
+        ({"cameras": (CAMERA, CAMERA)}, "cameras: expected different names, got ['front', 'front']"),
+        ({"execute": 0}, "execute: expected 1 or more, got 0"),
+        ({"max_batch": 0}, "max_batch: expected 1 or more, got 0"),
+        ({"provenance": {"weights": Path("a.pt")}}, "provenance: expected texts by name, got {'weights'"),
+    ],
+)
+def test_a_policy_spec_that_makes_no_sense_is_refused(changes: dict[str, object], says: str):
+    with pytest.raises(UsageError) as caught:
+        replace(PolicySpec("any"), **changes)
+    assert str(caught.value).startswith(f"the policy's spec: {says}")
+
+
+@pytest.mark.parametrize(("width", "role"), [(0, "wrist"), (10**6, "wrist"), (64, "head")])
+def test_a_camera_that_makes_no_sense_is_refused(width: int, role: str):
+    with pytest.raises(UsageError, match="the policy's spec: "):
+        CameraRequest("front", width, 64, role)
+
+
+class Reversed:
+    """Constructed with a convention that does not exist."""
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("reversed", action=ActionSpec(gripper="positive_open"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "--unchecked", "--policy"],
+        ["compare", "--out", "out", "--policy"],
+        ["study", "rq1", "--out", "out", "--policy"],
+        ["doctor", "--policy"],
+        ["serve"],
+    ],
+)
+def test_no_command_takes_a_policy_with_such_a_spec(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "python:tests.policies.test_spec:Reversed"]) == 2
+    assert "error: the policy's spec: gripper: expected one of" in capsys.readouterr().err
+
+
+def test_nor_does_fuzz_from_python():
+    with pytest.raises(UsageError, match="the policy's spec: gripper"):
+        api.fuzz("python:tests.policies.test_spec:Reversed", budget=1)
