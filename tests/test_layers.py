@@ -16,7 +16,7 @@ ROWS = (
     "__init__",
     "errors",
     "text files watch deadline",
-    "assets plugins renderer statistics",
+    "assets plugins renderer statistics reading",
     "processor",
     "scene objects probability",
     "rigs",

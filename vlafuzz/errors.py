@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from typing import Literal
 
 Cause = Literal["connect", "timeout", "protocol", "remote", "bad_action"]
+LONGEST = 300  # characters of a message
+_SPACES = "\n\t\u00a0\u2009\u202f"  # which Python does not call printable
 
 
 class VlafuzzError(Exception):
@@ -16,9 +18,9 @@ class VlafuzzError(Exception):
     exit_code = 2
 
     def __init__(self, message: str, hint: str | None = None) -> None:
-        super().__init__(message)
-        self.message = message
-        self.hint = hint
+        self.message = sentence(message)
+        self.hint = None if hint is None else sentence(hint)
+        super().__init__(self.message)
 
     def __reduce__(self) -> tuple[object, ...]:  # Exception's own loses the hint in pickling
         return (type(self), (self.message, self.hint))
@@ -66,6 +68,23 @@ class PolicyError(VlafuzzError):
 
 class SimulatorError(VlafuzzError):
     """The simulator broke; this is no evidence about the policy."""
+
+
+def sentence(text: object) -> str:
+    """A text from anywhere as one line of at most about 300 characters, which cannot steer a terminal."""
+    line = printable(" ".join(str(text).split()))
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 92]} … {line[-89:]}"
+
+
+def printable(text: str) -> str:
+    """A text with its control characters escaped, but for line breaks and tabs."""
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in _SPACES else _escaped(sign) for sign in text)
+
+
+def _escaped(sign: str) -> str:
+    return sign.encode("unicode_escape").decode()
 
 
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:

@@ -12,10 +12,15 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from vlafuzz.errors import SceneError
-from vlafuzz.text import shortened
+from vlafuzz.reading import first_problem
 
 SCHEMA = 1
+MOST = 100  # objects or further instructions
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+# Of scenes from outside: far beyond what is fair, and near enough that squares and differences stay numbers.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
+Quaternion = tuple[Real, Real, Real, Real]  # w, x, y, z
+Text = Annotated[str, Field(max_length=10_000)]
 
 
 def _quantity(unit: str, default: Any = MISSING) -> Any:
@@ -41,15 +46,15 @@ class Placement:
     """
 
     __pydantic_config__ = _STRICT
-    object: str
-    rest: str
-    x: float = _quantity(" m")
-    y: float = _quantity(" m")
-    yaw: float = _quantity("°", 0.0)
+    object: Text
+    rest: Text
+    x: Real = _quantity(" m")
+    y: Real = _quantity(" m")
+    yaw: Real = _quantity("°", 0.0)
     _: KW_ONLY
-    quaternion: tuple[float, float, float, float] | None = None
-    scale: float = 1.0
-    listed: int | None = _later(None)
+    quaternion: Quaternion | None = None
+    scale: Real = 1.0
+    listed: Annotated[int, Field(strict=True, ge=0, le=10**6)] | None = _later(None)
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Light:
     """``intensity`` multiplies all lights of the nominal scene, ambient light included."""
 
     __pydantic_config__ = _STRICT
-    intensity: float = _quantity("×", 1.0)
+    intensity: Real = _quantity("×", 1.0)
 
 
 @dataclass(frozen=True)
@@ -70,13 +75,13 @@ class Camera:
     """
 
     __pydantic_config__ = _STRICT
-    distance: float = _quantity(" m", 0.0)
-    azimuth: float = _quantity("°", 0.0)
-    elevation: float = _quantity("°", 0.0)
+    distance: Real = _quantity(" m", 0.0)
+    azimuth: Real = _quantity("°", 0.0)
+    elevation: Real = _quantity("°", 0.0)
     _: KW_ONLY
-    roll: float = _quantity("°", 0.0)
-    pitch: float = _quantity("°", 0.0)
-    yaw: float = _quantity("°", 0.0)
+    roll: Real = _quantity("°", 0.0)
+    pitch: Real = _quantity("°", 0.0)
+    yaw: Real = _quantity("°", 0.0)
 
     @property
     def offset(self) -> tuple[float, float, float]:
@@ -106,13 +111,13 @@ class InitialPose:
     """Offsets of the arm's joints at the start of an episode, from the base on; degrees."""
 
     __pydantic_config__ = _STRICT
-    j1: float = _quantity("°", 0.0)
-    j2: float = _quantity("°", 0.0)
-    j3: float = _quantity("°", 0.0)
-    j4: float = _quantity("°", 0.0)
-    j5: float = _quantity("°", 0.0)
-    j6: float = _quantity("°", 0.0)
-    j7: float = _quantity("°", 0.0)
+    j1: Real = _quantity("°", 0.0)
+    j2: Real = _quantity("°", 0.0)
+    j3: Real = _quantity("°", 0.0)
+    j4: Real = _quantity("°", 0.0)
+    j5: Real = _quantity("°", 0.0)
+    j6: Real = _quantity("°", 0.0)
+    j7: Real = _quantity("°", 0.0)
 
 
 @dataclass(frozen=True)
@@ -124,9 +129,9 @@ class Noise:
     """
 
     __pydantic_config__ = _STRICT
-    blur: Annotated[float, Field(ge=0)] = _quantity(" px", 0.0)
-    grain: Annotated[float, Field(ge=0)] = _quantity(" grey levels", 0.0)
-    jpeg: Annotated[float, Field(ge=1, le=100)] = 100.0
+    blur: Annotated[Real, Field(ge=0, le=100)] = _quantity(" px", 0.0)
+    grain: Annotated[Real, Field(ge=0)] = _quantity(" grey levels", 0.0)
+    jpeg: Annotated[Real, Field(ge=1, le=100)] = 100.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +139,7 @@ class Latency:
     """``delay`` in control steps, from the policy's answer to its execution."""
 
     __pydantic_config__ = _STRICT
-    delay: Annotated[int, Field(ge=0, le=100)] = _quantity(" steps", 0)
+    delay: Annotated[int, Field(strict=True, ge=0, le=100)] = _quantity(" steps", 0)
 
 
 @dataclass(frozen=True)
@@ -147,17 +152,17 @@ class Scene:
     """
 
     __pydantic_config__ = _STRICT
-    task: str
-    targets: tuple[Placement, ...]
-    instruction: str
+    task: Text
+    targets: Annotated[tuple[Placement, ...], Field(max_length=MOST)]
+    instruction: Text
     _: KW_ONLY
-    confounders: tuple[Placement, ...] = ()
+    confounders: Annotated[tuple[Placement, ...], Field(max_length=MOST)] = ()
     light: Light = Light()
     camera: Camera = Camera()
-    robot: str = "panda"
-    schema: int = SCHEMA
-    frame: str = _later("")
-    then: tuple[str, ...] = _later(())
+    robot: Text = "panda"
+    schema: Annotated[int, Field(strict=True, ge=0, le=10**6)] = SCHEMA
+    frame: Text = _later("")
+    then: Annotated[tuple[Text, ...], Field(max_length=MOST)] = _later(())
     backdrop: Backdrop = field(default=Backdrop(), metadata=_EXTRA)
     initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
@@ -205,9 +210,8 @@ class Scene:
         try:
             scene = _ADAPTER.validate_json(text)
         except ValidationError as error:
-            raise SceneError(
-                _first_problem(error), hint="`vlafuzz run` and `vlafuzz import` write valid scenes"
-            ) from None
+            hint = "`vlafuzz run` and `vlafuzz import` write valid scenes"
+            raise SceneError(first_problem(error), hint) from None
         if scene.schema > SCHEMA:
             raise SceneError(
                 f"schema: version {scene.schema} of this scene is newer than {SCHEMA}", hint="upgrade vlafuzz"
@@ -254,9 +258,3 @@ def _canonical(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_canonical(item) for item in value]
     return value
-
-
-def _first_problem(error: ValidationError) -> str:
-    problem = error.errors()[0]
-    where = ".".join(str(part) for part in problem["loc"])
-    return f"{where + ': ' if where else ''}{problem['msg'].lower()}, got {shortened(problem['input'])}"

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -18,9 +19,16 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 3, 64, 64
+
+
 def shortened(value: object) -> str:
-    """What a value looks like, at most 60 characters of it."""
-    shown = repr(value)
+    """What a value looks like, at most 60 characters of it; it may be as large or deep as it likes."""
+    try:
+        shown = _BRIEF.repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits
+        shown = f"a {type(value).__name__}"
     return shown if len(shown) <= 60 else shown[:57] + "..."
 
 

@@ -47,8 +47,8 @@ def test_vlatests_files_stand_beside_the_papers_figures(
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["nowhere.jsonl"], "nowhere.jsonl: cannot read scenes"),
-        (["nowhere.db"], "nowhere.db: cannot read scenes"),
+        (["nowhere.jsonl"], "nowhere.jsonl: cannot be read"),
+        (["nowhere.db"], "nowhere.db: cannot be read"),
         (["a.jsonl", "--first", "0"], "--first"),
     ],
 )

@@ -74,7 +74,7 @@ def test_min_distance_can_be_chosen(tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_there_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lint", "--static", "nowhere.jsonl"]) == 2
-    assert capsys.readouterr().err.startswith("error: nowhere.jsonl: cannot read scenes")
+    assert capsys.readouterr().err.startswith("error: nowhere.jsonl: cannot be read")
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"0": ' + "9" * 5000 + "}"], ids=["deep", "digits"])

@@ -105,17 +105,17 @@ class TestOwn:
     @pytest.mark.parametrize(
         ("text", "says"),
         [
-            ("about: [", "no YAML: while parsing"),
-            ("- a", "mine.yaml: all of it: Input should be"),
-            ("about: a", "mine.yaml: source: Field required"),
-            ("about: a\nsource: b\noptions: 3\nprotocols: {}", "options: Input should be a"),
+            ("about: [", "not YAML: while parsing"),
+            ("- a", "mine.yaml: input should be"),
+            ("about: a", "mine.yaml: source: field required"),
+            ("about: a\nsource: b\noptions: 3\nprotocols: {}", "options: input should be a"),
             ("about: a\nsource: b\noptions: {}\nprotocols: {http: {}}", "says nothing about openpi"),
             (
                 "about: a\nsource: b\noptions: {camara: 1}\nprotocols: {openpi: {}}",
                 "unknown option 'camara'",
             ),
             ("about: a\nsource: b\noptions: {state: 7}\nprotocols: {openpi: {}}", "unknown state 7"),
-            ("!!python/object/apply:os.getcwd []", "no YAML: could not determine a constructor"),
+            ("!!python/object/apply:os.getcwd []", "not YAML: could not determine a constructor"),
         ],
     )
     def test_a_file_that_is_none_is_refused_with_what_is_wrong(self, tmp_path, text, says):
@@ -131,7 +131,7 @@ class TestOwn:
         assert caught.value.hint.startswith("did you mean 'libero'?")
 
     def test_a_file_that_is_not_there(self):
-        with pytest.raises(UsageError, match=r"nowhere\.yaml: No such file"):
+        with pytest.raises(UsageError, match=r"nowhere\.yaml: cannot be read: no such file"):
             openpi("profile=nowhere.yaml")
 
 

@@ -147,11 +147,11 @@ def test_ycb_files_have_meshes_of_their_own(tmp_path: Path) -> None:
         ('{"t-grasp_n-1000": {}}', "t-grasp_n-1000: unknown key"),
         ('{"0": {}, "num": 2}', "num: says 2, but there are 1 scenes"),
         ('{"0": 3}', "0: input should be"),
-        ('{"0": {"model_id": "apple"}}', "0.obj_init_options: field required"),
-        (json.dumps({"0": grasp("apple", -0.3, 0.2) | {"lighting": 1}}), "0.lighting: extra inputs"),
+        ('{"0": {"model_id": "apple"}}', "0: obj_init_options: field required"),
+        (json.dumps({"0": grasp("apple", -0.3, 0.2) | {"lighting": 1}}), "0: lighting: extra inputs"),
         (
             json.dumps({"0": grasp("apple", -0.3, float("nan"))}),
-            "0.obj_init_options.init_xy.1: input should be a finite",
+            "0: obj_init_options.init_xy.1: input should be a finite",
         ),
         (
             json.dumps({"0": two(0, 7, apple=other(0, 0))}),
@@ -175,9 +175,8 @@ def test_a_malformed_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: 
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot be read") as caught:
+    with pytest.raises(SceneError, match=r"nowhere\.json: cannot be read: no such file"):
         read_vlatest(tmp_path / "nowhere.json", CATALOGUE)
-    assert caught.value.hint == "give an existing file"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no VLATest scenes in ../shared/vlatest/scenes")

@@ -84,7 +84,7 @@ def test_a_file_of_the_wrong_form_is_named(tmp_path, text, message):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(CatalogueError, match=r"nowhere\.yaml: cannot be read: No such file"):
+    with pytest.raises(CatalogueError, match=r"nowhere\.yaml: cannot be read: no such file"):
         load_catalogue(tmp_path / "nowhere.yaml")
 
 

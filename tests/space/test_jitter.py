@@ -78,7 +78,7 @@ def test_a_robot_with_six_joints_has_no_seventh():
     [
         ("position: 1", "yaw: field required"),
         ("position: -1", "position: .*greater"),
-        ("[1, 2]", "the file: "),
+        ("[1, 2]", "jitter.yaml: input should be a valid dictionary"),
     ],
 )
 def test_a_wrong_file_is_named_with_its_key(tmp_path: Path, text: str, says: str):

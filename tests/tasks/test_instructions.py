@@ -46,8 +46,8 @@ def test_ones_own_wordings_are_read(tmp_path: Path):
         (GOOD.replace("'take {a}'", "'take it'"), "pick-up: 'take it' does not say {a}"),
         (GOOD.replace("put-in:", "put-inn:"), "put-in: '' does not say {a}"),
         (GOOD.replace("['take {a}']", "[]"), "pick-up: '' does not say {a}"),
-        (GOOD.replace("['take {a}']", "take {a}"), "validation error"),
-        ("- a\n- b\n", "validation error"),
+        (GOOD.replace("['take {a}']", "take {a}"), "pick-up: input should be a valid list"),
+        ("- a\n- b\n", "input should be a valid dictionary"),
         ("pick-up: [", "while parsing"),
     ],
 )
@@ -62,5 +62,5 @@ def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path: Path, t
 
 
 def test_a_missing_file_is_refused(tmp_path: Path):
-    with pytest.raises(CatalogueError, match="No such file"):
+    with pytest.raises(CatalogueError, match="no such file"):
         load_wordings(tmp_path / "none.yaml")

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
 BUG = 70  # the exit code of a traceback
 
@@ -71,7 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain("interrupted", None, 130)
     except SystemExit as exit_:
         return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-    except Exception:  # its exit code must not be 1, which means findings
+    except Exception as error:  # its exit code must not be 1, which means findings
+        if isinstance(error, OSError) and error.filename:  # such as a name of 300 characters
+            return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
         traceback.print_exc()
         return BUG
     return ended if isinstance(ended, int) else 0
@@ -92,7 +94,7 @@ def _check_filled(words: Sequence[str]) -> None:
 
 
 def _complain(message: str, hint: str | None, exit_code: int) -> int:
-    sys.stderr.write(f"error: {message}\n" + (f"hint: {hint}\n" if hint else ""))
+    sys.stderr.write(f"error: {sentence(message)}\n" + (f"hint: {hint}\n" if hint else ""))
     return exit_code
 
 

@@ -10,8 +10,9 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, printable
 from vlafuzz.text import csv_table
 from vlafuzz.watch import Watch
 
@@ -31,7 +32,7 @@ def print_rows(
     if json:
         print_json(list(rows))
     elif csv:
-        sys.stdout.write(csv_table(rows))
+        sys.stdout.write(printable(csv_table(rows)))
     else:
         stdout().print(table(rows, title))
 
@@ -52,15 +53,22 @@ def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
     return table
 
 
+class _SafeConsole(Console):
+    """A console whose texts, which may come from files and servers, cannot steer the terminal."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(printable(text), **options)
+
+
 def stdout() -> Console:
     """The console for data; 160 columns wide where there is no terminal."""
-    console = Console(highlight=False, markup=False)
-    return console if console.is_terminal else Console(highlight=False, markup=False, width=160)
+    console = _SafeConsole(highlight=False, markup=False)
+    return console if console.is_terminal else _SafeConsole(highlight=False, markup=False, width=160)
 
 
 def stderr() -> Console:
     """The console for everything that is not data."""
-    return Console(stderr=True, highlight=False, markup=False)
+    return _SafeConsole(stderr=True, highlight=False, markup=False)
 
 
 def progress() -> Progress:

@@ -15,7 +15,7 @@ from vlafuzz.cli.output import Bar, print_json, print_rows, progress, stderr, ta
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.diagnostics.lint import Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
-from vlafuzz.errors import SceneError, UsageError, check_number
+from vlafuzz.errors import SceneError, UsageError, check_number, sentence
 from vlafuzz.files import writing
 from vlafuzz.formats.scene_lines import is_store, is_vlatest, read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.read import Imported, read_vlatest
@@ -159,7 +159,7 @@ def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
     if verbose:
         for file in judged:
             for problem in file.problems:
-                typer.echo(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
+                typer.echo(sentence(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}"))
     common = os.path.commonpath([file.path.absolute().parent for file in judged])
     names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
     print_rows([row | {"file": name} for row, name in zip(rows, names, strict=True)], title="scenes")

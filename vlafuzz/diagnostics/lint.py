@@ -85,9 +85,9 @@ def lint(
         if isinstance(scene, SceneError):
             problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
             continue
-        crowded.append(crowding(scene, catalogue))
         if rejection := check_static(scene, catalogue, min_distance, visible):
             problems.append(Problem(number, rejection.check, rejection.reason))
+        crowded.append(crowding(scene, catalogue))
         if _can_settle(scene, catalogue):
             known.append((number, scene))
     settled = _settle(known, catalogue, placement, watch) if placement else {}

@@ -1,6 +1,5 @@
 """Files of scenes: our JSON lines, one scene a line, files of VLATest, or stores."""
 
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +8,10 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.files import write_whole
 from vlafuzz.formats.vlatest.read import Frame, read_vlatest
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.reading import MIB, parse_json, read_text
 from vlafuzz.scene import Scene
 
+MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
 _EXPECTED = "expected JSON lines with one scene per line"
 
 
@@ -41,11 +42,9 @@ class SceneFile:
 
 def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
     """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SceneError(f"{path}: cannot read scenes: {reason}", hint=_EXPECTED) from None
+    lines = read_text(path, SceneError, _EXPECTED, most=MOST).split("\n")  # U+2028 breaks no line
+    if len(lines) > MOST_LINES:
+        raise SceneError(f"{path}: has more than {MOST_LINES} lines", hint="split it into several files")
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
@@ -89,9 +88,8 @@ def is_vlatest(path: Path) -> bool:
     if path.suffix != ".json":
         return False
     try:
-        with path.open(encoding="utf-8") as stream:
-            first = next((line for line in stream if line.strip()), "")
-        document = json.loads(first)
-    except (OSError, ValueError, RecursionError):  # undecodable, not JSON, nested too deeply
+        text = read_text(path, SceneError, most=MOST)
+        document = parse_json(text.lstrip().partition("\n")[0])
+    except (SceneError, ValueError):
         return True  # reading it will raise the error
     return not (isinstance(document, dict) and "task" in document)

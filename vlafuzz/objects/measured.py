@@ -5,6 +5,7 @@ As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's e
 """
 
 import colorsys
+import io
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from vlafuzz.objects.model import Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.shapes import PROMINENT
 from vlafuzz.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
+from vlafuzz.reading import MIB, read_bytes
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255
@@ -33,6 +35,10 @@ TRIED, KEPT = 8, 4  # the most stable poses that are examined, and that are kept
 SEARCHED = 24  # the most that are examined if none of those has a grasp
 ALIKE = 0.003  # two stable poses whose heights differ by less are one, metres
 UPRIGHT = 0.7  # least cosine to the vertical
+LONGEST = 2.0  # metres; a larger mesh is in other units
+MOST_BYTES = 64 * MIB  # of a mesh
+MOST_FACES, MOST_PARTS = 200_000, 500
+MOST_PIXELS = 8192**2  # of a texture
 COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
 
 
@@ -91,17 +97,34 @@ def _cavity(spec: PackObject, body: Solid) -> Container | None:
 
 def _parts(spec: PackObject) -> list[Array]:
     """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
+    data = read_bytes(spec.collision, CatalogueError, most=MOST_BYTES)
     try:
-        loaded = trimesh.load_mesh(spec.collision, process=False)
+        kind = spec.collision.suffix[1:]
+        loaded = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
         whole = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
+        _check_bounds(whole, spec.scale)
         whole.merge_vertices()
         pieces = [np.asarray(piece.vertices) for piece in whole.split(only_watertight=False)]
     except Exception as error:  # trimesh's readers raise all kinds of errors for damaged files
-        raise CatalogueError(f"{spec.collision}: no mesh: {' '.join(str(error).split())}") from None
+        raise CatalogueError(f"{spec.collision}: no mesh: {error}") from None
+    if len(pieces) > MOST_PARTS:
+        raise CatalogueError(f"{spec.collision}: {len(pieces)} separate parts, expected at most {MOST_PARTS}")
     kept = [piece for piece in pieces if _volume(piece) * spec.scale**3 > LEAST]
     if not kept:
         raise CatalogueError(f"{spec.collision}: nothing solid in it")
     return kept
+
+
+def _check_bounds(mesh: trimesh.Trimesh, scale: float) -> None:
+    """Raise a ValueError for a mesh of other than a moderate number of faces between points in space."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+        raise ValueError("its vertices are not three finite numbers each")
+    if not 0 < len(faces) <= MOST_FACES or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"it has {len(faces)} faces, expected 1 to {MOST_FACES} between its vertices")
+    longest = float(np.ptp(vertices, axis=0).max()) * scale
+    if longest > LONGEST:
+        raise ValueError(f"it is {longest:.3g} m long, expected at most {LONGEST} m: is it in metres?")
 
 
 def _volume(points: Array) -> float:
@@ -192,19 +215,28 @@ def _embedded(visual: Path) -> list[Array]:
     """The mean colours of the textures in a GLB."""
     if visual.suffix != ".glb":
         return []
-    meshes = trimesh.load_scene(visual).geometry.values()
-    materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
-    textures = [getattr(material, "baseColorTexture", None) for material in materials]
-    return [_mean_of(texture) for texture in textures if texture is not None]
+    data = read_bytes(visual, CatalogueError, most=MOST_BYTES)
+    try:
+        meshes = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
+        materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
+        textures = [getattr(material, "baseColorTexture", None) for material in materials]
+        return [_mean_of(texture) for texture in textures if texture is not None]
+    except Exception as error:
+        raise CatalogueError(f"{visual}: no mesh: {error}") from None
 
 
 def _mean(file: Path) -> Array:
-    with Image.open(file) as picture:
-        return _mean_of(picture)
+    try:
+        with Image.open(file) as picture:
+            return _mean_of(picture)
+    except Exception as error:  # Pillow's readers raise all kinds of errors for damaged files
+        raise CatalogueError(f"{file}: no picture: {error}") from None
 
 
 def _mean_of(picture: Image.Image) -> Array:
     """Mean sRGB in [0, 1] without black and white pixels, which fill the unused parts of a texture."""
+    if picture.width * picture.height > MOST_PIXELS:
+        raise ValueError(f"a texture of {picture.width} x {picture.height} pixels")
     flat = np.asarray(picture.convert("RGB").resize((64, 64))).reshape(-1, 3) / 255
     used = flat[(flat.max(axis=1) > 0.06) & (flat.min(axis=1) < 0.95)]
     return np.asarray((used if len(used) else flat).mean(axis=0), dtype=np.float64)

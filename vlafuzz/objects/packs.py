@@ -18,11 +18,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter
 
 from vlafuzz.assets import FOLDERS, listed
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.objects.schema import Length, Strict
+from vlafuzz.reading import read_json, validated
 
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
@@ -196,14 +197,7 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
     """The info files' entries; of several for one object, the one with the largest scale: real size."""
     entries: dict[str, _Info] = {}
     for path in sorted(folder.glob("info_*.json")):
-        try:
-            read = _INFOS.validate_json(path.read_bytes())
-        except OSError as error:
-            raise CatalogueError(f"{path}: cannot be read: {error.strerror}") from None
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"]))
-            raise CatalogueError(f"{path}: {where + ': ' if where else ''}{first['msg'].lower()}") from None
+        read = validated(_INFOS, read_json(path, CatalogueError), path, CatalogueError)
         for name, info in read.items():
             if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
                 wrong = f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"

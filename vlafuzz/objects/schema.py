@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-import yaml
 from pydantic import (
     BaseModel,
     ConfigDict,
@@ -16,6 +15,8 @@ from pydantic import (
 )
 
 from vlafuzz.errors import CatalogueError, suggestion
+from vlafuzz.reading import read_yaml
+from vlafuzz.text import shortened
 
 Length = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Unit = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -210,12 +211,7 @@ def read_file(path: Path) -> dict[str, ObjectSpec]:
     Raises:
         CatalogueError: naming the file, the key and the value.
     """
-    try:
-        raw = yaml.load(path.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except OSError as error:
-        raise CatalogueError(f"{path}: cannot be read: {error.strerror}") from None
-    except yaml.YAMLError as error:
-        raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
+    raw = read_yaml(path, CatalogueError)
     try:
         return CatalogueFile.model_validate(raw).objects
     except ValidationError as error:
@@ -236,10 +232,12 @@ def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
             context = first["ctx"]
             known = re.findall(r"'([^']+)'", str(context.get("expected") or context["expected_tags"]))
             value = context.get("tag", first["input"])
-            return CatalogueError(f"{where}: unknown value {value!r}", suggestion(str(value), known))
+            return CatalogueError(f"{where}: unknown value {shortened(value)}", suggestion(str(value), known))
     if first["type"] == "value_error":
         return CatalogueError(f"{where}: {first['ctx']['error']}")
-    return CatalogueError(f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, got {first['input']!r}")
+    return CatalogueError(
+        f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, got {shortened(first['input'])}"
+    )
 
 
 def _keys(raw: Any, location: tuple[int | str, ...]) -> list[str]:

@@ -13,10 +13,12 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.assets import corpus_dir
-from vlafuzz.errors import CorpusError, SceneError
+from vlafuzz.conditions.checked import check_read
+from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
+from vlafuzz.reading import MIB, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.regression.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
@@ -25,6 +27,7 @@ from vlafuzz.store.records import Manifest
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
 CONTROLS = "controls.jsonl"
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_AGAIN = "`vlafuzz export STORE --minimal` writes a new one"
 _RENAMED = {"subject": "policy", "given": "scene_file"}  # in schema 2
 # What a corpus or case and its row in the manifest have in common; the other fields are files or digests.
 _OF_CORPUS = ("name", "created", "renderer", "versions", "evidence")
@@ -208,20 +211,20 @@ def read_corpus(folder: Path) -> Corpus:
 
 def _read_manifest(path: Path) -> _Manifest:
     """Read and validate a manifest of any schema so far."""
+    content = read_json(path, CorpusError, hint="expected an exported corpus")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
         schema = content["schema"] if isinstance(content, dict) else None
         if isinstance(schema, int) and schema > SCHEMA:
             raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
         manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
-    except OSError as error:
-        message = f"{path}: cannot be read: {reason(error)}"
-        raise CorpusError(message, hint="expected an exported corpus") from None
+        for run in manifest.runs:
+            check_read(run)
+    except CorpusError:
+        raise
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        problem = f"{where}: {first['msg'].lower()}, got {repr(first['input'])[:60]}"
-        raise _damaged(f"{path}: {problem}") from None
+        raise _damaged(f"{path}: {first_problem(error)}") from None
+    except VlafuzzError as error:
+        raise _damaged(f"{path}: {error.message}") from None
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         problem = f"no {error}" if isinstance(error, KeyError) else str(error)
         raise _damaged(f"{path}: not the manifest of a corpus: {problem}") from None
@@ -267,18 +270,21 @@ def _read_actions(path: Path, digest: str) -> Actions:
     data = _read(path)
     if _digest(data) != digest:
         raise _damaged(f"{path}: was changed: its digest is {_digest(data)}, not {digest}")
-    return np.asarray(np.load(io.BytesIO(data), allow_pickle=False), dtype=np.float32)
+    try:
+        actions = npy_array(data).astype(np.float32)
+    except ValueError as error:
+        raise _damaged(f"{path}: {error}") from None
+    if actions.ndim != 2 or actions.shape[1] != 7 or not np.isfinite(actions).all():
+        raise _damaged(f"{path}: not (steps, 7) finite numbers, but {actions.shape}")
+    return actions
 
 
 def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise _damaged(f"{path}: cannot be read: {reason(error)}") from None
+    return read_bytes(path, CorpusError, _AGAIN, most=16 * MIB)
 
 
 def _damaged(problem: str) -> CorpusError:
-    return CorpusError(problem, hint="`vlafuzz export STORE --minimal` writes a new one")
+    return CorpusError(problem, _AGAIN)
 
 
 def _npy(actions: Actions) -> bytes:

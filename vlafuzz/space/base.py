@@ -10,16 +10,24 @@ from typing import Annotated, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from vlafuzz.rigs.rig import Rig
+from vlafuzz.scene import Real
 from vlafuzz.space.params import Gene, Grid, Kind
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Step = Annotated[float, Field(ge=1e-6, allow_inf_nan=False)]  # values are rounded to nine decimals
+Number = Real  # a scene takes no others
+Step = Annotated[Real, Field(ge=1e-6)]  # values are rounded to nine decimals
+MOST_LEVELS = 100_000  # of a range: all of them are kept
 
 
 class Strict(BaseModel):
     """Data from outside: unknown keys and quoted numbers are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+def check_levels(low: float, high: float, step: float) -> None:
+    """Raise a ValueError for a step that is too small for its range."""
+    if high - low > MOST_LEVELS * step:
+        raise ValueError(f"a step of {step:g} from {low:g} to {high:g} gives over {MOST_LEVELS} values")
 
 
 class Span(Strict):
@@ -33,6 +41,7 @@ class Span(Strict):
     def _ordered(self) -> Span:
         if self.low > self.high:
             raise ValueError(f"low is above high: {self.low:g} > {self.high:g}")
+        check_levels(self.low, self.high, self.step)
         return self
 
     def __str__(self) -> str:

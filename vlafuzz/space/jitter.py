@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
+from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Camera, InitialPose, Light, Placement, Scene
 from vlafuzz.space.base import Strict
@@ -93,14 +93,7 @@ def load_jitter(path: Path | None = None) -> Jitter:
     """
     path = path or operators_dir() / "jitter.yaml"
     hint = f"one number for each of {', '.join(Jitter.model_fields)}"
-    try:
-        return Jitter.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise CatalogueError(f"{path}: cannot be read: {' '.join(str(error).split())}", hint=hint) from None
-    except ValidationError as error:
-        problem = error.errors()[0]
-        where = ".".join(map(str, problem["loc"])) or "the file"
-        raise CatalogueError(f"{path}: {where}: {problem['msg'].lower()}", hint=hint) from None
+    return validated(Jitter, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
 
 
 def _uniform(rng: np.random.Generator, amount: float, size: int) -> NDArray[np.float64]:

@@ -9,11 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, Field, ValidationError
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.reading import read_yaml
 from vlafuzz.space.base import Operator, Strict
 from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
 from vlafuzz.tasks.tabletop import TASKS
@@ -126,19 +126,12 @@ def _find(source: str, beside: Path | None) -> Path:
 
 def _read(path: Path, extended: tuple[Path, ...]) -> _File:
     """A file, completed by the files that it extends."""
-    if path in extended:
+    if path.resolve() in extended:
         raise CatalogueError(f"{path}: extends: goes round in a circle")
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise CatalogueError(f"{path}: cannot be read: {reason}") from None
-    except yaml.YAMLError as error:
-        raise CatalogueError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    file = _validated(path, "", _File, raw)
+    file = _validated(path, "", _File, read_yaml(path, CatalogueError))
     if file.extends is None:
         return file
-    return _merged(_read(_find(file.extends, beside=path), (*extended, path)), file)
+    return _merged(_read(_find(file.extends, beside=path), (*extended, path.resolve())), file)
 
 
 def _with_extras(file: _File) -> _File:

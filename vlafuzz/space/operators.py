@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from vlafuzz.space import extras
-from vlafuzz.space.base import Box, Layout, Number, Operator, Range, Span, Step
+from vlafuzz.space.base import Box, Layout, Number, Operator, Range, Span, Step, check_levels
 from vlafuzz.space.params import Gene, Grid
 
 MOST_CONFOUNDERS = 4
@@ -99,7 +100,8 @@ class _Orientation(Operator):
         whole = yaw.high - yaw.low >= 360
         for slot in layout.of(self.part):
             yield self._gene(f"{slot}.rest", "category", Grid.choice(layout.stable_poses))
-            grid = Grid(yaw.low, yaw.high, yaw.step, yaw.nominal, wraps=whole)
+            nominal = yaw.high if whole and yaw.nominal == yaw.low else yaw.nominal  # the same angle
+            grid = Grid(yaw.low, yaw.high, yaw.step, nominal, wraps=whole)
             yield self._gene(f"{slot}.yaw", "angle" if whole else "real", grid)
 
     def ranges(self) -> str:
@@ -149,6 +151,7 @@ class Light(Operator):
     def _positive(self) -> Light:
         if self.intensity.low <= 0:
             raise ValueError(f"intensity must be positive, low is {self.intensity.low:g}")
+        check_levels(math.log2(self.intensity.low), math.log2(self.intensity.high), self.intensity.step)
         return self
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
@@ -167,7 +170,7 @@ class CameraPosition(Operator):
     name, says = "camera-position", "where the camera stands"
     nominal_text, range_text = "0 m", "{distance} m off, in any direction"
     distance: Range
-    direction_step: Step
+    direction_step: Annotated[Step, Field(ge=0.01)]
 
     @model_validator(mode="after")
     def _not_negative(self) -> CameraPosition:

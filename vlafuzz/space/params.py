@@ -52,8 +52,10 @@ class Grid:
     def _values(self) -> tuple[float, ...]:
         start = self._scaled(self.nominal)
         scaled = [round(start + (level + self._first) * self.step, 9) + 0.0 for level in range(self.size)]
-        # Short floats: equal on every machine.
-        return tuple(float(f"{2.0**exponent:.6g}") for exponent in scaled) if self.log else tuple(scaled)
+        # Short floats: equal on every machine. But nominal is what the user wrote, with all its decimals.
+        values = [float(f"{2.0**exponent:.6g}") for exponent in scaled] if self.log else scaled
+        values[self.nominal_level] = self.nominal
+        return tuple(values)
 
     def snap(self, value: float) -> int:
         """The level nearest to a value."""

@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from vlafuzz.errors import StoreError
-from vlafuzz.store.migrations import MIGRATIONS, migrate
+from pydantic import ValidationError
+
+from vlafuzz.errors import StoreError, VlafuzzError
+from vlafuzz.reading import first_problem
+from vlafuzz.store.migrations import MIGRATIONS, migrate, shape_at, shape_of
 
 APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show
+MOST_BYTES = 64 << 20  # of one value or row; ours have kilobytes
 BUSY = 10.0  # seconds to wait for another process's transaction; ours take milliseconds
 
 _EXPLAINED = {
@@ -24,6 +28,7 @@ _EXPLAINED = {
     "SQLITE_READONLY": ("cannot be written", "give a store in a folder that you may write to"),
     "SQLITE_CANTOPEN": ("cannot be opened", "check that you may read and write its folder"),
     "SQLITE_BUSY": ("another process keeps it busy", "try again when that has ended"),
+    "SQLITE_TOOBIG": ("is damaged: a value has more than 64 MiB", "restore it from a backup"),
     "SQLITE_IOERR": ("cannot be read or written", "check the disk; all trials up to here are stored"),
 }
 
@@ -36,11 +41,23 @@ def explained(path: Path) -> Iterator[None]:
     except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
         raise
     except sqlite3.Error as error:
-        name = getattr(error, "sqlite_errorname", "")
+        name = getattr(error, "sqlite_errorname", "SQLITE_CORRUPT")  # none: a text is not UTF-8
         for prefix in _EXPLAINED:
             if name.startswith(prefix):
                 raise _problem(path, prefix) from error
         raise
+
+
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """Turn errors about what is in a store's rows, such as JSON that somebody changed, into a StoreError."""
+    try:
+        yield
+    except StoreError as error:
+        raise StoreError(f"{path}: {error.message.removeprefix(f'{path}: ')}", error.hint) from None
+    except (VlafuzzError, ValueError, TypeError, KeyError) as error:
+        problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
+        raise StoreError(f"{path}: is damaged: {problem}", hint="restore it from a backup") from None
 
 
 def _problem(path: Path, name: str) -> StoreError:
@@ -110,6 +127,8 @@ def _reader(path: Path) -> sqlite3.Connection:
 
 
 def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> None:
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+    connection.execute("PRAGMA trusted_schema = OFF")
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     application = _pragma(connection, "application_id")
     if tables == 0 and application == 0:
@@ -124,6 +143,18 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
         raise StoreError(f"{path}: {problem}", hint="upgrade vlafuzz")
     if _lacks_part_of_a_page(path, connection) or _pragma(connection, "quick_check(1)") != "ok":
         raise _problem(path, "SQLITE_CORRUPT")
+    _check_tables(path, connection, version)
+
+
+def _check_tables(path: Path, connection: sqlite3.Connection, version: int) -> None:
+    """Raise a StoreError unless the tables are those of its version, and nothing happens on its own."""
+    expected, here = shape_at(version), shape_of(connection)
+    changed = [name for name in expected if here.get(name) != expected[name]]
+    query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+    changed += [name for (name,) in connection.execute(query)]
+    if changed:
+        problem = f"{changed[0]!r} in it is not as vlafuzz made it"
+        raise StoreError(f"{path}: {problem}", hint="give a store that `vlafuzz run` wrote")
 
 
 def _lacks_part_of_a_page(path: Path, connection: sqlite3.Connection) -> bool:

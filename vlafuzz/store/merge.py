@@ -93,7 +93,7 @@ def _last(connection: sqlite3.Connection, table: str) -> int:
 def _copy_table(
     source: sqlite3.Connection, target: sqlite3.Connection, table: str, shift: Mapping[str, int]
 ) -> None:
-    columns = [row[1] for row in source.execute(f"PRAGMA table_info({table})")]
+    columns = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
     if "id" in columns and "id" not in shift:
         columns.remove("id")  # no other table refers to it, so the target numbers its own
     names = ", ".join(f'"{column}"' for column in columns)

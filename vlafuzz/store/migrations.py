@@ -1,6 +1,8 @@
 """The store's schema, as the steps that lead to it. A released step is never changed: add the next one."""
 
 import sqlite3
+from contextlib import closing
+from functools import cache
 
 _FIRST = (
     """
@@ -194,6 +196,27 @@ MIGRATIONS: list[tuple[str, ...]] = [
     (f"{_ADD} visible TEXT NOT NULL DEFAULT ''", f"{_ADD} place TEXT NOT NULL DEFAULT ''"),
     _CAUSES,
 ]
+
+
+Shape = dict[str, tuple[object, ...]]  # of each table: whether it is one, strict and by row ids; its columns
+
+
+def shape_of(connection: sqlite3.Connection) -> Shape:
+    """The tables of a store that is open."""
+    listed = connection.execute("SELECT name, type, wr, strict FROM pragma_table_list WHERE schema = 'main'")
+    columns = "SELECT name, type, pk > 0 FROM pragma_table_info(?)"
+    return {
+        name: (*kind, frozenset(connection.execute(columns, (name,)))) for name, *kind in listed.fetchall()
+    }
+
+
+@cache
+def shape_at(version: int) -> Shape:
+    """The tables that a version of the schema has."""
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
+        for statement in (statement for statements in MIGRATIONS[:version] for statement in statements):
+            fresh.execute(statement)
+        return shape_of(fresh)
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

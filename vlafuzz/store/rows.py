@@ -12,18 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from vlafuzz.errors import StoreError
+from vlafuzz.conditions.checked import check_read
 from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.probability import Probability
+from vlafuzz.reading import MIB, inflated, parse_json
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
+MOST_UNPACKED = MIB  # bytes of a trace, or of the actions of 37,000 steps
 _SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
 _RATE = TypeAdapter(Rate | None)
+_NAMES = TypeAdapter(tuple[str, ...])
+_BY_NAME = TypeAdapter(dict[str, str])
 _RATES = TypeAdapter(dict[str, Rate])
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
@@ -49,13 +53,12 @@ def pack(array: NDArray[np.float32]) -> bytes:
 
 
 def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
-    """The array that ``pack`` wrote, in a shape; empty without a blob; a StoreError if that is damaged."""
+    """The array that ``pack`` wrote, in a shape; empty without a blob; a ValueError if that is damaged."""
     try:
-        data = zlib.decompress(blob) if blob is not None else b""
+        data = inflated(blob, MOST_UNPACKED) if blob is not None else b""
         return np.frombuffer(data, dtype="<f4").reshape(*shape).astype(np.float32)
-    except (zlib.error, ValueError) as error:
-        problem = f"a trace or its actions in the store are damaged: {error}"
-        raise StoreError(problem, hint="restore the store from a backup") from None
+    except ValueError as error:
+        raise ValueError(f"a trace or its actions: {error}") from None
 
 
 def run_row(manifest: Manifest) -> Row:
@@ -69,10 +72,20 @@ def to_run(row: sqlite3.Row) -> Run:
     values = dict(row)
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
-    values["versions"] = json.loads(values["versions"])
+    values["versions"] = _BY_NAME.validate_json(values["versions"])
     for name in _BOOLEANS:
         values[name] = bool(values[name])
-    return Run(manifest=Manifest(**values), **about)
+    manifest = Manifest(**values)
+    check_read(manifest)
+    return Run(manifest=manifest, **about)
+
+
+def to_scene(row: sqlite3.Row, key: str = "digest") -> Scene:
+    """The scene in a row of ``scene`` or joined with it; a ValueError if it is not that of its digest."""
+    scene, digest = Scene.from_json(row["json"]), row[key]
+    if scene.digest != digest:
+        raise ValueError(f"the scene {digest} is another one, {scene.digest}")
+    return scene
 
 
 def trial_row(run: int, trial: Trial) -> Row:
@@ -101,7 +114,7 @@ def to_trial(row: sqlite3.Row, rollouts: tuple[Rollout, ...]) -> Trial:
     genome = None if row["genome"] is None else np.frombuffer(row["genome"], dtype="<f8").astype(np.float64)
     return Trial(
         proposal=row["proposal"],
-        scene=Scene.from_json(row["json"]),
+        scene=to_scene(row, "scene"),
         outcome=to_outcome(row, rollouts),
         severity=row["severity"] or 0.0,
         genome=genome,
@@ -142,7 +155,7 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
     """The inverse of ``rollout_row``."""
     return Rollout(
         **{name: bool(row[name]) for name in _SUCCESSES},
-        reached=tuple(json.loads(row["reached"])),
+        reached=_NAMES.validate_json(row["reached"]),
         progress=row["progress"] or 0.0,
         trace=unpack(row["trace"], -1),
         actions=unpack(row["actions"], -1, _ACTION),
@@ -154,7 +167,7 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
 def to_finding(row: sqlite3.Row) -> Finding:
     """The finding in a row of ``finding`` joined with its scene's JSON and its proposal."""
     names = ("policy_key", "run", "proposal", "cell")
-    return Finding(Scene.from_json(row["json"]), **{name: row[name] for name in names})
+    return Finding(to_scene(row, "scene"), **{name: row[name] for name in names})
 
 
 def attribution_row(run: int, found: Attribution) -> Row:
@@ -184,8 +197,9 @@ def to_attribution(row: sqlite3.Row, causes: Iterable[sqlite3.Row]) -> Attributi
 
 
 def _to_cause(row: sqlite3.Row) -> FoundCause:
-    scene = Scene.from_json(row["json"]) if row["json"] else None
-    return FoundCause(scene, tuple(json.loads(row["operators"])), row["failures"], _to_estimate(row, "share"))
+    scene = to_scene(row, "scene") if row["json"] else None
+    operators = _NAMES.validate_json(row["operators"])
+    return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"))
 
 
 def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:
@@ -219,20 +233,21 @@ def triage_row(triaged: Triaged) -> Row:
 
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
-    causes = {name: json.loads(row[name]) for name in ("necessary", "sufficient", "thresholds")}
+    causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, _ACTION)
         solver: Solver = row["witness_solver"] or "expert"  # the only one of earlier versions
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
+    counterparts = _BY_NAME.validate_json(row["counterparts"])
     return Triaged(
         **{name: row[name] for name in _PLAIN},
         scene=scene(row["scene"]),
-        deviating=tuple(json.loads(row["deviating"])),
+        deviating=_NAMES.validate_json(row["deviating"]),
         shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
-        operators=tuple(json.loads(row["operators"])),
+        operators=_NAMES.validate_json(row["operators"]),
         causes=_CAUSES.validate_python(causes),
-        counterparts={name: scene(digest) for name, digest in json.loads(row["counterparts"]).items()},
+        counterparts={name: scene(digest) for name, digest in counterparts.items()},
         witness=witness,
         rate=_RATE.validate_json(row["rate"]),
         certified=_RATE.validate_json(row["certified"]),

@@ -12,7 +12,14 @@ from vlafuzz.errors import StoreError
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store import rows
-from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, is_outdated
+from vlafuzz.store.database import (
+    WriterLock,
+    connect_to_read,
+    connect_to_write,
+    explained,
+    intact,
+    is_outdated,
+)
 from vlafuzz.store.records import (
     UNFINISHED,
     Attribution,
@@ -133,22 +140,26 @@ class Store:
 
     def runs(self) -> list[Run]:
         """All runs, the oldest first."""
-        return [rows.to_run(row) for row in self._select("SELECT * FROM run ORDER BY id")]
+        with intact(self.path):
+            return [rows.to_run(row) for row in self._select("SELECT * FROM run ORDER BY id")]
 
     def trials(self, run: int) -> Iterator[Trial]:
         """The trials of a run, in the order of its proposals."""
         self._require(run)
         query = "SELECT trial.*, json FROM trial JOIN scene ON digest = scene WHERE run = ? ORDER BY proposal"
         for row in self._select(query, run):
-            yield rows.to_trial(row, self._rollouts(row["id"]))
+            with intact(self.path):
+                trial = rows.to_trial(row, self._rollouts(row["id"]))
+            yield trial
 
     def passing(self, run: int) -> list[Scene]:
         """The scenes in which the policy passed in a run, each once."""
         query = (
-            "SELECT json FROM scene WHERE digest IN"
+            "SELECT * FROM scene WHERE digest IN"
             " (SELECT scene FROM trial WHERE run = ? AND verdict = 'passed') ORDER BY digest"
         )
-        return [Scene.from_json(row["json"]) for row in self._select(query, run)]
+        with intact(self.path):
+            return [rows.to_scene(row) for row in self._select(query, run)]
 
     def count(self, run: int) -> int:
         """Number of trials of a run."""
@@ -186,7 +197,8 @@ class Store:
             " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
         )
         selected = self._select(query, run, first, first + size)
-        return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
+        with intact(self.path):
+            return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
 
     def findings(self, run: int | None = None) -> list[Finding]:
         """All findings, or those that failed in one run whichever run saw them first; the oldest first."""
@@ -204,20 +216,23 @@ class Store:
                 " AND run.policy_key = finding.policy_key)"
             )
             selected = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
-        return [rows.to_finding(row) for row in selected]
+        with intact(self.path):
+            return [rows.to_finding(row) for row in selected]
 
     def causes(self, run: int) -> Attribution | None:
         """The causes that a run has found; None if its strategy does not look for causes."""
         self._require(run)
         query = "SELECT * FROM cause LEFT JOIN scene ON digest = scene WHERE run = ? ORDER BY rank"
         for row in self._select("SELECT * FROM attribution WHERE run = ?", run):
-            return rows.to_attribution(row, self._select(query, run))
+            with intact(self.path):
+                return rows.to_attribution(row, self._select(query, run))
         return None
 
     def triaged(self) -> list[Triaged]:
         """All triaged findings, in the order in which they were triaged."""
         selected = self._select("SELECT * FROM triage ORDER BY rowid")
-        return [rows.to_triaged(row, self._scene) for row in selected]
+        with intact(self.path):
+            return [rows.to_triaged(row, self._scene) for row in selected]
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).
@@ -234,7 +249,8 @@ class Store:
             " AND NOT duplicate AND verdict != 'error' ORDER BY trial.id DESC LIMIT 1"
         )
         for row in self._select(query, scene.digest, policy_key, *own):
-            return rows.to_outcome(row, self._rollouts(row["id"]))
+            with intact(self.path):
+                return rows.to_outcome(row, self._rollouts(row["id"]))
         return None
 
     def scene(self, prefix: str) -> Scene:
@@ -248,7 +264,8 @@ class Store:
         if len(matches) > 1:
             hint = "give more digits: " + ", ".join(row["digest"] for row in matches)
             raise StoreError(f"{self.path}: {prefix!r} fits several scenes", hint=hint)
-        return Scene.from_json(matches[0]["json"])
+        with intact(self.path):
+            return rows.to_scene(matches[0])
 
     # SQL
 
@@ -279,8 +296,9 @@ class Store:
             return self._connection.execute(query, values).fetchall()
 
     def _scene(self, digest: str) -> Scene:
-        (row,) = self._select("SELECT json FROM scene WHERE digest = ?", digest)
-        return Scene.from_json(row["json"])
+        for row in self._select("SELECT * FROM scene WHERE digest = ?", digest):
+            return rows.to_scene(row)
+        raise ValueError(f"there is no scene {digest}")
 
     def _rollouts(self, trial: int) -> tuple[Rollout, ...]:
         selected = self._select("SELECT * FROM rollout WHERE trial = ? ORDER BY number", trial)

@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-import yaml
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.reading import read_yaml, validated
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -25,11 +25,8 @@ def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
         CatalogueError: the file is malformed, a task has no wording, or a wording lacks a target.
     """
     path = path or operators_dir() / "instructions.yaml"
-    try:
-        wordings = _WORDINGS.validate_python(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, yaml.YAMLError, ValidationError) as error:
-        reason = str(error).splitlines()[0]
-        raise CatalogueError(f"{path}: {reason}", hint="expected one list of wordings per task") from None
+    hint = "expected one list of wordings per task"
+    wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
     for name, task in TASKS.items():
         for wording in wordings.get(name) or [""]:
             for slot in _SLOTS[: task.targets]:

@@ -154,11 +154,14 @@ def share(flags: list[bool]) -> float | None:
 def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
     """Whether the footprints of all things are known."""
     return all(
-        thing.object in catalogue
-        and thing.scale > 0
-        and (thing.quaternion or thing.rest in [pose.name for pose in catalogue[thing.object].stable_poses])
-        for thing in things
+        thing.object in catalogue and thing.scale > 0 and _has_pose(thing, catalogue) for thing in things
     )
+
+
+def _has_pose(thing: Placement, catalogue: Catalogue) -> bool:
+    if thing.quaternion is not None:
+        return math.hypot(*thing.quaternion) > 1e-6
+    return thing.rest in [pose.name for pose in catalogue[thing.object].stable_poses]
 
 
 def _overlap(things: list[Placement], catalogue: Catalogue) -> bool | None:

@@ -5,10 +5,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import BaseModel, ValidationError, field_validator
+from pydantic import BaseModel, field_validator
 
 from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.reading import read_yaml, validated
 
 FOLDER = Path(__file__).parent
 
@@ -41,18 +41,9 @@ def known_profiles() -> Mapping[str, Profile]:
 
 def load_profile(path: Path) -> Profile:
     """Read a profile from a file; UsageError when this fails."""
-    try:
-        return Profile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror}", hint="name a profile, or a file of one") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        problem = " ".join(str(error).split())
-        raise UsageError(f"{path}: no YAML: {problem}", hint="correct it there") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"]) or "all of it"
-        hint = f"it has the keys {', '.join(Profile.model_fields)}: see those in {FOLDER}"
-        raise UsageError(f"{path}: {where}: {first['msg']}, got {first['input']!r}", hint=hint) from None
+    content = read_yaml(path, UsageError, hint="name a profile, or a file of one")
+    hint = f"it has the keys {', '.join(Profile.model_fields)}: see those in {FOLDER}"
+    return validated(Profile, content, path, UsageError, hint)
 
 
 def options_of(name: str, protocol: str) -> Mapping[str, Any]:

@@ -11,9 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from vlafuzz.errors import SceneError
 from vlafuzz.files import write_whole
-
-_Number = Annotated[float, Field(allow_inf_nan=False)]
-Quaternion = tuple[_Number, _Number, _Number, _Number]  # w, x, y, z
+from vlafuzz.reading import first_problem, read_json
+from vlafuzz.scene import MOST, Quaternion, Real, Text
 
 
 @dataclass(frozen=True)
@@ -38,29 +37,32 @@ class Entry:
         return self.targets + tuple(index for index in range(len(self.things)) if index not in self.targets)
 
 
+_Names = Annotated[list[Text], Field(max_length=MOST)]
+
+
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class _First(_Strict):  # the key of the orientation differs for the object to grasp
-    init_xy: tuple[_Number, _Number]
+    init_xy: tuple[Real, Real]
     orientation: Quaternion
 
 
 class _Other(_Strict):
-    init_xy: tuple[_Number, _Number]
+    init_xy: tuple[Real, Real]
     init_rot_quat: Quaternion
 
 
 class _Grasp(_Strict):
-    model_id: str
+    model_id: Text
     obj_init_options: _First
-    distractor_model_ids: list[str] = []
+    distractor_model_ids: _Names = []
     distractor_obj_init_options: dict[str, _Other] = {}
 
 
 class _Two(_Strict):
-    model_ids: list[str]
+    model_ids: _Names
     obj_init_options: dict[str, _Other]
     source_obj_id: int
     target_obj_id: int
@@ -86,17 +88,10 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> None:
 
 def _scenes(path: Path) -> dict[str, object]:
     hint = 'expected a JSON object with scenes under "0", "1", …, "seed" and "num"'
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text, or nested too deeply"
-        advice = hint if path.is_file() else "give an existing file"
-        raise SceneError(f"{path}: cannot be read: {reason}", advice) from None
-    except ValueError as error:  # malformed, or a number with thousands of digits
-        raise SceneError(f"{path}: not JSON: {error}", hint) from None
+    document = read_json(path, SceneError, hint)
     if not isinstance(document, dict):
         raise SceneError(f"{path}: not a scene file of VLATest, got {type(document).__name__}", hint)
-    scenes = {key: value for key, value in document.items() if key.isdecimal()}
+    scenes = {key: value for key, value in document.items() if re.fullmatch("[0-9]{1,9}", key)}
     unknown = [key for key in document if key not in scenes and key not in ("seed", "num")]
     if unknown:
         raise SceneError(f"{path}: {unknown[0]}: unknown key", hint)
@@ -112,9 +107,7 @@ def _entry(path: Path, key: str, raw: object) -> Entry:
             return _of_grasp(_Grasp.model_validate(raw))
         return _of_two(_Two.model_validate(raw))
     except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        where = ".".join([key, *map(str, problem["loc"])])
-        raise SceneError(f"{path}: {where}: {problem['msg'].lower()}") from None
+        raise SceneError(f"{path}: {key}: {first_problem(error)}") from None
     except (KeyError, IndexError) as error:
         raise SceneError(f"{path}: {key}: {error.args[0]}") from None
 

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from vlafuzz.formats.vlatest.format import Entry, Quaternion, Thing
+from vlafuzz.formats.vlatest.format import Entry, Thing
 from vlafuzz.formats.vlatest.table import Base, vlatest_table
 from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Placement, Quaternion, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
 # Prefixes of names, as in packs: YCB and VLATest's own catalogue share some names.

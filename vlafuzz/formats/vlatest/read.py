@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.vlatest.format import Entry, Quaternion, Thing, is_ycb, read_entries
+from vlafuzz.formats.vlatest.format import Entry, Thing, is_ycb, read_entries
 from vlafuzz.formats.vlatest.original import in_robot_frame, original_scene
 from vlafuzz.formats.vlatest.table import Counterpart, Rectangle, Table, our_box, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Placement, Quaternion, Scene
 from vlafuzz.space.base import Box
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS

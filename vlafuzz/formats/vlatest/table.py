@@ -2,11 +2,11 @@
 
 from functools import cache
 
-import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
+from vlafuzz.reading import read_yaml, validated
 from vlafuzz.space.base import Box
 from vlafuzz.space.operator_set import load_operators
 from vlafuzz.space.operators import TargetPosition
@@ -79,10 +79,7 @@ class Table(_Strict):
 def vlatest_table() -> Table:
     """The table, read once."""
     path = operators_dir() / "objects" / "vlatest.yaml"
-    try:
-        return Table.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, yaml.YAMLError, ValidationError) as error:
-        raise CatalogueError(f"{path}: {' '.join(str(error).split())}") from None
+    return validated(Table, read_yaml(path, CatalogueError), path, CatalogueError)
 
 
 @cache

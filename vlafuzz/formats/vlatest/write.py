@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from vlafuzz.formats.vlatest.format import Entry, Quaternion, Thing, is_ycb, write_entries
+from vlafuzz.formats.vlatest.format import Entry, Thing, is_ycb, write_entries
 from vlafuzz.formats.vlatest.original import (
     CUSTOM,
     YCB,
@@ -19,7 +19,7 @@ from vlafuzz.formats.vlatest.original import (
 from vlafuzz.formats.vlatest.read import quaternion
 from vlafuzz.formats.vlatest.table import Counterpart, Table, our_box, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.scene import EXTRAS, Camera, Light, Placement, Scene
+from vlafuzz.scene import EXTRAS, Camera, Light, Placement, Quaternion, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
 
 NOT_IN_FORMAT = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts

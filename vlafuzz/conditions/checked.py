@@ -1,0 +1,46 @@
+"""The fields of conditions that hold JSON, checked when they are read: others may have written them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter
+
+from vlafuzz.conditions.conditions import Conditions
+
+
+class _Pack(BaseModel):
+    name: str
+    digest: str
+    folder: str
+
+
+class _SceneFile(BaseModel):
+    flag: str
+    file: str
+    digest: str
+
+
+class _Place(BaseModel):
+    processor: str
+    instructions: str
+    torch: str
+
+
+class _Spec(BaseModel):
+    cameras: list[dict[str, Any]] = []
+
+
+_KINDS: Mapping[str, TypeAdapter[Any]] = {
+    "packs": TypeAdapter(list[_Pack]),
+    "scene_file": TypeAdapter(_SceneFile),
+    "place": TypeAdapter(_Place),
+    "spec": TypeAdapter(_Spec),
+    "operators": TypeAdapter(dict[str, Any]),
+}
+
+
+def check_read(conditions: Conditions) -> None:
+    """Raise a ValueError if a field that holds JSON, unless it is empty, holds something else."""
+    for name, kind in _KINDS.items():
+        if text := getattr(conditions, name):
+            kind.validate_json(text)
