@@ -87,7 +87,7 @@ def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
 
 def test_schema_1_with_other_names_for_policy_and_scene_file_is_read(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
-    pool = '{"flag": "pool", "digest": "d"}'
+    pool = '{"flag": "pool", "file": "f", "digest": "d"}'
     runs = [{"subject": run.pop("policy"), "given": pool} | run for run in manifest["runs"]]
     for run in runs:
         del run["scene_file"]
@@ -135,7 +135,7 @@ def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("{", "not the manifest of a corpus"),
+        ("{", "not JSON: Expecting"),
         ("[]", "input should be"),
         ("{}", "not the manifest of a corpus: no 'schema'"),
         ('{"schema": 1}', "not the manifest of a corpus: no 'runs'"),
