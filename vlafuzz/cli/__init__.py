@@ -28,6 +28,7 @@ COMMANDS = {
     "import": ("vlafuzz.cli.scenes:app", "Import scenes of other formats."),
     "export": ("vlafuzz.cli.export:export", "Write the failing scenes of a store to a file."),
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
+    "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
     "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),
     "merge": ("vlafuzz.cli.export:merge", "Merge the runs of several stores into one."),
     "operators": ("vlafuzz.cli.listings:operators", "List the operators and their ranges."),

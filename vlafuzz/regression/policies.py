@@ -1,11 +1,12 @@
-"""Compare a policy with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
+"""Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
-from vlafuzz.regression import regress
+from vlafuzz.regression import bisect, regress
+from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.pairs import Probe, probes
@@ -35,23 +36,67 @@ def compare_policies(
     def progress(now: regress.Progress) -> None:
         watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
 
-    scenes = probes(corpus)
-    if not corpus.controls:
-        scenes = [*_controls(folder, corpus.runs[0]), *scenes]
-        baseline = baseline or corpus.policy
-        watch.note(
-            f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
-            "`vlafuzz export` writes corpora with controls"
-        )
+    scenes, baseline = _scenes(folder, corpus, baseline, watch)
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, policy, watch)))
-        old: Side = Recorded(f"{corpus.policy} as recorded")
-        if baseline is not None:
-            old = stack.enter_context(closing(_rerun(folder, corpus, baseline, watch)))
+        old = _baseline(folder, corpus, baseline, stack, watch)
         watch.note(_estimate(corpus, scenes, old, max_rollouts))
         return regress.compare(
             scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, watch=progress
         )
+
+
+def bisect_checkpoints(
+    folder: Path,
+    corpus: Corpus,
+    checkpoints: Sequence[str],
+    baseline: str | None = None,
+    *,
+    alpha: float = 0.05,
+    error: float = 0.05,
+    comparisons: int | None = None,
+    watch: Watch = SILENT,
+) -> Bisection:
+    """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
+
+    Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is
+    open at a time.
+    """
+    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    controls = [probe for probe in scenes if probe.group == "control"]
+    with ExitStack() as stack:
+        return bisect.bisect(
+            controls,
+            checkpoints,
+            lambda name: closing(_rerun(folder, corpus, name, watch)),
+            _baseline(folder, corpus, baseline, stack, watch),
+            alpha=alpha,
+            error=error,
+            comparisons=comparisons,
+            watch=lambda checkpoint, done, most: watch.progress(f"rollouts of {checkpoint}", done, most),
+        )
+
+
+def _scenes(
+    folder: Path, corpus: Corpus, baseline: str | None, watch: Watch
+) -> tuple[list[Probe], str | None]:
+    """The scenes, controls first, and the name of the baseline; None where its outcomes are recorded."""
+    scenes = probes(corpus)
+    if corpus.controls:
+        return scenes, baseline
+    baseline = baseline or corpus.policy
+    watch.note(
+        f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
+        "`vlafuzz export` writes corpora with controls"
+    )
+    return [*_controls(folder, corpus.runs[0]), *scenes], baseline
+
+
+def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, watch: Watch) -> Side:
+    """A policy that is rolled out, or the recorded outcomes of the corpus's own."""
+    if name is None:
+        return Recorded(f"{corpus.policy} as recorded")
+    return stack.enter_context(closing(_rerun(folder, corpus, name, watch)))
 
 
 def _controls(folder: Path, run: Manifest) -> list[Probe]:

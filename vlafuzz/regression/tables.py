@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.pairs import Compared, Group
 from vlafuzz.regression.regress import Comparison
@@ -99,3 +100,15 @@ def _group(compared: Comparison, group: Group) -> dict[str, Any]:
     scenes = compared.of(group)
     standings = {name: _count(scenes, name) for name in _STANDINGS}
     return {"scenes": len(scenes), **asdict(compared.tally(group)), "standings": standings}
+
+
+def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
+    """The JSON of ``bisect --json``."""
+    names = ("baseline", "alarm", "p_value", "alpha", "named", "certain", "error", "verdict", "rollouts")
+    return {
+        "corpus": corpus.name,
+        **{name: getattr(result, name) for name in names},
+        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True)),
+        "likely": [result.checkpoints[index] for index in result.likely],
+        "comparisons": [asdict(step) for step in result.steps],
+    }

@@ -1,0 +1,216 @@
+#!/usr/bin/env python
+"""How often `vlafuzz bisect` names the right one of 16 checkpoints, and how often it raises a false alarm.
+
+By the same code as on the command line, in the controls of a shipped corpus; only the outcomes are made up,
+of policies that pass with known probabilities. One checkpoint loses 20 points, and those after it as much
+(`step`) or 5 points more each (`growing`). Checkpoints before it are as good as the baseline: `independent`
+of it and of each other, or `related`, equal to the baseline in nine of ten scenes.
+
+The kind `mini` has real outcomes, which `--record` makes: of `mini` with weights that are hardly disturbed,
+and from the broken checkpoint on with growing noise on them; the controls come in another order each time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from shutil import copy
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.assets import corpus_dir
+from vlafuzz.outcome import Verdict
+from vlafuzz.regression.bisect import Bisection, bisect, most_comparisons
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.pairs import Answer, Probe, probes
+from vlafuzz.regression.regress import Recorded, Rerun
+from vlafuzz.statistics import wilson
+
+CORPUS = corpus_dir() / "mini-pick-up"
+OUTCOMES = Path(__file__).parent / "results" / "bisect-mini.json"
+CHECKPOINTS, LOSS, MORE, OWN = 16, 0.2, 0.05, 0.1
+HARMLESS, HARMFUL = (
+    (0.01,) * 4,
+    (0.2, 0.24, 0.28, 0.32, 0.36, 0.4, 0.45, 0.5),
+)  # noise, of the weights' spread
+FRESH = 10_000  # the model of the outcomes was chosen with smaller seeds
+
+Booleans = NDArray[np.bool_]
+# Probability of passing by a number that is uniform over scenes, and its mean.
+KINDS: dict[str, tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], float]] = {
+    "the same in all scenes, 0.5": (lambda u: 0.5 + 0 * u, 0.5),
+    "0.3 to 0.7": (lambda u: 0.3 + 0.4 * u, 0.5),
+    "anything": (lambda u: u, 0.5),
+    "0.05 or 0.95": (lambda u: np.where(u < 0.5, 0.95, 0.05), 0.5),
+    "always or never, 0.5": (lambda u: (u < 0.5) * 1.0, 0.5),
+    "always or never, 0.8": (lambda u: (u < 0.8) * 1.0, 0.8),
+}
+
+
+@dataclass
+class Given:
+    """A side whose outcomes are given, by the number of the control in ``Probe.what``."""
+
+    name: str
+    passes: Booleans
+
+    def answer(self, probe: Probe, repeat: int) -> Answer:
+        return Answer(Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
+
+
+def made_up(
+    kind: str, losses: Sequence[float], scenes: int, rng: np.random.Generator, *, related: bool
+) -> list[Booleans]:
+    """Outcomes of the baseline and of checkpoints that lose so much of the pass rate."""
+    rate, mean = KINDS[kind]
+    first, rows = rng.random(scenes), []
+    for loss in (0.0, *losses):
+        own = rng.random(scenes) < (OWN if related and rows else 1.0)
+        passing = rate(np.where(own, rng.random(scenes), first)) if rows else rate(first)
+        rows.append(rng.random(scenes) < passing * (1 - loss / mean))
+    return rows
+
+
+def losses_from(broken: int | None, *, growing: bool) -> list[float]:
+    """Of every checkpoint, the first ``broken`` of which work; None: all."""
+    if broken is None:
+        return [0.0] * CHECKPOINTS
+    more = MORE if growing else 0.0
+    return [min(LOSS + more * (at - broken), 0.45) if at >= broken else 0.0 for at in range(CHECKPOINTS)]
+
+
+def of_mini(broken: int | None, outcomes: dict[str, list[bool]], rng: np.random.Generator) -> list[Booleans]:
+    """Outcomes of the baseline as recorded in the corpus, and of disturbed copies of `mini`."""
+    order = rng.permutation(len(outcomes["recorded"]))
+    harmless = [name for name in outcomes if name.startswith("harmless")]
+    harmful = [name for name in outcomes if name.startswith("harmful")]
+    working = CHECKPOINTS if broken is None else broken
+    names = [*rng.choice(harmless, working), *harmful, *[harmful[-1]] * CHECKPOINTS][:CHECKPOINTS]
+    return [np.array(outcomes[name])[order] for name in ("recorded", *names)]
+
+
+def search(rows: Sequence[Booleans], scenes: Sequence[Probe]) -> Bisection:
+    numbered = [replace(probe, what=str(n), passed=bool(rows[0][n])) for n, probe in enumerate(scenes)]
+    sides = {str(number): Given(str(number), row) for number, row in enumerate(rows[1:])}
+    return bisect(numbered, list(sides), lambda name: nullcontext(sides[name]), Recorded("baseline"))
+
+
+def simulate(
+    label: str, draw: Callable[[int | None, np.random.Generator], list[Booleans]], seeds: range
+) -> str:
+    """One line of the table."""
+    scenes = [probe for probe in probes(read_corpus(CORPUS)) if probe.group == "control"]
+    counts: Counter[str] = Counter()
+    rollouts: list[int] = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, *label.encode()])
+        broken = int(rng.integers(CHECKPOINTS))
+        result = search(draw(broken, rng), scenes)
+        assert len(result.steps) <= most_comparisons(CHECKPOINTS) == 6
+        counts["alarm"] += result.alarm
+        counts["right"] += result.named == str(broken)
+        counts["certain"] += result.certain
+        counts["certain, wrong"] += result.certain and result.named != str(broken)
+        counts["in the set"] += broken in result.likely
+        counts["false alarm"] += search(draw(None, rng), scenes).alarm
+        rollouts.append(result.rollouts)
+    shares = "".join(f"{share(counts[name], len(seeds)):>22}" for name in COLUMNS)
+    return f"{label:52}{shares}{np.median(rollouts):>10.0f}"
+
+
+COLUMNS = ("alarm", "right", "certain", "certain, wrong", "in the set", "false alarm")
+
+
+def share(count: int, of: int) -> str:
+    low, high = wilson(count, of)
+    return f"{count / of:.1%} ({low:.1%}-{high:.1%})"
+
+
+def draws() -> Iterator[tuple[str, Callable[[int | None, np.random.Generator], list[Booleans]]]]:
+    """What is simulated, with its name."""
+    for kind in KINDS:
+        for related in (False, True):
+            for growing in (False, True):
+                name = (
+                    f"{kind}, {'related' if related else 'independent'}, {'growing' if growing else 'step'}"
+                )
+                yield (
+                    name,
+                    lambda broken, rng, kind=kind, related=related, growing=growing: made_up(
+                        kind, losses_from(broken, growing=growing), 200, rng, related=related
+                    ),
+                )
+    if OUTCOMES.is_file():
+        outcomes = json.loads(OUTCOMES.read_text())
+        yield "mini, growing noise", lambda broken, rng: of_mini(broken, outcomes, rng)
+
+
+def record() -> None:
+    """Roll out disturbed copies of `mini` in all controls; takes half an hour on one core."""
+    from vlafuzz.policies.mini.policy import Mini
+    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+
+    corpus = read_corpus(CORPUS)
+    scenes = [probe for probe in probes(corpus) if probe.group == "control"]
+    outcomes = {"recorded": [bool(probe.passed) for probe in scenes]}
+    copies = [(f"harmless {seed}", noise, seed) for seed, noise in enumerate(HARMLESS, start=1)]
+    copies += [(f"harmful {noise}", noise, 7) for noise in HARMFUL]
+    for name, noise, seed in copies:
+        with TemporaryDirectory() as folder:
+            disturb(Path(folder), noise, seed)
+            policy = Mini(Path(folder))
+            side = Rerun(
+                name, corpus.runs, lambda run, policy=policy: SimulatorSceneRunner(CORPUS, run, policy)
+            )
+            outcomes[name] = [side.answer(probe, 0).passed for probe in scenes]
+            side.close()
+        print(f"{name}: passes {sum(outcomes[name])} of {len(scenes)}", file=sys.stderr, flush=True)
+        OUTCOMES.write_text(json.dumps(outcomes) + "\n")
+
+
+def disturb(folder: Path, noise: float, seed: int) -> None:
+    """Write weights of `mini` with Gaussian noise, relative to the spread of each tensor."""
+    import torch
+    from safetensors.torch import load_file, save_file
+
+    from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
+
+    copy(SHIPPED / CARD, folder)
+    generator = torch.Generator().manual_seed(seed)
+    weights = {name: value.float() for name, value in load_file(SHIPPED / WEIGHTS).items()}
+    for value in weights.values():
+        if value.numel() > 1:
+            value += noise * value.std() * torch.randn(value.shape, generator=generator)
+    save_file(weights, folder / WEIGHTS)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--simulations", type=int, default=200, help="of each kind")
+    parser.add_argument(
+        "--seed", type=int, default=FRESH, help=f"of the first one; those below {FRESH} chose the model"
+    )
+    parser.add_argument("--only", default="", help="kinds whose names contain this")
+    parser.add_argument("--record", action="store_true", help=f"first make {OUTCOMES.name} again")
+    options = parser.parse_args()
+    if options.record:
+        record()
+    print(f"{'':52}{''.join(f'{name:>22}' for name in COLUMNS)}{'rollouts':>10}")
+    for label, draw in draws():
+        if options.only in label:
+            seeds = range(options.seed, options.seed + options.simulations)
+            print(simulate(label, draw, seeds), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""``vlafuzz bisect``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.errors import UsageError, check_number
+from vlafuzz.text import percent
+
+if TYPE_CHECKING:
+    from vlafuzz.regression.bisect import Bisection
+
+
+def command(
+    corpus: Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")],
+    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="")] = None,
+    checkpoints: Annotated[
+        list[str] | None,
+        typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …"),
+    ] = None,
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="How a checkpoint {} is named as a policy: lerobot:{}, for example.", metavar="NAME"
+        ),
+    ] = "{}",
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            help="A policy that works, to be rolled out, too.",
+            show_default="what the corpus recorded of its own",
+        ),
+    ] = None,
+    alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
+    error: Annotated[
+        float, typer.Option(help="Probability up to which another checkpoint may be the first broken one.")
+    ] = 0.05,
+    comparisons: Annotated[
+        int | None,
+        typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Find out which checkpoint broke a policy: exit code 1 if one did.
+
+    First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress`
+    does. If it is worse, a binary search that expects noise compares few of the others, each until it is
+    clear whether it is broken.
+
+    Example: vlafuzz bisect corpus/mini-pick-up --policy lerobot:{} --checkpoints out/010000 out/020000
+    """
+    names = [*(checkpoints or ()), *(more or ())]
+    _check(names, policy, baseline, alpha, error, comparisons)
+    from vlafuzz.regression.bisect import most_comparisons
+    from vlafuzz.regression.controls import CONTROLS
+    from vlafuzz.regression.folder import read_corpus
+    from vlafuzz.regression.policies import bisect_checkpoints
+    from vlafuzz.regression.tables import bisection_document
+
+    exported = read_corpus(corpus)
+    most = comparisons or most_comparisons(len(names))
+    controls = len(exported.controls) or CONTROLS
+    Bar.note(f"{len(names)} checkpoints: at most {most} comparisons of at most {controls} rollouts each")
+    with Bar() as bar:
+        result = bisect_checkpoints(
+            corpus,
+            exported,
+            [policy.replace("{}", name) for name in names],
+            baseline,
+            alpha=alpha,
+            error=error,
+            comparisons=comparisons,
+            watch=bar,
+        )
+    if json:
+        print_json(bisection_document(result, exported))
+    else:
+        _print(result)
+    if result.alarm:
+        raise typer.Exit(1)
+
+
+def _check(
+    names: list[str],
+    policy: str,
+    baseline: str | None,
+    alpha: float,
+    error: float,
+    comparisons: int | None,
+) -> None:
+    """Check the flags before anything is run."""
+    from vlafuzz.policies.registry import check_policy_name
+    from vlafuzz.regression.bisect import check_checkpoints
+
+    check_checkpoints(names)
+    for flag, value in (("--alpha", alpha), ("--error", error)):
+        if not 0 < value < 1:
+            message = f"{flag}: expected a probability above 0 and below 1, got {value:g}"
+            raise UsageError(message, hint="0.05")
+    check_number("--comparisons", comparisons, 1)
+    if "{}" not in policy:
+        hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
+        raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
+    for name in filter(None, (*(policy.replace("{}", name) for name in names), baseline)):
+        check_policy_name(name)
+
+
+def _print(result: Bisection) -> None:
+    rows = [
+        {
+            "checkpoint": step.checkpoint,
+            "controls": step.of,
+            "baseline passes": step.baseline_passed,
+            "checkpoint passes": step.passed,
+            "broken": percent(step.broken),
+        }
+        for step in result.steps
+    ]
+    print_rows(rows, title=f"comparisons with {result.baseline}")
+    stdout().print(result.verdict, soft_wrap=True)
