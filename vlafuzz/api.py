@@ -24,7 +24,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import deadline
-from vlafuzz.plugins import OBJECT
+from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.search.base import looks_for_causes
@@ -66,7 +66,7 @@ def fuzz(
     certifying = looks_for_causes(planned.strategy) if certify is None else certify
     summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
     if certifying:
-        with Store.open(Path(summary.store), "write") as store:
+        with Store.open(Path(summary.store), "write") as store, trusting(name):
             runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
@@ -90,6 +90,7 @@ def triage(
     max_rollouts: int | None = None,
     rollouts: int | None = None,
     time: str | None = None,
+    trust: bool = False,
     watch: Callable[[pipeline.Progress], None] = lambda progress: None,
 ) -> TriageSummary:
     """Confirm, witness, shrink and attribute the findings of a store that were not triaged yet.
@@ -100,14 +101,15 @@ def triage(
         max_rollouts: of the policy, to shrink and attribute one finding.
         rollouts: of the policy, after which no further finding is begun.
         time: wall clock that it takes at most, such as "30m".
+        trust: load the code of a ``python:`` policy that the store names.
         watch: called after every finding.
 
     Raises:
         StoreError: the store cannot be read or written.
-        UsageError: a run is of an object, and none is given.
+        UsageError: a run is of an object, and none is given; or of a ``python:`` policy, without ``trust``.
     """
     Store.open(Path(store)).close()  # to write, a missing file would be made a store
-    with Store.open(Path(store), "write") as opened:
+    with Store.open(Path(store), "write") as opened, trusting(*[EVERYTHING] * trust):
         pipeline.triage(
             opened,
             partial(_runner, Path(store), policy),

@@ -15,6 +15,8 @@ from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggesti
 
 PREFIX = "python:"
 OBJECT = "object:"  # begins the names of policies that were handed over as objects
+EVERYTHING = "*"
+_TRUSTED = "VLAFUZZ_TRUST"  # environment variable with one reference a line
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 _FORM = "expected python:package.module:factory"
 
@@ -22,6 +24,39 @@ _FORM = "expected python:package.module:factory"
 def is_reference(name: str) -> bool:
     """Whether a name refers to the user's own code."""
     return name.startswith(PREFIX)
+
+
+@contextmanager
+def trusting(*references: str) -> Iterator[None]:
+    """Accept these references where a file names them, in this process and in its children.
+
+    Args:
+        references: those that the user named, or ``EVERYTHING``.
+    """
+    before = os.environ.get(_TRUSTED, "")
+    os.environ[_TRUSTED] = "\n".join([before, *references])
+    try:
+        yield
+    finally:
+        os.environ[_TRUSTED] = before
+
+
+def check_trusted(*names: str) -> None:
+    """Check names that a store or corpus holds: a file that somebody sent must not run code.
+
+    Raises:
+        UsageError: one refers to code, and the user neither named it nor said ``--trust``.
+    """
+    trusted = os.environ.get(_TRUSTED, "").split("\n")
+    for name in names:
+        if is_reference(name) and not {name, EVERYTHING} & set(trusted):
+            message = f"the file names {name!r}: code, which is not run just because a file names it"
+            raise UsageError(message, hint="if you know that code, repeat the command with --trust")
+
+
+def trust_flag(*names: str) -> list[str]:
+    """The flag with which a command accepts these names from a file; empty where it needs none."""
+    return ["--trust"] if any(map(is_reference, names)) else []
 
 
 def load_factory(reference: str) -> Callable[..., Any]:

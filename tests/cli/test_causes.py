@@ -89,7 +89,7 @@ def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pyte
 
 def test_after_another_strategy_triage_finds_the_causes(capsys: pytest.CaptureFixture[str]):
     assert main([*RUN, "--strategy", "random", "--budget", "10"]) == 0
-    assert "failures; `vlafuzz triage a.db` finds their causes" in capsys.readouterr().out
+    assert "failures; `vlafuzz triage a.db --trust` finds their causes" in capsys.readouterr().out
     assert main([*RUN, "--strategy", "random", "--budget", "10", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert [printed[key] for key in ("causes", "unexplained", "probability", "certification")] == [None] * 4
@@ -123,7 +123,7 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
     printed = capsys.readouterr()
     assert printed.out.count("│ certified") == 1 <= printed.out.count("│ not certified")
     assert "interrupted: all finished causes are stored" in printed.err
-    assert printed.err.splitlines()[-1] == "hint: continue with `vlafuzz triage a.db --limit 1`"
+    assert printed.err.splitlines()[-1] == "hint: continue with `vlafuzz triage a.db --limit 1 --trust`"
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", planted)
     assert main(["triage", "a.db", "--limit", "1"]) == 0
     assert capsys.readouterr().out.count("│ certified") == 2

@@ -7,6 +7,7 @@ import pytest
 
 from tests.doubles import failed, manifest, passed
 from tests.sim.scenes import nominal
+from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.scene import Light, Placement
@@ -101,6 +102,23 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
         )
     assert main(["replay", str(tmp_path / "s.db"), left.digest, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["policy"] == "frozen"
+
+
+@pytest.mark.parametrize("given", ["", nominal("pick-up").digest])
+@pytest.mark.parametrize(
+    ("policy", "expected"), [(None, "frozen"), ("expert", "expert"), ("random", "frozen")]
+)
+def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(
+    tmp_path, given, policy, expected
+):
+    trial = Trial(
+        proposal=0, scene=nominal("pick-up"), outcome=failed(), severity=1.0, cell="grasp|light|0,0"
+    )
+    with Store.open(tmp_path / "s.db", "write") as store:
+        store.add(store.begin(manifest(policy="frozen")), trial)
+        store.add(store.begin(manifest(policy="expert")), replace(trial, outcome=passed(), cell=None))
+    wanted = find(tmp_path / "s.db", given or None, policy)
+    assert wanted.conditions.policy == expected
 
 
 def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):

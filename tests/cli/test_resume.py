@@ -65,7 +65,7 @@ def test_a_run_is_gone_on_with_by_its_store_alone(
     run(*flags, "--store", "whole.db", "--json")
     cut(monkeypatch, *flags, "--store", "a.db", after=61)
     expected = json.loads(capsys.readouterr().out)
-    assert main(["run", "--resume", "--store", "a.db", "--json"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert proposed("a.db") == proposed("whole.db")
     for row in (summary, expected):
@@ -90,7 +90,7 @@ def test_operators_come_from_the_store_though_their_file_is_gone(
     run(*flags, "--store", "whole.db")
     cut(monkeypatch, *flags, "--store", "a.db")
     (folder / "mine.yaml").unlink()
-    assert main(["run", "--resume", "--store", "a.db"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
     assert proposed("a.db") == proposed("whole.db")
 
 
@@ -100,19 +100,19 @@ def test_a_file_of_scenes_is_found_again_and_another_is_refused(
     write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
     cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
     write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
-    message = complaint(capsys, "run", "--resume", "--store", "a.db", "--scenes", "other.jsonl")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db", "--scenes", "other.jsonl")
     assert f"run 1 had other scenes than {folder / 'other.jsonl'} holds" in message
     assert f"give --scenes {folder / 'pool.jsonl'} as it was then" in message
     (folder / "pool.jsonl").rename(folder / "moved.jsonl")
-    assert "pool.jsonl" in complaint(capsys, "run", "--resume", "--store", "a.db")
-    assert main(["run", "--resume", "--store", "a.db", "--scenes", "moved.jsonl"]) == 0
+    assert "pool.jsonl" in complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
+    assert main(["run", "--resume", "--trust", "--store", "a.db", "--scenes", "moved.jsonl"]) == 0
     assert len(proposed("a.db")) == 9
 
 
 def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatch):
     for _ in range(2):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", after=3)
-    assert main(["run", "--resume", "--store", "a.db"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
     with Store.open(Path("a.db")) as store:
         assert [row.status for row in store.runs()] == ["interrupted", "finished"]
 
@@ -120,10 +120,10 @@ def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatc
 def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     for seed in ("1", "2", "3"):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", "--seed", seed, after=3)
-    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "3 runs that ended early fit" in message
     assert "give those flags in which they differ" in message
-    assert main(["run", "--resume", "--store", "a.db", "--seed", "2"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db", "--seed", "2"]) == 0
     with Store.open(Path("a.db")) as store:
         assert [row.status for row in store.runs()] == ["interrupted", "finished", "interrupted"]
 
@@ -144,7 +144,7 @@ def test_other_flags_than_then_are_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], flags: list[str], says: str
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--store", "a.db", *flags)
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db", *flags)
     assert "a.db: no run that ended early fits: run 1 has" in message
     assert says in message
 
@@ -154,7 +154,7 @@ def test_another_version_than_then_is_refused(
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
     monkeypatch.setattr("vlafuzz.conditions.provenance.commit", lambda: "another")
-    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "run 1 was made by another version: its commit differs (" in message
     assert "another now)" in message
 
@@ -165,7 +165,7 @@ def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(
     flags = ("--budget", "20", "--strategy", "random", "--store", "a.db")
     cut(monkeypatch, *flags)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
-    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "a.db: run 1 was made at another place: " in message
     assert "resume it there, or leave out --resume to start a new run" in message
     run(*flags)
@@ -178,15 +178,15 @@ def test_a_run_of_an_unknown_place_can_only_be_started_anew(
     with monkeypatch.context() as earlier:
         earlier.setattr("vlafuzz.conditions.provenance.place.here", lambda *_, **__: "")
         cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "a.db: run 1 was made at a place that is not known" in message
     assert "hint: leave out --resume to start a new run, which reuses none of its outcomes" in message
 
 
 def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
-    assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--store", "a.db")
+    assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     run("--budget", "3", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--store", "a.db")
+    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "no run ended early (runs: 1 finished)" in message
     assert "leave out --resume" in message
 

@@ -171,10 +171,10 @@ def test_a_run_whose_policy_goes_away_says_how_to_go_on(
     assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 2
     assert capsys.readouterr().err.splitlines() == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
-        "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db`",
+        "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db --trust`",
     ]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
-    assert main(["run", "--resume", "--store", "a.db"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
 
 
 @pytest.mark.parametrize("flag", ["--scenes", "--pool"])
@@ -190,11 +190,11 @@ def test_a_run_of_given_scenes_finds_them_again(
     (folder / "given.jsonl").rename(folder / "moved.jsonl")
     write_scenes(folder / "given.jsonl", [scene()])
     capsys.readouterr()
-    assert main(["run", "--resume", "--store", "a.db"]) == 2
+    assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 2
     said = capsys.readouterr().err
     assert f"run 1 had other scenes than {folder / 'given.jsonl'} holds" in said
     (folder / "moved.jsonl").rename(folder / "given.jsonl")
-    assert main(["run", "--resume", "--store", "a.db", "--json"]) == 0
+    assert main(["run", "--resume", "--trust", "--store", "a.db", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["rollouts"] + summary["verdicts"]["error"] == 45
 
@@ -245,7 +245,7 @@ def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert main(["run", *IDLE, "--store", "a.db"]) == 130
     assert capsys.readouterr().err.splitlines() == [
         "interrupted: all trials so far are stored in a.db",
-        "hint: continue with `vlafuzz run --resume --store a.db`",
+        "hint: continue with `vlafuzz run --resume --store a.db --trust`",
     ]
 
 

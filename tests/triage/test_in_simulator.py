@@ -100,7 +100,7 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     policy = "python:tests.triage.test_in_simulator:make_tilted"
     write_scenes(tmp_path / "scenes.jsonl", [Planted(CONDITIONS["camera-orientation"][:1]).finding(4)])
     assert main(["run", "--scenes", "scenes.jsonl", "--policy", policy, "--store", "a.db", "--json"]) == 0
-    assert main(["triage", "a.db"]) == 0
+    assert main(["triage", "a.db", "--trust"]) == 0
     with Store.open(tmp_path / "a.db") as store:
         (found,) = store.triaged()
     assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")

@@ -7,6 +7,7 @@ from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Verdict
+from vlafuzz.plugins import EVERYTHING, trusting
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.space import load_operators
@@ -59,6 +60,12 @@ def run(factory: str, **changes: object) -> Manifest:
     return manifest(
         policy=f"python:tests.triage.test_scene_runner:{factory}", seed=7, operators=operators, **changes
     )
+
+
+@pytest.fixture(autouse=True)
+def trusted():
+    with trusting(EVERYTHING):
+        yield
 
 
 @pytest.mark.parametrize(

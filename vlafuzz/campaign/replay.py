@@ -16,10 +16,12 @@ from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.formats.scene_lines import is_store, load_scenes
 from vlafuzz.objects.packs import packs_of
 from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import make_evaluator
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
 if TYPE_CHECKING:
@@ -90,13 +92,17 @@ class Replayed:
         }
 
 
-def find(source: Path, digest: str | None = None) -> Replayable:
-    """The scene whose digest begins so; by default a store's first failure, or a file's first scene."""
+def find(source: Path, digest: str | None = None, policy: str | None = None) -> Replayable:
+    """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
+
+    Of several runs of it in a store, the conditions are those of one of ``policy`` if there is any, else of
+    the one that found the failure.
+    """
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
     if is_store(source):
         with Store.open(source) as store:
-            return _find_in_store(store, digest)
+            return _find_in_store(store, digest, policy)
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
@@ -118,9 +124,11 @@ def replay(
         must_see: whether to refuse policies without pictures.
 
     Raises:
-        UsageError: the policy gets no pictures.
+        UsageError: the policy gets no pictures, or is code that the user did not name.
         VlafuzzError: policy or simulator broke.
     """
+    if policy is None:
+        check_trusted(wanted.conditions.policy)
     name = policy or wanted.conditions.policy
     made, scene = make_policy(name), wanted.scene
     if must_see and not made.spec.cameras and not made.spec.silhouettes:
@@ -145,15 +153,20 @@ def replay(
     )
 
 
-def _find_in_store(store: Store, digest: str | None) -> Replayable:
-    runs = list(reversed(store.runs()))
+def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Replayable:
+    findings = store.findings()
     if digest is None:
-        findings = store.findings()
         if not findings:
             raise UsageError(f"{store.path}: no scene failed", hint=_example(store))
-        scene = findings[0].scene
+        scene, finders = findings[0].scene, {findings[0].run}
     else:
         scene = store.scene(digest)
+        finders = {finding.run for finding in findings if finding.scene == scene}
+
+    def rank(run: Run) -> tuple[bool, bool, int]:
+        return run.manifest.policy != policy, run.id not in finders, -run.id
+
+    runs = sorted(store.runs(), key=rank)
     for run in runs:
         for trial in store.trials(run.id):
             if trial.scene.digest == scene.digest and trial.outcome.rollouts:

@@ -22,6 +22,7 @@ from vlafuzz.campaign.past import AFRESH
 from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError
+from vlafuzz.plugins import check_trusted
 from vlafuzz.rigs.robots import rig
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
@@ -46,6 +47,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Store.open(path) as store:
         run = _unfinished(store, wanted)
+    check_trusted(run.manifest.policy, run.manifest.strategy)
     stored = {name: getattr(run.manifest, name) for name in Manifest.flags()}
     anew = {name: getattr(asked, name) for name in _ANEW}
     if not scenes:

@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
+from vlafuzz.plugins import EVERYTHING, PREFIX, trusting
 
 BUG = 70  # the exit code of a traceback
 
@@ -50,6 +51,8 @@ app = typer.Typer(
 )
 
 
+_REFERENCE = re.compile(r"(?:^|(?<=[\s,=]))" + PREFIX + r"[^\s,]+")  # code that the user names
+
 # click's; newer typer versions carry their own copy of click
 _WrongUsage: Any = typer.BadParameter.__base__
 
@@ -59,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         words = _renamed(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
-        ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
+        with trusting(*_REFERENCE.findall(" ".join(words)), *[EVERYTHING] * ("--trust" in words)):
+            ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
     except _WrongUsage as error:

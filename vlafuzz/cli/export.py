@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, stderr
 from vlafuzz.errors import UsageError, check_number
 
@@ -58,6 +59,7 @@ def export(
         ),
     ] = None,
     workers: Annotated[int, typer.Option(help="Processes that check the scenes of a corpus.")] = 1,
+    trust: TrustFlag = False,
     format_: Annotated[
         Format,
         typer.Option(

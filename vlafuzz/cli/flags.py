@@ -69,6 +69,10 @@ TimeFlag = Annotated[
 ]
 
 
+TrustFlag = Annotated[
+    bool,
+    typer.Option("--trust", help="Load code (python:…) that the file names, not only code that you name."),
+]
 PackFlag = Annotated[
     list[str] | None,
     typer.Option(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
@@ -32,6 +33,7 @@ def command(
     ] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Do not stop at an alarm: run everything.")] = False,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.")] = None,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Check whether a policy got worse: exit code 1 if it fails more often than the baseline.

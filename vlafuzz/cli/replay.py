@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, opened
+from vlafuzz.cli.flags import PackFlag, TrustFlag, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
 from vlafuzz.files import write_whole, writing
@@ -29,6 +29,7 @@ def command(
     trace: Annotated[
         Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")
     ] = None,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Run one scene or finding again, and show it."""
@@ -37,7 +38,7 @@ def command(
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
 
-    wanted = find(source, digest)
+    wanted = find(source, digest, policy)
     filmed = video is not None or picture is not None
     if filmed:
         check_renderer()

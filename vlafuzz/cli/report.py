@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, interruptible
 from vlafuzz.errors import UsageError, VlafuzzError
 
@@ -26,6 +27,7 @@ def command(
     videos: Annotated[
         bool, typer.Option("--videos/--no-videos", help="Film the failures and their witnesses.")
     ] = True,
+    trust: TrustFlag = False,
     limit: Annotated[int, typer.Option(help="Most findings that get videos.")] = 50,
 ) -> None:
     """Write one HTML page that shows what was found. It needs no network and no other file."""

@@ -20,6 +20,7 @@ from vlafuzz.cli.flags import (
     PolicyFlag,
     RobotFlag,
     TimeFlag,
+    TrustFlag,
     VaryFlag,
     WorkersFlag,
     listed,
@@ -27,6 +28,7 @@ from vlafuzz.cli.flags import (
 )
 from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json, stdout
 from vlafuzz.errors import PolicyError, VlafuzzError
+from vlafuzz.plugins import trust_flag
 from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
@@ -112,6 +114,7 @@ def command(
     unchecked: Annotated[
         bool, typer.Option("--unchecked", help="Skip the check whether the policy sees, hears and moves.")
     ] = False,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
@@ -186,7 +189,7 @@ def command(
     elif found:
         print_causes(found)
     elif not triage:
-        _hint_at_triage(summary)
+        _hint_at_triage(summary, plan.manifest.policy)
     if not triage and (triaged is None or allowance.used_up):
         _hint_at_rest(plan, found)
     if triaged is None:
@@ -194,9 +197,9 @@ def command(
     _end(summary, fail_on_finding)
 
 
-def _hint_at_triage(summary: Summary) -> None:
+def _hint_at_triage(summary: Summary, policy: str) -> None:
     if summary.findings:
-        command = shlex.join(["vlafuzz", "triage", summary.store])
+        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
         failures = plural(summary.findings, "failure")
         stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
 
@@ -217,7 +220,8 @@ def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
 
     missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
     if missing > 0:
-        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing)])
+        trust = trust_flag(plan.manifest.policy)
+        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
         Bar.note(f"hint: continue with `{command}`")
 
 
@@ -235,7 +239,8 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
-    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store)])
+    trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
+    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
     stored = f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
     with interruptible(stored), RunBar(plan.manifest.budget, forecast) as bar:
         try:

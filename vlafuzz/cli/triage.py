@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import TimeFlag, WorkersFlag
+from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
+from vlafuzz.plugins import trust_flag
 from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def command(
     ] = None,
     time: TimeFlag = None,
     workers: WorkersFlag = None,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
@@ -89,7 +91,11 @@ def triage_store(
     Args:
         causes_of: a run: only the findings that show its commonest causes.
     """
-    again = shlex.join(["vlafuzz", "triage", str(store)])
+    from vlafuzz.store.store import Store
+
+    with Store.open(store) as opened:
+        trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
+    again = shlex.join(["vlafuzz", "triage", str(store), *trust])
     note = "interrupted: all finished causes are stored"
     if causes_of is None:
         note = f"interrupted: all finished findings are stored\nhint: continue with `{again}`"

@@ -5,6 +5,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
+from vlafuzz.plugins import check_trusted
 from vlafuzz.regression import bisect, regress
 from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
@@ -84,6 +85,8 @@ def _scenes(
     scenes = probes(corpus)
     if corpus.controls:
         return scenes, baseline
+    if baseline is None:
+        check_trusted(corpus.policy)
     baseline = baseline or corpus.policy
     watch.note(
         f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "

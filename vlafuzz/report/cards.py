@@ -51,7 +51,7 @@ def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchS
         deviations=deviations(space, scene, Causes()),
         causes=Causes(),
         detail="failed once; not triaged",
-        replay=_replay(store, scene),
+        replay=_replay(store, scene, run.policy),
     )
 
 
@@ -77,7 +77,7 @@ def card_of_triaged(
         reference=reference,
         witness=triaged.witness,
         detail=_evidence(triaged),
-        replay=_replay(store, scene, run.policy if scene != triaged.scene else None),
+        replay=_replay(store, scene, run.policy),
     )
 
 
@@ -125,6 +125,5 @@ def _repeats(failures: int, repeats: int) -> str:
     return f"failed in {failures} of {repeats} {'repeats' if repeats > 1 else 'repeat'}"
 
 
-def _replay(source: Path, scene: Scene, policy: str | None = None) -> str:
-    options = ["--policy", policy] if policy else []
-    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], *options])
+def _replay(source: Path, scene: Scene, policy: str) -> str:
+    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:_DIGITS], "--policy", policy])

@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 
 from vlafuzz.conditions.place import by_place, in_words
+from vlafuzz.plugins import trust_flag
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import CauseList, all_causes
@@ -43,7 +44,7 @@ def view_of_store(store: Store) -> View:
         source=str(store.path),
         headline=_headline(manifests, counts, summary),
         facts=_facts(runs, counts, summary),
-        todo=() if _explained(runs, causes) else _todo(store.path, summary),
+        todo=() if _explained(runs, causes) else _todo(store.path, summary, manifests),
         runs=manifests,
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
@@ -120,11 +121,11 @@ def _explained(runs: Sequence[Run], lists: Sequence[CauseList]) -> bool:
     return len(lists) == len(runs) and all(one.causes for one in lists) and "observed" not in buckets
 
 
-def _todo(store: Path, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
+def _todo(store: Path, summary: TriageSummary, runs: Iterable[Manifest]) -> tuple[tuple[str, str], ...]:
     left = summary.findings - summary.triaged
     if not left:
         return ()
-    command = shlex.join(["vlafuzz", "triage", str(store)])
+    command = shlex.join(["vlafuzz", "triage", str(store), *trust_flag(*(run.policy for run in runs))])
     untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
     return ((f"{untriaged}. Triage confirms findings and names their causes:", command),)
 

@@ -15,6 +15,7 @@ from vlafuzz.evidence import Actions, Solver
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.execute.lockstep import LockstepExecutor, Results, Seeded, lanes_for
 from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.registry import make_policy
@@ -39,6 +40,9 @@ class SimulatorSceneRunner:
         source: store or corpus that the manifest is from, for messages.
         policy: another policy than the run's, by name, or the run's own where that is an object.
 
+    Raises:
+        UsageError: the run's policy is code that the user did not name, see ``check_trusted``.
+
     Attributes:
         lanes: scenes that are rolled out at a time.
         changed: names of the conditions that come with the installation and are not as they were in the run.
@@ -46,6 +50,8 @@ class SimulatorSceneRunner:
     """
 
     def __init__(self, source: Path, manifest: Manifest, policy: Policy | str | None = None) -> None:
+        if policy is None:
+            check_trusted(manifest.policy)
         self.space = stored_space(source, manifest)
         self.stages = self.space.task.stage_names
         name = policy if isinstance(policy, str) else manifest.policy
