@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.text import percent
@@ -43,6 +44,7 @@ def command(
         int | None,
         typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
     ] = None,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
