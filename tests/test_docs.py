@@ -97,6 +97,13 @@ def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(
     assert len([line for line in example.splitlines() if line]) == 5
 
 
+def test_the_example_of_the_page_on_python_lists_failures_and_causes(tmp_path):
+    page = (Path(__file__).parent.parent / "docs" / "python.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    lines = output_of(example, tmp_path).splitlines()
+    assert [line for line in lines if re.match(r"[0-9a-f]{32} (grasp|lift|success)", line)]
+
+
 def test_the_gymnasium_example_runs(tmp_path):
     write_scenes(tmp_path / "failures.jsonl", [nominal("pick-up")])
     assert "tensor" in output_of(EXAMPLES["In gymnasium"] + "print(info['progress'])\n", tmp_path)

@@ -32,7 +32,7 @@ ROWS = (
     "triage",
     "regression campaign",
     "report",
-    "compare integrations",
+    "compare integrations stored",
     "studies diagnostics api",
     "cli",
     "__main__",

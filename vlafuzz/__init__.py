@@ -1,3 +1,20 @@
-"""vlafuzz finds scenes in which a vision-language-action policy fails."""
+"""vlafuzz finds scenes in which a vision-language-action policy fails.
+
+What is imported from here is described in ``vlafuzz.api``, which is loaded when it is first used.
+"""
+
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
+__all__ = ["__version__", "bisect", "film", "fuzz", "open_store", "regress"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("vlafuzz.api"), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -1,21 +1,21 @@
-"""fuzz and triage from Python, with a policy that is an object.
+"""vlafuzz from Python: fuzz and triage a policy, read a store, compare a policy with a corpus.
 
 For example::
 
-    run = fuzz(policy, task="pick-up", budget=300, strategy="causes")
-    for cause in causes(run.store).causes:
+    import vlafuzz
+
+    run = vlafuzz.fuzz(policy, task="pick-up", budget=300)
+    store = vlafuzz.open_store(run.store)
+    for cause in store.causes():
         print(*cause.conditions, cause.rate, cause.scene)
+    store.findings().to_dataframe()
 
-With another strategy, ``triage`` finds the causes::
-
-    for finding in triage(run.store, policy).triaged_findings:
-        print(finding.bucket, finding.signature, *finding.causes)
-
-Options have the names of the command line's flags.
+``policy`` is an object or a name. Options have the names of the command line's flags.
 """
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,19 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import deadline
+from vlafuzz.errors import UsageError
 from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
+from vlafuzz.regression.bisect import Bisection
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.policies import bisect_checkpoints, compare_policies
+from vlafuzz.regression.regress import Comparison
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.search.base import looks_for_causes
+from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
+from vlafuzz.stored import StoredFinding, StoredResults
 from vlafuzz.triage import pipeline
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.summary import TriageSummary, summarise
@@ -54,7 +61,7 @@ def fuzz(
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
     Returns:
-        What the run came to; ``store`` is the path of its store, from which ``causes`` reads the causes.
+        What the run came to; ``store`` is the path of its store, which ``open_store`` reads.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -70,6 +77,50 @@ def fuzz(
             runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
+
+
+def open_store(path: Path | str) -> StoredResults:
+    """The runs, trials, findings and causes of a store, as rows and data frames.
+
+    Raises:
+        StoreError: it is missing, no store, or damaged.
+    """
+    return StoredResults(path)
+
+
+def film(
+    store: Path | str,
+    finding: StoredFinding,
+    policy: Policy | None = None,
+    *,
+    witness: bool = False,
+    trust: bool = False,
+) -> Film:
+    """What the policy does in the scene of a finding, or with ``witness`` the actions that solve it.
+
+    Args:
+        policy: the object that the store's runs are of; None for runs of named policies.
+        trust: load a ``python:`` policy that the store names, as ``--trust`` does.
+
+    Returns:
+        The film, 224 pixels wide and high: ``video`` is MP4, ``still`` JPEG, and ``failed`` says how it ends.
+
+    Raises:
+        PrerequisiteError: nothing can be rendered here.
+        UsageError: the finding has no witness, or cannot be rolled out.
+    """
+    path = Path(store)
+    with Store.open(path) as opened:
+        run = next(run for run in opened.runs() if run.id == finding.run)
+        rows = {row.scene.digest: row.witness for row in opened.triaged()}
+        scene, solution = opened.scene(finding.scene), rows.get(finding.found)
+    if witness and solution is None:
+        raise UsageError(f"{finding.found}: has no witness", hint="`vlafuzz triage` looks for one")
+    with trusting(*[EVERYTHING] * trust), closing(_runner(path, policy, run)) as runner:
+        made = runner.film(scene, solution.actions if witness and solution else None)
+    if made is None:
+        raise UsageError(f"{finding.scene}: cannot be rolled out", hint="`vlafuzz replay` says why")
+    return made
 
 
 def causes(store: Path | str, run: int | None = None) -> CauseList | None:
@@ -119,6 +170,39 @@ def triage(
             watch=watch,
         )
         return summarise(opened)
+
+
+def regress(corpus: Path | str, policy: str, baseline: str | None = None, **options: Any) -> Comparison:
+    """Compare a policy with a baseline in the scenes of a corpus, until it is shown to be worse.
+
+    Args:
+        corpus: the folder; the baseline is what it recorded, unless one is named.
+        options: ``alpha``, ``max_rollouts``, ``whole`` and ``watch``, see ``regression.policies``.
+
+    Raises:
+        CorpusError: the corpus cannot be read.
+        UsageError: a name is wrong.
+    """
+    folder = Path(corpus)
+    return compare_policies(folder, read_corpus(folder), policy, baseline, **options)
+
+
+def bisect(
+    corpus: Path | str, checkpoints: Sequence[str], baseline: str | None = None, **options: Any
+) -> Bisection:
+    """Find out which of several policies, in the order of their training, broke first.
+
+    Args:
+        corpus: the folder; the baseline is what it recorded, unless one is named.
+        options: ``alpha``, ``error``, ``comparisons`` and ``watch``, see ``regression.policies``.
+
+    Raises:
+        CorpusError: the corpus cannot be read.
+        UsageError: a name is wrong, or there are fewer than two.
+        PrerequisiteError: rollouts of a checkpoint cannot be judged.
+    """
+    folder = Path(corpus)
+    return bisect_checkpoints(folder, read_corpus(folder), checkpoints, baseline, **options)
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

@@ -1,0 +1,253 @@
+"""A store as rows for Python: runs, trials, findings and causes, each also as a pandas data frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from vlafuzz.errors import PrerequisiteError, SceneError
+from vlafuzz.evidence import Rate, Solver
+from vlafuzz.outcome import Verdict
+from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
+from vlafuzz.report.causes import ListedCause, causes_of
+from vlafuzz.report.view import Card
+from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.store import Store
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+T = TypeVar("T", covariant=True)
+
+
+class Rows(tuple[T, ...]):
+    """A tuple of values that can become a data frame."""
+
+    def to_dataframe(self) -> DataFrame:
+        """One row a value; ``rate.low`` is the column ``rate_low``, and several names are joined by "; ".
+
+        Raises:
+            PrerequisiteError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            message = "to_dataframe needs pandas, which is not installed"
+            raise PrerequisiteError(message, hint="pip install 'vlafuzz[pandas]'") from None
+        return pandas.DataFrame([dict(_flat(value)) for value in self])
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredRun:
+    """A run.
+
+    Attributes:
+        budget: in rollouts of the policy.
+        status: ``running``, ``finished``, ``stopped``, ``interrupted`` or ``failed``.
+        seconds: wall time; None while it runs.
+        failed: scenes that failed, of those that were ``judged``; of a guided strategy no failure rate.
+    """
+
+    run: int
+    task: str
+    policy: str
+    strategy: str
+    seed: int
+    budget: int
+    status: str
+    seconds: float | None
+    failed: int
+    judged: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredTrial:
+    """A proposal of a run with its outcome.
+
+    Attributes:
+        scene: digest.
+        verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two.
+        progress: how far the policy came, in [0, 1].
+        lost_stage: the first stage that it did not reach.
+        severity: distance of the scene from the nominal one; ``severities``: by operator, each in [0, 1];
+            empty for scenes from elsewhere.
+        seconds: wall time of the rollouts.
+        duplicate: answered with a known outcome.
+    """
+
+    run: int
+    proposal: int
+    scene: str
+    verdict: str
+    progress: float
+    lost_stage: str | None
+    severity: float
+    seconds: float
+    duplicate: bool
+    detail: str
+    severities: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredFinding:
+    """A failing scene, with what triage says of it.
+
+    Attributes:
+        scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
+        evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
+        operators: in which the scene differs from a passing one, the confounders' as one.
+        conditions: the range that fails, or the value in the scene, by operator, in words with units.
+        rate: how often the policy fails around ``scene``; None if unknown.
+        witness: who solves ``scene``.
+        detail: the evidence, in a sentence.
+        replay: the command that shows it.
+    """
+
+    scene: str
+    found: str
+    run: int
+    task: str
+    policy: str
+    instruction: str
+    lost_stage: str
+    evidence: str
+    signature: str | None
+    operators: tuple[str, ...]
+    conditions: tuple[str, ...]
+    rate: Rate | None
+    witness: Solver | None
+    detail: str
+    replay: str
+
+
+class StoredResults:
+    """What a store holds. Every call reads it afresh, also while a run writes to it.
+
+    Args:
+        path: of the store.
+
+    Raises:
+        StoreError: from every method: the store is missing or damaged, or has no such run.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        Store.open(self.path).close()
+
+    def runs(self) -> Rows[StoredRun]:
+        """All runs, the oldest first."""
+        with Store.open(self.path) as store:
+            return Rows(_run(store, run) for run in store.runs())
+
+    def trials(self, run: int | None = None) -> Rows[StoredTrial]:
+        """The trials of a run, by default of all, in the order of their proposals."""
+        with Store.open(self.path) as store:
+            spaces = Spaces(self.path)
+            return Rows(
+                _trial(one, trial, spaces) for one in self._runs(store, run) for trial in store.trials(one.id)
+            )
+
+    def findings(self, run: int | None = None) -> Rows[StoredFinding]:
+        """The failing scenes of a run, by default of all, the oldest first."""
+        with Store.open(self.path) as store:
+            return Rows(_findings(store, run))
+
+    def causes(self, run: int | None = None) -> Rows[ListedCause]:
+        """The causes of a run, confirmed ones first; by default of the last run that looked for any."""
+        with Store.open(self.path) as store:
+            for one in reversed(self._runs(store, run)):
+                if listed := causes_of(store, one):
+                    return Rows(listed.causes)
+        return Rows()
+
+    def _runs(self, store: Store, run: int | None) -> list[Run]:
+        if run is not None:
+            store.causes(run)  # raises if there is none
+        return [one for one in store.runs() if run in (None, one.id)]
+
+
+def _run(store: Store, run: Run) -> StoredRun:
+    failed, judged = store.judged([run.id])
+    names = ("task", "policy", "strategy", "seed", "budget")
+    return StoredRun(
+        run=run.id,
+        **{name: getattr(run.manifest, name) for name in names},
+        status=run.status,
+        seconds=run.seconds,
+        failed=failed,
+        judged=judged,
+    )
+
+
+def _trial(run: Run, trial: Trial, spaces: Spaces) -> StoredTrial:
+    outcome, severities = trial.outcome, dict[str, float]()
+    with suppress(SceneError):  # an imported scene
+        severities = dict(spaces.of(run.manifest).severities(trial.scene))
+    return StoredTrial(
+        run=run.id,
+        proposal=trial.proposal,
+        scene=trial.scene.digest,
+        verdict=outcome.verdict.name.lower(),
+        progress=outcome.progress,
+        lost_stage=outcome.lost_stage if outcome.verdict is Verdict.FAILED else None,
+        severity=trial.severity,
+        seconds=sum(rollout.seconds for rollout in outcome.rollouts),
+        duplicate=trial.duplicate,
+        detail=outcome.detail,
+        severities=severities,
+    )
+
+
+def _findings(store: Store, run: int | None) -> Iterator[StoredFinding]:
+    spaces, triaged = Spaces(store.path), {row.key: row for row in store.triaged()}
+    manifests = {one.id: one.manifest for one in store.runs()}
+    for finding in store.findings(run):
+        about = finding, manifests[finding.run], spaces.of(manifests[finding.run])
+        row = triaged.get(finding.key)
+        if row is None:
+            yield _finding(card_of_finding(store.path, *about), finding.run, None)
+        else:
+            card = card_of_triaged(store.path, row, *about)
+            yield _finding(card, finding.run, row.certified if card.bucket == "minimal" else row.rate)
+
+
+def _finding(card: Card, run: int, rate: Rate | None) -> StoredFinding:
+    return StoredFinding(
+        scene=card.scene.digest,
+        found=card.findings[0],
+        run=run,
+        task=card.scene.task,
+        policy=card.run.policy,
+        instruction=card.scene.instruction,
+        lost_stage=card.lost_stage,
+        evidence=card.bucket,
+        signature=card.signature or None,
+        operators=card.operators,
+        conditions=tuple(f"{part.operator}: {part.range}" for part in card.deviations),
+        rate=rate,
+        witness=card.witness.solver if card.witness else None,
+        detail=card.detail,
+        replay=card.replay,
+    )
+
+
+def _flat(value: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """The columns of a row, in the order of its fields."""
+    for name, inner in _fields(value).items():
+        if _fields(inner):
+            yield from _flat(inner, f"{before}{name}_")
+        else:
+            yield before + name, "; ".join(inner) if isinstance(inner, tuple) else inner
+
+
+def _fields(value: Any) -> Mapping[str, Any]:
+    """Those of a value that is not a single cell."""
+    if isinstance(value, Mapping):
+        return value
+    names = getattr(value, "_fields", ())
+    if is_dataclass(value):
+        names = [one.name for one in fields(value)]
+    return {name: getattr(value, name) for name in names}
