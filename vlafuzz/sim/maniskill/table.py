@@ -31,13 +31,15 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     table = sapien.Entity()
     table.name = "table"
     table.add_component(body)
-    if render_system(scene) is not None:
-        table.add_component(_box(size.half, _painted(shaded(COLOUR, planks()))))
-        wall = sapien.render.RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
-        scene.add_entity(_standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, size.floor)))
-        scene.add_entity(_standing("wall", (0.01, 3.0, 2.0), wall, (WALL, 0.0, size.floor + 2.0)))
     table.pose = sapien.Pose([*size.centre, -size.half[2]])
+    rendered = render_system(scene) is not None
+    if rendered:
+        table.add_component(_box(size.half, _painted(shaded(COLOUR, planks()))))
     scene.add_entity(table)
+    if rendered:  # after the table: what it hides need not be shaded
+        wall = sapien.render.RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
+        scene.add_entity(_standing("wall", (0.01, 3.0, 2.0), wall, (WALL, 0.0, size.floor + 2.0)))
+        scene.add_entity(_standing("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, size.floor)))
     return table
 
 
