@@ -7,7 +7,7 @@ import numpy as np
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure
-from vlafuzz.search.base import Cause, Genome, Strategy, causes, probability, unexplained
+from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 from vlafuzz.triage.path import GROUPS
@@ -29,7 +29,7 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
         for cause in causes(strategy)
     ]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
-    return Attribution(tuple(found), unexplained(strategy), probability(strategy))
+    return Attribution(tuple(found), unexplained(strategy), probability(strategy), at_random(strategy))
 
 
 def _shown_by(cause: Cause, failures: Sequence[Failure], space: Measure) -> Scene | None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.cli import after_run
 from vlafuzz.cli.early import begin_early
 from vlafuzz.cli.flags import (
     AddressFlag,
@@ -26,22 +26,15 @@ from vlafuzz.cli.flags import (
     listed,
     opened,
 )
-from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json, stdout
+from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json
 from vlafuzz.errors import PolicyError, VlafuzzError
 from vlafuzz.plugins import trust_flag
-from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.forecast import Forecast
-    from vlafuzz.campaign.results import Beside
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.deadline import Deadline
-    from vlafuzz.report.causes import CauseList
-    from vlafuzz.triage.pipeline import Allowance
-
-# The keys of ``CauseList.document`` for a strategy that does not look for causes.
-_NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
 
 def command(
@@ -174,34 +167,28 @@ def command(
     if forecast and forecast.run > NOBODY_WAITS:
         Bar.note(str(forecast))
     summary = _start(plan, forecast, until.after(SEARCH) if triage or certifying else until)
-    found, beside, strategy_about = _causes(summary), _beside_random(summary), about(plan.strategy)
+    beside, effects = after_run.beside_random(summary), after_run.effects(summary)
     if not json:
-        print_summary(summary, beside, strategy_about, found.probability if found else None)
+        found = after_run.causes(summary)
+        print_summary(summary, beside, about(plan.strategy), found.probability if found else None)
+        after_run.print_effects(effects)
     allowance = Allowance(deadline=until)
     triaged: dict[str, Any] | None = {}
     if triage or certifying:
-        triaged = _triage(plan, summary, allowance, everything=triage, show=not json)
-    found = _causes(summary)
+        triaged = after_run.triage_run(plan, summary, allowance, everything=triage, show=not json)
+    found = after_run.causes(summary)
     if json:
-        document = asdict(summary) | {"about": strategy_about, "random": asdict(beside) if beside else None}
-        document |= found.document() if found else _NO_CAUSES
-        print_json(document | ({"triage": triaged} if triage else {}))
+        more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})
+        print_json(after_run.document(summary, beside, effects, found) | more)
     elif found:
         print_causes(found)
     elif not triage:
-        _hint_at_triage(summary, plan.manifest.policy)
+        after_run.hint_at_triage(summary, plan.manifest.policy)
     if not triage and (triaged is None or allowance.used_up):
-        _hint_at_rest(plan, found)
+        after_run.hint_at_rest(plan, found)
     if triaged is None:
         raise typer.Exit(INTERRUPTED)
     _end(summary, fail_on_finding)
-
-
-def _hint_at_triage(summary: Summary, policy: str) -> None:
-    if summary.findings:
-        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
-        failures = plural(summary.findings, "failure")
-        stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
 
 
 def _end(summary: Summary, fail_on_finding: bool) -> None:
@@ -212,17 +199,6 @@ def _end(summary: Summary, fail_on_finding: bool) -> None:
         raise VlafuzzError("no scene could be judged", hint=_why_not(summary))
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
-
-
-def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
-    """How to certify as many causes as are missing after an interruption, or when the time is over."""
-    from vlafuzz.triage.pipeline import affordable
-
-    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
-    if missing > 0:
-        trust = trust_flag(plan.manifest.policy)
-        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
-        Bar.note(f"hint: continue with `{command}`")
 
 
 def _why_not(summary: Summary) -> str:
@@ -248,52 +224,3 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
-
-
-def _triage(
-    plan: Plan, summary: Summary, allowance: Allowance, *, everything: bool, show: bool
-) -> dict[str, Any] | None:
-    """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
-    from vlafuzz.cli.triage import triage_store
-    from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import PER_CAUSE, affordable, expected
-
-    found = None if everything else _causes(summary)
-    if found and found.found:
-        most = affordable(plan.manifest.budget)
-        some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
-        count = plural(found.found, "cause")
-        with Store.open(Path(summary.store)) as store:
-            takes = duration(expected(store, min(most, found.found), plan.triage_workers))
-        each = f"{PER_CAUSE} rollouts or more each, about {takes}"
-        Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
-    try:
-        return triage_store(
-            Path(summary.store),
-            workers=plan.triage_workers,
-            allowance=allowance,
-            causes_of=None if everything else summary.run,
-            show=everything and show,
-        )
-    except typer.Exit:  # the causes so far are shown all the same
-        return None
-
-
-def _causes(summary: Summary) -> CauseList | None:
-    from vlafuzz.report.causes import causes_of
-    from vlafuzz.store.store import Store
-
-    with Store.open(Path(summary.store)) as store:
-        return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
-
-
-def _beside_random(summary: Summary) -> Beside | None:
-    """A guided run beside random generation; None where there is nothing to compare."""
-    from vlafuzz.campaign.results import beside_random
-    from vlafuzz.search.base import UNGUIDED
-    from vlafuzz.store.store import Store
-
-    if summary.strategy in UNGUIDED:
-        return None
-    with Store.open(Path(summary.store)) as store:
-        return beside_random(store, summary.run)

@@ -13,12 +13,14 @@ from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
+from vlafuzz.report.effects import effects_of
 from vlafuzz.report.view import (
     SHARES,
     Card,
     Chart,
     Measure,
     RunRow,
+    Table,
     View,
     in_order,
     operator_rows,
@@ -49,9 +51,20 @@ def view_of_store(store: Store) -> View:
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
-        causes=tuple(one.table for one in causes),
+        causes=(*(one.table for one in causes), *_effects(store, runs)),
         cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
     )
+
+
+def _effects(store: Store, runs: Sequence[Run]) -> Iterator[Table]:
+    """One table for all runs that differ in search and seed only."""
+    spaces, seen = Spaces(store.path), list[Run]()
+    for run in runs:
+        if any(run.manifest.comparable(other.manifest) for other in seen):
+            continue
+        seen.append(run)
+        if found := effects_of(store, run, spaces.of(run.manifest)):
+            yield found.table
 
 
 def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:

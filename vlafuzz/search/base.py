@@ -83,8 +83,8 @@ class Strategy(Protocol):
     many outcomes, or another number that the user gives, are outstanding; one without it is told of a whole
     batch before it is asked for the next. An optional method ``causes`` returns the causes that it has found
     so far; of such a strategy an optional attribute ``unexplained`` holds the failures for which it found
-    none, and an optional method ``probability`` estimates the probability that the policy fails in a random
-    scene.
+    none, an optional method ``probability`` estimates the probability that the policy fails in a random
+    scene, and an optional attribute ``at_random`` holds the ids of the proposals that are random scenes.
     """
 
     def ask(self, n: int) -> list[Proposal]:
@@ -128,6 +128,11 @@ def looks_for_causes(strategy: Strategy) -> bool:
 def unexplained(strategy: Strategy) -> int:
     """The number of failures for which a strategy that looks for causes has found none."""
     return len(getattr(strategy, "unexplained", ()))
+
+
+def at_random(strategy: Strategy) -> tuple[int, ...]:
+    """The ids of the proposals that a strategy says are random scenes, which passed or failed."""
+    return tuple(getattr(strategy, "at_random", ()))
 
 
 def probability(strategy: Strategy) -> Probability | None:

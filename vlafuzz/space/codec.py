@@ -153,7 +153,9 @@ class Codec:
         for path in paths:
             if math.isnan(values[path]):
                 operator = self.by_path[path].operator
-                raise SceneError(f"{path}: {_at(scene, path)!r} is not a value of the operator {operator}")
+                raise SceneError(
+                    f"{path}: {value_at(scene, path)!r} is not a value of the operator {operator}"
+                )
         return values
 
     def _like(self, reference: Scene, scene: Scene, paths: Iterable[str]) -> Values:
@@ -170,18 +172,18 @@ class Codec:
             if level is None:
                 grid = f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
                 raise SceneError(
-                    f"{path}: {_at(scene, path)!r} {'is unknown' if gene.kind == 'category' else grid}",
+                    f"{path}: {value_at(scene, path)!r} {'is unknown' if gene.kind == 'category' else grid}",
                     hint="scenes from elsewhere keep their floats",
                 )
             if level != gene.grid.nominal_level and not self.varies(gene):
                 still = f"is not nominal, and {gene.operator} does not vary"
                 hint = f"vary {gene.operator} as well"
-                raise SceneError(f"{path}: {_at(scene, path)!r} {still}", hint=hint)
+                raise SceneError(f"{path}: {value_at(scene, path)!r} {still}", hint=hint)
             levels[path] = level
         return levels
 
 
-def _at(scene: Scene, path: str) -> Any:
+def value_at(scene: Scene, path: str) -> Any:
     """What stands at a path in a scene; of the confounders, how many."""
     value: Any = asdict(scene)
     for key in path.split("."):

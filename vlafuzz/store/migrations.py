@@ -195,6 +195,8 @@ MIGRATIONS: list[tuple[str, ...]] = [
     # Earlier runs did not check whether targets are visible, nor note their place.
     (f"{_ADD} visible TEXT NOT NULL DEFAULT ''", f"{_ADD} place TEXT NOT NULL DEFAULT ''"),
     _CAUSES,
+    # Unknown for earlier runs.
+    ("ALTER TABLE attribution ADD COLUMN at_random TEXT NOT NULL DEFAULT '[]'",),
 ]
 
 

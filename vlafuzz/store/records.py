@@ -122,11 +122,13 @@ class Attribution:
     Attributes:
         unexplained: failures of the run for which no cause was found.
         probability: that the policy fails in a random scene; None if the strategy does not estimate it.
+        at_random: the proposals that are random scenes, which passed or failed.
     """
 
     causes: tuple[FoundCause, ...]
     unexplained: int = 0
     probability: Probability | None = None
+    at_random: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -27,6 +27,7 @@ _SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
 _RATE = TypeAdapter(Rate | None)
 _NAMES = TypeAdapter(tuple[str, ...])
+_NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
 _RATES = TypeAdapter(dict[str, Rate])
 # Columns of ``triage`` that hold a field as it is.
@@ -172,7 +173,11 @@ def to_finding(row: sqlite3.Row) -> Finding:
 
 def attribution_row(run: int, found: Attribution) -> Row:
     """Columns of ``attribution``, which has no causes."""
-    return {"run": run, "unexplained": found.unexplained} | _estimate("probability", found.probability)
+    return {
+        "run": run,
+        "unexplained": found.unexplained,
+        "at_random": json.dumps(found.at_random),
+    } | _estimate("probability", found.probability)
 
 
 def cause_row(run: int, rank: int, cause: FoundCause) -> Row:
@@ -193,7 +198,12 @@ def _estimate(name: str, estimate: Probability | None) -> Row:
 
 def to_attribution(row: sqlite3.Row, causes: Iterable[sqlite3.Row]) -> Attribution:
     """A row of ``attribution`` with those of ``cause``, joined with their scenes' JSON."""
-    return Attribution(tuple(map(_to_cause, causes)), row["unexplained"], _to_estimate(row, "probability"))
+    return Attribution(
+        tuple(map(_to_cause, causes)),
+        row["unexplained"],
+        _to_estimate(row, "probability"),
+        _NUMBERS.validate_json(row["at_random"]),
+    )
 
 
 def _to_cause(row: sqlite3.Row) -> FoundCause:

@@ -71,9 +71,14 @@ class Draws:
         """There is another reference: deviations from the old one are of no use."""
         self._deviations = None
 
+    @property
+    def judged(self) -> list[int]:
+        """The numbers of the random scenes that passed or failed."""
+        return sorted(self._judged)
+
     def probability(self) -> Probability:
         """The probability that the policy fails in a random scene; its interval holds at any time."""
-        return failure_probability([self._judged[number] for number in sorted(self._judged)])
+        return failure_probability([self._judged[number] for number in self.judged])
 
     def share(self, rule: Rule, units: Units) -> Probability:
         """The share of random scenes that fail for a rule's reason.

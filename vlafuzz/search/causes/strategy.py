@@ -141,6 +141,11 @@ class Causes:
             self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)
         ]
 
+    @property
+    def at_random(self) -> list[int]:
+        """The ids of the proposals that are random scenes, which passed or failed."""
+        return self._draws.judged
+
     def probability(self) -> Probability:
         """The probability that the policy fails in a random scene."""
         return self._draws.probability()

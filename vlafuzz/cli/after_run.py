@@ -1,0 +1,125 @@
+"""What follows a run: its causes and effects, certification, and hints at how to go on."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from vlafuzz.cli.output import Bar, print_rows, stdout
+from vlafuzz.plugins import trust_flag
+from vlafuzz.text import duration, plural
+
+if TYPE_CHECKING:
+    from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.results import Beside
+    from vlafuzz.campaign.tally import Summary
+    from vlafuzz.report.causes import CauseList
+    from vlafuzz.report.effects import Effects
+    from vlafuzz.triage.pipeline import Allowance
+
+
+# The keys of ``CauseList.document`` for a strategy that does not look for causes.
+_NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
+
+
+def document(
+    summary: Summary, beside: Beside | None, effects: Effects | None, found: CauseList | None
+) -> dict[str, Any]:
+    """A run as JSON."""
+    parts = {
+        "random": asdict(beside) if beside else None,
+        "effects": effects.document() if effects else None,
+    }
+    return asdict(summary) | parts | (found.document() if found else _NO_CAUSES)
+
+
+def hint_at_triage(summary: Summary, policy: str) -> None:
+    if summary.findings:
+        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
+        failures = plural(summary.findings, "failure")
+        stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
+
+
+def hint_at_rest(plan: Plan, found: CauseList | None) -> None:
+    """How to certify as many causes as are missing after an interruption, or when the time is over."""
+    from vlafuzz.triage.pipeline import affordable
+
+    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
+    if missing > 0:
+        trust = trust_flag(plan.manifest.policy)
+        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
+        Bar.note(f"hint: continue with `{command}`")
+
+
+def triage_run(
+    plan: Plan, summary: Summary, allowance: Allowance, *, everything: bool, show: bool
+) -> dict[str, Any] | None:
+    """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
+    from vlafuzz.cli.triage import triage_store
+    from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import PER_CAUSE, affordable, expected
+
+    found = None if everything else causes(summary)
+    if found and found.found:
+        most = affordable(plan.manifest.budget)
+        some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
+        count = plural(found.found, "cause")
+        with Store.open(Path(summary.store)) as store:
+            takes = duration(expected(store, min(most, found.found), plan.triage_workers))
+        each = f"{PER_CAUSE} rollouts or more each, about {takes}"
+        Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
+    try:
+        return triage_store(
+            Path(summary.store),
+            workers=plan.triage_workers,
+            allowance=allowance,
+            causes_of=None if everything else summary.run,
+            show=everything and show,
+        )
+    except typer.Exit:  # the causes so far are shown all the same
+        return None
+
+
+def causes(summary: Summary) -> CauseList | None:
+    from vlafuzz.report.causes import causes_of
+    from vlafuzz.store.store import Store
+
+    with Store.open(Path(summary.store)) as store:
+        return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
+
+
+def beside_random(summary: Summary) -> Beside | None:
+    """A guided run beside random generation; None where there is nothing to compare."""
+    from vlafuzz.campaign.results import beside_random
+    from vlafuzz.search.base import UNGUIDED
+    from vlafuzz.store.store import Store
+
+    if summary.strategy in UNGUIDED:
+        return None
+    with Store.open(Path(summary.store)) as store:
+        return beside_random(store, summary.run)
+
+
+def effects(summary: Summary) -> Effects | None:
+    """How often the policy fails by the values of random scenes; None if the store has none."""
+    from vlafuzz.report.cards import Spaces
+    from vlafuzz.report.effects import effects_of
+    from vlafuzz.store.store import Store
+
+    with Store.open(Path(summary.store)) as store:
+        run = next(run for run in store.runs() if run.id == summary.run)
+        return effects_of(store, run, Spaces(store.path).of(run.manifest))
+
+
+def print_effects(effects: Effects | None) -> None:
+    """Print the effects as a table, or that there is none to be seen."""
+    if effects is None:
+        return
+    table = effects.table
+    if table.rows:
+        print_rows(table.rows, title=table.title)
+    stdout().print(effects.says, soft_wrap=True)

@@ -1,0 +1,206 @@
+"""Effects: how often a policy fails in random scenes, by the values of what the operators vary."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vlafuzz.outcome import Verdict
+from vlafuzz.report.view import Table
+from vlafuzz.scene import Scene, amount
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.codec import value_at
+from vlafuzz.statistics import Share, holm
+from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.store import Store
+from vlafuzz.text import plural
+
+ENOUGH = 40  # random scenes, ten in each quarter of a range
+QUARTERS = 4
+FEWEST = 5  # scenes with one of several options; rarer ones are left out
+ALPHA = 0.05  # of all effects together
+SHOWN = 6
+_NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
+Value = float | str
+
+
+class Varied(NamedTuple):
+    """One quantity of a random scene, and whether the policy failed there."""
+
+    value: Value
+    failed: bool
+
+
+@dataclass(frozen=True)
+class Bin:
+    """The random scenes with some values of a quantity, and how many of them failed."""
+
+    values: str
+    failed: Share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """A quantity by whose values failure rates differ.
+
+    Attributes:
+        bins: quarters of the scenes, from low to high values; of options those that are frequent enough.
+        p: that the rates would differ so much by chance (chi-square), corrected over all quantities (Holm).
+    """
+
+    operator: str
+    quantity: str
+    bins: tuple[Bin, ...]
+    p: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.operator}, {self.quantity}" if self.quantity else self.operator
+
+
+@dataclass(frozen=True)
+class Effects:
+    """What random scenes show: ``found`` are the effects that are more than chance, the strongest first.
+
+    Attributes:
+        failed: of all random scenes.
+        tested: the number of quantities.
+    """
+
+    failed: Share
+    tested: int
+    found: tuple[Effect, ...]
+
+    @property
+    def says(self) -> str:
+        """The result in a sentence."""
+        scenes = plural(self.failed.of, "random scene")
+        if not self.tested:
+            return f"Of {scenes} {self.failed} failed: at least {ENOUGH} are needed to compare values."
+        return (
+            f"Of {scenes} {self.failed} failed. {len(self.found)} of {self.tested} quantities make a "
+            f"difference beyond chance{f', the strongest {SHOWN} are shown' * (len(self.found) > SHOWN)}."
+        )
+
+    @property
+    def table(self) -> Table:
+        """The strongest effects, one row a bin."""
+        rows = [
+            {
+                "varies": effect.name if number == 0 else "",
+                "values": part.values,
+                "failed": f"{part.failed.count} of {part.failed.of}",
+                "rate": str(part.failed),
+            }
+            for effect in self.found[:SHOWN]
+            for number, part in enumerate(effect.bins)
+        ]
+        return Table("Failure rate by value, in random scenes", rows, self.says)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON."""
+        return asdict(self)
+
+
+def effects_of(store: Store, run: Run, space: SearchSpace) -> Effects | None:
+    """The effects in the random scenes of a run and of comparable ones in its store; None without any."""
+    trials = list(_random_trials(store, run))
+    if not trials:
+        return None
+    failures = [trial.outcome.verdict is Verdict.FAILED for trial in trials]
+    overall = Share.of_counts(sum(failures), len(failures))
+    if overall.of < ENOUGH:
+        return Effects(overall, 0, ())
+    scenes = [trial.scene for trial in trials]
+    effects = [
+        effect
+        for (operator, quantity, path), values in _quantities(space, scenes).items()
+        if (effect := _effect(operator, quantity, path, values, failures))
+    ]
+    adjusted = holm([effect.p for effect in effects])
+    effects = [replace(effect, p=p) for effect, p in zip(effects, adjusted, strict=True)]
+    found = sorted((effect for effect in effects if effect.p <= ALPHA), key=lambda effect: effect.p)
+    return Effects(overall, len(effects), tuple(found))
+
+
+def _random_trials(store: Store, run: Run) -> Iterator[Trial]:
+    """The judged random scenes of a run and of those that differ in search and seed only, each once."""
+    seen: set[str] = set()
+    for other in store.runs():
+        if not other.manifest.comparable(run.manifest):
+            continue
+        attribution = store.causes(other.id)
+        drawn = set(attribution.at_random) if attribution else set()
+        for trial in store.trials(other.id):
+            at_random = other.manifest.strategy == "random" or trial.proposal in drawn
+            if at_random and trial.outcome.verdict >= Verdict.PASSED and trial.scene.digest not in seen:
+                seen.add(trial.scene.digest)
+                yield trial
+
+
+def _quantities(
+    space: SearchSpace, scenes: Sequence[Scene]
+) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
+    """By operator, name and path: the value in each scene. Confounders are told by number and nearness."""
+    found: dict[tuple[str, str, str], Sequence[Value | None]] = {}
+    for gene in space.genes:
+        if not gene.slot.startswith("confounders"):
+            *_, slot, name = ("", *gene.path.split("."))
+            owner = f" of object {int(slot) + 1}" if slot.isdigit() and slot != "0" else ""
+            quantity = "" if name in ("object", "confounders", "instruction") else name
+            values = [_value(value_at(scene, gene.path)) for scene in scenes]
+            found[gene.operator, f"{quantity}{owner}".strip(), gene.path] = values
+    found[*_NEAREST, "x"] = [_nearest(scene) for scene in scenes]
+    return {key: values for key, values in found.items() if len({*values} - {None}) > 1}
+
+
+def _value(value: Any) -> Value:
+    return value if isinstance(value, (int, float)) else str(value).replace("_", " ")
+
+
+def _nearest(scene: Scene) -> float | None:
+    target, *_ = scene.targets
+    places = [(other.x - target.x, other.y - target.y) for other in scene.confounders]
+    return min((round(float(np.hypot(*place)), 3) for place in places), default=None)
+
+
+def _effect(
+    operator: str, quantity: str, path: str, values: Iterable[Value | None], failures: Iterable[bool]
+) -> Effect | None:
+    from scipy.stats import chi2_contingency
+
+    pairs = zip(values, failures, strict=True)
+    varied = [Varied(value, failed) for value, failed in pairs if value is not None]
+    distinct = {one.value for one in varied}
+    options = len(distinct) <= QUARTERS or any(isinstance(value, str) for value in distinct)
+    groups = (_options if options else _quarters)(path, varied)
+    bins = [Bin(name, Share.of_counts(sum(of), len(of))) for name, of in groups if len(of) >= FEWEST]
+    table = np.array([(one.failed.count, one.failed.of - one.failed.count) for one in bins])
+    if len(bins) < 2 or not table.sum(axis=0).all():
+        return None
+    chance = float(chi2_contingency(table).pvalue)
+    return Effect(operator=operator, quantity=quantity, bins=tuple(bins), p=chance)
+
+
+def _options(path: str, varied: Sequence[Varied]) -> Iterator[tuple[str, list[bool]]]:
+    groups: defaultdict[Value, list[bool]] = defaultdict(list)
+    for one in varied:
+        groups[one.value].append(one.failed)
+    numbers = all(isinstance(value, (int, float)) for value in groups)
+    ordered = sorted(groups) if numbers else sorted(groups, key=lambda value: -np.mean(groups[value]))
+    return ((amount(path, value), groups[value]) for value in ordered)
+
+
+def _quarters(path: str, varied: Sequence[Varied]) -> Iterator[tuple[str, list[bool]]]:
+    """Groups of about equal size; equal values are in one."""
+    values = np.array([one.value for one in varied], dtype=float)
+    inner = np.unique(np.quantile(values, np.linspace(0, 1, QUARTERS + 1)[1:-1], method="lower"))
+    groups = np.searchsorted(inner, values)
+    for group in np.unique(groups):
+        inside = values[groups == group]
+        failed = [one.failed for one, where in zip(varied, groups, strict=True) if where == group]
+        yield f"{amount(path, inside.min())} to {amount(path, inside.max())}", failed
