@@ -280,7 +280,7 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
         assert len(store.findings()) == 30
 
 
-_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place")
+_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place", "label")
 _LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver")
 
 

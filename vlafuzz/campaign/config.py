@@ -2,15 +2,17 @@
 
 import hashlib
 import json
+import re
+import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vlafuzz import assets
 from vlafuzz.campaign.fuzz import PATIENCE, Space
 from vlafuzz.campaign.results import Embed
 from vlafuzz.conditions import provenance
-from vlafuzz.conditions.conditions import CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.conditions.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number
 from vlafuzz.execute.lockstep import lanes_for
@@ -19,7 +21,7 @@ from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import check_policy_name, is_shared
+from vlafuzz.policies.registry import check_policy_name, is_shared, names_its_model
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
@@ -49,6 +51,9 @@ class RunConfig:
         task: by default that of ``scenes``, else pick-up.
         robot: the name of a rig; by default that of ``scenes``, else panda.
         policy: by default ``default_policy``.
+        label: which model the policy is; by default empty, but ``alone`` where the policy's name leaves open
+            which model it is, so that the run shares no outcomes with others.
+        alone: a label that no other configuration has, except for copies of this one.
         strategy: by default causes, with a pool surrogate; the scenes of a file are taken in order.
         budget: in policy rollouts; by default all scenes of a file, else 100.
         batch: proposals that are evaluated at a time; by default as many as suit the strategy, for a policy
@@ -66,6 +71,8 @@ class RunConfig:
     task: str | None = None
     robot: str | None = None
     policy: str | None = None
+    label: str | None = None
+    alone: str = field(default_factory=lambda: ALONE + secrets.token_hex(4), compare=False)
     strategy: str | None = None
     budget: int | None = None
     seed: int = 0
@@ -132,6 +139,8 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     policy = policy or policy_at(place, policy_name)
     batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
+    if config.label is None:
+        named = replace(named, label="" if names_its_model(policy_name) else config.alone)
     return Plan(
         manifest=_manifest(
             named,
@@ -208,6 +217,9 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("--batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
+    if config.label and not re.fullmatch(r"[\w.:@+/-]{1,100}", config.label):
+        problem = f"--label {config.label!r}: expected up to 100 letters, digits and . : @ + / - _"
+        raise UsageError(problem, hint="such as --label step-40000")
     check_choice("placement", config.placement, PLACEMENTS)
     check_choice("criteria", config.criteria, CRITERIA)
 

@@ -109,6 +109,7 @@ def do_missing(
     missing = [run for run in wanted if run.missing]
     if not missing:
         return
+    alone = set[str]()
     pace = _Pace(watch, missing, [run.stored for run in wanted if run.stored], speed_of)
     for _, group in groupby(missing, key=lambda run: run.group):
         with ExitStack() as stack:
@@ -117,6 +118,9 @@ def do_missing(
                 pace.begin(run.name)
                 try:
                     plan = _plan(run, store, watch)
+                    if plan.manifest.alone and plan.manifest.policy not in alone:
+                        alone.add(plan.manifest.policy)
+                        watch.note(stands_alone(plan.manifest.policy))
                     pace.foresee(run, plan)
                     executor = executor or stack.enter_context(closing(make_executor(plan)))
                     summary = fuzz(plan, store, executor, pace, alone=True)
@@ -130,6 +134,14 @@ def do_missing(
                 _check_judged(summary, may_be_empty=left_out is not None)
                 if summary.stopped:
                     watch.note(f"{run.name} stopped: {summary.stopped}")
+
+
+def stands_alone(policy: str) -> str:
+    """Why no stored outcome answers for a policy whose model nobody names, as a note."""
+    return (
+        f"note: {policy}: nothing says which model that is, so no stored outcome answers, and none of this "
+        "run will later; ?version=NAME in the policy's name, or --label NAME of `run`, says which it is"
+    )
 
 
 def note_places(runs: Iterable[Run], watch: Watch) -> None:

@@ -111,6 +111,7 @@ def _export_corpus(
     store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
 ) -> None:
     """Check the minimal failures once more and write those that hold."""
+    from vlafuzz.cli.triage import note_alone
     from vlafuzz.regression.controls import CONTROLS
     from vlafuzz.regression.export import export as export_corpus
     from vlafuzz.regression.folder import check_new, write_corpus
@@ -118,6 +119,7 @@ def _export_corpus(
     from vlafuzz.triage.scene_runner import runner_of_run
 
     check_new(out)
+    note_alone(store)
     wanted = CONTROLS if controls is None else controls
     with Store.open(store) as opened, Bar() as bar:
         corpus = export_corpus(

@@ -36,6 +36,14 @@ PolicyFlag = Annotated[
         "mini, or pinhole where nothing renders",
     ),
 ]
+LabelFlag = Annotated[
+    str | None,
+    _option(
+        "--label",
+        "Which model the policy is: stored outcomes answer only under the same label.",
+        "behind a server none, so that none answer",
+    ),
+]
 OperatorsFlag = Annotated[
     str | None, _option("--operators", "YAML file of ranges, or a shipped one's name.", "tabletop")
 ]

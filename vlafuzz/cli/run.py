@@ -14,6 +14,7 @@ from vlafuzz.cli.early import begin_early
 from vlafuzz.cli.flags import (
     AddressFlag,
     ExecutorFlag,
+    LabelFlag,
     OperatorsFlag,
     PackFlag,
     PlacementFlag,
@@ -43,6 +44,7 @@ def command(
     ] = None,
     robot: RobotFlag = None,
     policy: PolicyFlag = None,
+    label: LabelFlag = None,
     strategy: Annotated[
         str | None,
         typer.Option(
@@ -137,6 +139,7 @@ def command(
         "task": task,
         "robot": robot,
         "policy": policy,
+        "label": label,
         "strategy": strategy,
         "budget": budget,
         "seed": seed,

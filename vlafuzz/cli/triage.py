@@ -65,6 +65,7 @@ def command(
     from vlafuzz.store.store import Store
     from vlafuzz.triage.pipeline import Allowance
 
+    note_alone(store)
     allowance = Allowance(rollouts, until)
     result = triage_store(store, max_rollouts, limit, workers, allowance=allowance, show=not json)
     with Store.open(store) as opened:
@@ -74,6 +75,16 @@ def command(
         return
     for one in found:
         print_causes(one)
+
+
+def note_alone(store: Path) -> None:
+    """Note runs of which nobody says which model they tested."""
+    from vlafuzz.store.store import Store
+
+    with Store.open(store) as opened:
+        alone = [str(run.id) for run in opened.runs() if run.manifest.alone]
+    if alone:
+        Bar.note(f"note: run {', '.join(alone)}: what answers now has to be the model that was tested then")
 
 
 def triage_store(

@@ -96,6 +96,7 @@ class Model:
         state = options.layout or "none"
         self.spec = PolicySpec(
             name,
+            version=options.version or "1",
             action=_action(options),
             cameras=cameras_of(
                 options.camera or (SIDE, SIDE), options.wrist_camera, wrist=bool(options.wrist)
@@ -104,7 +105,7 @@ class Model:
             execute=options.execute,
             deterministic=options.deterministic,
             max_batch=options.batch,
-            provenance={"server": options.protocol, "profile": options.profile or "none", "state": state},
+            provenance={"server": options.protocol, "state": state} | options.provenance(),
         )
 
     def message(self, seen: Observation) -> dict[str, Any]:

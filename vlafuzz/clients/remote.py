@@ -1,5 +1,6 @@
 """Addresses of model servers, ``protocol:scheme://host:port``, with options that describe the model."""
 
+import hashlib
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from vlafuzz.clients.profiles import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.policies.base import SIM_HZ, CameraRequest
+from vlafuzz.policies.base import SIM_HZ, CameraRequest, PolicySpec
 from vlafuzz.policies.registry import Client
 
 INSTALL = "pip install 'vlafuzz[remote]'"
@@ -51,6 +52,7 @@ class CommonOptions(BaseModel):
     """The options of every server's model; see ``ActionSpec`` and ``PolicySpec``.
 
     Attributes:
+        version: which model it is, so that stored outcomes of that one answer; changes nothing else.
         profile: name or file of a profile, which sets the options of a known model.
         camera: width and height of the third-person picture; (0, 0) for none.
         wrist: whether a wrist picture comes second.
@@ -63,6 +65,7 @@ class CommonOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     protocol: ClassVar[str]
 
+    version: str | None = Field(default=None, pattern=r"^[\w.:@+/-]{1,100}$")
     profile: str | None = None
     camera: Size | None = None
     wrist: bool | None = None
@@ -76,6 +79,16 @@ class CommonOptions(BaseModel):
     deterministic: bool = False
     batch: int = Field(default=16, ge=1)
     timeout: float = Field(default=60.0, gt=0, le=86400)
+
+    def provenance(self) -> dict[str, str]:
+        """The profile, with a digest of all options that follow from it: a file of one may be edited."""
+        if self.profile is None:
+            return {"profile": "none"}
+        options = self.model_dump_json(exclude={"version", "timeout"})
+        return {
+            "profile": self.profile,
+            "options": hashlib.blake2b(options.encode(), digest_size=6).hexdigest(),
+        }
 
     def refusals(self) -> list[tuple[str, str]]:
         """Options that cannot be executed or sent, each as a message and a hint."""
@@ -111,6 +124,31 @@ class Address(Generic[Options]):
     name: str
     url: str
     options: Options
+
+
+# What the default of an option means; a wrong one makes any model fail.
+_GUESSES = {
+    "action": "actions move the hand",
+    "frame": "along the axes of the robot's base",
+    "rotation": "turns are rotation vectors",
+    "gripper": "it opens above 0",
+    "relative_to": "a move starts at the last target, not at the hand",
+    "position_scale": "a unit is a metre",
+    "rotation_scale": "a unit is a radian",
+    "hz": "actions a second",
+}
+
+
+def guesses(options: CommonOptions, spec: PolicySpec) -> dict[str, str]:
+    """Conventions that neither the options nor the server declare, ``option=value``, and what that means."""
+    given = options.model_fields_set | {name for name, by in spec.provenance.items() if by == "server"}
+    values = vars(options) | vars(spec.action)
+    assumed = {name: means for name, means in _GUESSES.items() if name in values and name not in given}
+    return {f"{name}={_plain(values[name])}": means for name, means in assumed.items()}
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def cameras_of(

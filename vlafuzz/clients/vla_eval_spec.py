@@ -51,10 +51,10 @@ def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
     state = layout_of(name, hello, options)
     conventions: dict[str, Any] = {"rotation": rotation, "gripper": gripper}
     provenance = {"server": hello.model_server, "rotation": rotation_from, "gripper": gripper_from}
-    provenance |= {"state": state or "none"} | ({"profile": options.profile} if options.profile else {})
+    provenance |= {"state": state or "none"} | (options.provenance() if options.profile else {})
     return PolicySpec(
         name,
-        version=hello.harness_version,
+        version=options.version or hello.harness_version,
         action=ActionSpec(
             **{key: value for key, value in conventions.items() if value is not None},
             relative_to=options.relative_to,

@@ -27,6 +27,7 @@ _SAID = {
     "operators_digest": "other operators, or other ranges",
     "packs": "other packs of objects",
     "scene_file": "another pool of scenes",
+    "label": "it may be of another model, since the policy's name has no version=",
 }
 _ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from vlafuzz.errors import UsageError, suggestion
 
+ALONE = "alone-"  # begins labels that no other run has
 CRITERIA = ("strict", "published")
 PLACEMENTS = ("resting", "published")  # how objects get to their places: see sim/maniskill/settle.py
 
@@ -71,6 +72,7 @@ class Conditions:
 
     Attributes:
         policy: as the user named it; ``spec`` is its own description, as JSON.
+        label: which model it is, where the policy's name does not say; see ``alone``.
         source: digest of the user's own code that makes the policy; empty for others.
         seed: of the rollouts; the n-th repeat of a scene has seed + n.
         repeats: rollouts a scene.
@@ -92,6 +94,7 @@ class Conditions:
     policy: str = condition(Role.POLICY, Origin.FLAG, default="", keyed_as="subject")
     spec: str = condition(Role.POLICY, Origin.HERE, default="{}")
     source: str = condition(Role.POLICY, Origin.HERE, default="", later=True)
+    label: str = condition(Role.POLICY, Origin.FLAG, default="", later=True)
     seed: int = condition(Role.SEED, Origin.FLAG, default=0)
     repeats: int = condition(Role.POLICY, Origin.FLAG, default=1)
     criteria: str = condition(Role.SIMULATION, Origin.FLAG, default="strict")
@@ -112,6 +115,11 @@ class Conditions:
         """Raise a UsageError for a value that no simulator knows."""
         check_choice("criteria", self.criteria, CRITERIA)
         check_choice("placement", self.placement, PLACEMENTS)
+
+    @property
+    def alone(self) -> bool:
+        """Whether nobody says which model the policy is, so that no other run may share its outcomes."""
+        return self.label.startswith(ALONE)
 
     def values(self, *roles: Role) -> dict[str, object]:
         """The fields of some roles by their names in keys, in the order in which they are declared."""

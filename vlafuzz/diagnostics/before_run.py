@@ -9,10 +9,11 @@ from typing import NamedTuple
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
+from vlafuzz.campaign.launch import stands_alone
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import POLICIES, make_policy
+from vlafuzz.policies.registry import POLICIES, guesses, make_policy
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
@@ -62,10 +63,25 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
     manifest = plan.manifest
     if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
         return Checked(plan, usual_speed(plan))
+    if plan.resume is None:
+        _say(plan, watch)
     label, speed = (UNCHECKED, None) if unchecked else _label(plan, watch)
     if plan.resume is None:
         plan = replace(plan, manifest=replace(manifest, checkup=label))
     return Checked(plan, speed)
+
+
+def _say(plan: Plan, watch: Watch) -> None:
+    """Say what the run takes for granted: each convention that nobody declares, and that it stands alone."""
+    name, manifest = plan.manifest.policy, plan.manifest
+    if assumed := guesses(name, plan.policy.spec):
+        watch.note(f"note: {name}: nobody declares these conventions, so they are guessed:")
+        for option, means in assumed.items():
+            watch.note(f"  {option} ({means})")
+        whole = shlex.quote(f"{name}{'&' if '?' in name else '?'}{'&'.join(assumed)}")
+        watch.note(f"hint: with the right values in the policy's name, nothing is guessed: {whole}")
+    if manifest.alone:
+        watch.note(stands_alone(name))
 
 
 def speed_of(plan: Plan) -> Speed | None:
@@ -95,7 +111,7 @@ def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
         if check.verdict == "refuse":
             hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
             raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
-        if check.verdict == "warn":
+        if check.verdict == "warn" and not check.follows.startswith("guessed"):  # that was said
             watch.note(f"note: {name}: {check.found}: {check.follows}")
     assert speed is not None
     return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok", speed

@@ -96,6 +96,23 @@ def is_shared(name: str) -> bool:
     return bool(getattr(factory, "shared", False))
 
 
+def names_its_model(name: str) -> bool:
+    """Whether a policy's name says which model it is; an address or a folder does with a ``version``."""
+    kind = _server(name)
+    return kind is None or _address(name, kind).options.version is not None
+
+
+def guesses(name: str, spec: PolicySpec) -> dict[str, str]:
+    """For a policy behind a server or from a folder, see ``clients.remote.guesses``."""
+    kind = _server(name)
+    if kind is None:
+        return {}
+    say: Callable[[Any, PolicySpec], dict[str, str]] = importlib.import_module(
+        "vlafuzz.clients.remote"
+    ).guesses
+    return say(_address(name, kind).options, spec)
+
+
 def is_remote(policy: Policy) -> bool:
     """Whether the policy is behind a model server."""
     return bool(getattr(policy, "schemes", ()))
@@ -131,7 +148,7 @@ def _server(name: str) -> Client | None:
     return client(protocol) if colon and protocol in SERVERS else None
 
 
-def _address(name: str, kind: Client) -> object:
-    """The address in a name, validated; connects to nothing."""
-    parse: Callable[[str, Client], object] = importlib.import_module("vlafuzz.clients.remote").parse
+def _address(name: str, kind: Client) -> Any:
+    """The ``clients.remote.Address`` in a name, validated; connects to nothing."""
+    parse: Callable[[str, Client], Any] = importlib.import_module("vlafuzz.clients.remote").parse
     return parse(name, kind)

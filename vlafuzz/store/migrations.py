@@ -197,6 +197,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
     _CAUSES,
     # Unknown for earlier runs.
     ("ALTER TABLE attribution ADD COLUMN at_random TEXT NOT NULL DEFAULT '[]'",),
+    (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
 ]
 
 

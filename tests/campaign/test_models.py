@@ -1,0 +1,143 @@
+"""Models are never mixed: behind an address, stored outcomes answer only for a model that is named."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.clients.faults import Drifting
+from tests.doubles import ClosedForm
+from vlafuzz.campaign import launch
+from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.cli import main
+from vlafuzz.policies.registry import guesses, make_policy, names_its_model
+from vlafuzz.serving.serve import serving
+from vlafuzz.store.merge import merge
+from vlafuzz.store.store import Store
+
+FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    with serving(Drifting(), "http") as name:
+        yield name
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Runs happen in a folder of their own, without a simulator."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    return tmp_path
+
+
+def run(policy: str, *flags: str, store: str = "a.db") -> list[bool]:
+    """Whether each scene of the newest run was answered by another run."""
+    assert main(["run", "--policy", policy, *FLAGS, "--store", store, *flags]) == 0
+    with Store.open(Path(store)) as opened:
+        return [trial.duplicate for trial in opened.trials(opened.runs()[-1].id)]
+
+
+def test_behind_an_address_no_stored_outcome_answers_and_the_run_says_so(
+    server: str, capsys: pytest.CaptureFixture[str]
+):
+    run(server)
+    capsys.readouterr()
+    assert not any(run(server))  # the model may have been retrained in between
+    assert f"note: {server}: nothing says which model that is" in capsys.readouterr().err
+
+
+def test_findings_and_keys_of_such_runs_are_their_own(server: str):
+    for store in ("a.db", "a.db", "b.db"):
+        run(server, store=store)
+    merge([Path("a.db"), Path("b.db")], Path("c.db"))
+    with Store.open(Path("c.db")) as opened:
+        keys = {stored.manifest.key() for stored in opened.runs()}
+        failing = {finding.scene for finding in opened.findings()}
+        assert len(keys) == 3
+        assert len(opened.findings()) == 3 * len(failing) > 0
+
+
+@pytest.mark.parametrize("label", ["&version={}", "--label={}"])
+def test_outcomes_of_a_model_that_is_named_answer_for_that_one_only(
+    server: str, label: str, capsys: pytest.CaptureFixture[str]
+):
+    def named(version: str) -> list[bool]:
+        how = label.format(version)
+        return run(server + how) if how.startswith("&") else run(server, how)
+
+    assert not any(named("1"))
+    assert all(named("1")[:10])  # what is known costs nothing of the budget
+    assert not any(named("2"))
+    assert "nothing says which model" not in capsys.readouterr().err
+
+
+def test_a_resumed_run_keeps_its_own_outcomes(
+    server: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    run(server)
+    with Store.open(Path("a.db"), "write") as opened:
+        opened.finish(1, "interrupted", 1.0)
+        label = opened.runs()[0].manifest.label
+    assert main(["run", "--resume", "--store", "a.db", "--policy", server, *FLAGS[:2]]) == 0
+    with Store.open(Path("a.db")) as opened:
+        assert [stored.manifest.label for stored in opened.runs()] == [label]
+
+
+def test_built_in_policies_and_your_own_are_known_by_their_code():
+    assert all(names_its_model(name) for name in ("mini", "frozen", "python:tests.doubles:make_idle"))
+    assert not names_its_model("lerobot:outputs/policy")
+    assert names_its_model("lerobot:outputs/policy?version=step-40000")
+    assert plan(RunConfig(policy="frozen")).manifest.label == ""
+
+
+def test_a_label_is_a_short_name(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "--policy", "frozen", "--label", "a b\x1b"]) == 2
+    assert "--label 'a b\\x1b': expected up to 100 letters" in capsys.readouterr().err
+
+
+def test_conventions_that_nobody_declares_are_said_one_by_one(
+    server: str, capsys: pytest.CaptureFixture[str]
+):
+    run(f"{server}&gripper=close_01&rotation=rpy")
+    said = capsys.readouterr().err.splitlines()
+    first = said.index(next(line for line in said if "they are guessed" in line))
+    assert said[first + 1 : first + 7] == [
+        "  action=eef_delta (actions move the hand)",
+        "  frame=base (along the axes of the robot's base)",
+        "  relative_to=target (a move starts at the last target, not at the hand)",
+        "  position_scale=1 (a unit is a metre)",
+        "  rotation_scale=1 (a unit is a radian)",
+        "  hz=5 (actions a second)",
+    ]
+    whole = said[first + 7].split(": ", 2)[-1].strip("'")
+    assert guesses(whole, make_policy(whole).spec) == {}
+
+
+def test_an_edited_profile_is_another_policy(server: str, folder: Path):
+    profile = folder / "mine.yaml"
+
+    def key(chunk: int) -> str:
+        profile.write_text(
+            f"about: a\nsource: b\noptions: {{chunk: {chunk}}}\nprotocols: {{http: {{}}}}\n", encoding="utf-8"
+        )
+        named = f"{server}&profile={profile}&version=1"
+        return plan(RunConfig(policy=named)).manifest.key()
+
+    assert key(1) == key(1) != key(2)
+
+
+def test_a_comparison_is_of_one_model_and_goes_on_only_if_that_is_named(
+    server: str, capsys: pytest.CaptureFixture[str]
+):
+    def compared(policy: str, store: str) -> int:
+        flags = ("--strategies", "random,feedback", "--repeats", "1", "--budget", "10", "--seed", "1")
+        where = ("--triage-rollouts", "0", "--store", store)
+        return main(["compare", "--policy", policy, *flags, *where])
+
+    assert compared(server, "a.db") == 0
+    assert capsys.readouterr().err.count("nothing says which model") == 1
+    assert compared(server, "a.db") == 2
+    assert "run 1 has other conditions: it may be of another model" in capsys.readouterr().err
+    assert [compared(f"{server}&version=1", "b.db") for _ in range(2)] == [0, 0]
