@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
+from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 from vlafuzz.plugins import EVERYTHING, PREFIX, trusting
 
@@ -134,8 +135,8 @@ def _load(name: str, target: str) -> Any:
     command = getattr(importlib.import_module(module), attribute)
     if not isinstance(command, typer.Typer):
         single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        single.command(name)(command)
-        command = single
+        single.command(name, epilog=epilog(name))(command)
+        return grouped(typer.main.get_command(single))
     return typer.main.get_command(command)
 
 

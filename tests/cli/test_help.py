@@ -1,0 +1,29 @@
+"""Help pages: flags in panels, and examples that can be typed."""
+
+import shlex
+
+import pytest
+
+from vlafuzz.cli import COMMANDS, _load, main
+from vlafuzz.cli.help import EXAMPLES, MANY
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "import"])
+def test_every_flag_of_a_command_with_many_is_in_a_panel(name):
+    command = _load(name, COMMANDS[name][0])
+    options = [param for param in command.params if param.param_type_name == "option"]
+    if len(options) > MANY:
+        assert [option.name for option in options if not option.rich_help_panel] == []
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_ends_with_two_examples_that_the_parser_takes(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    assert main([name, "--help"]) == 0
+    shown = capsys.readouterr().out
+    for example in EXAMPLES[name]:
+        assert example in shown
+        program, used, *words = shlex.split(example)
+        assert (program, used) == ("vlafuzz", name)
+        command = _load(name, COMMANDS[name][0])
+        command.make_parser(command.context_class(command)).parse_args(args=words)

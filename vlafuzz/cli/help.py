@@ -1,0 +1,96 @@
+"""What `--help` adds to the flags: the panel of each, and two examples of the commands that are used most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+# Panels, in the order in which a help page shows them, with the parameters of the commands in them.
+PANELS: Mapping[str, tuple[str, ...]] = {
+    "What to run": (
+        *("policy", "version", "label", "baseline", "checkpoints", "task", "robot"),
+        *("scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
+    ),
+    "Which scenes": ("strategy", "strategies", "seed", "operators", "vary", "study.alpha", "verdict", "run"),
+    "How long": (
+        "budget",
+        "time",
+        "rollouts",
+        "triage_rollouts",
+        "max_rollouts",
+        "limit",
+        "comparisons",
+        "n",
+    ),
+    "How to judge": (
+        *("repeats", "criteria", "placement", "stop_early", "alpha", "error", "whole", "firm"),
+        *("static", "frame", "min_distance"),
+    ),
+    "What else to do": ("resume", "certify", "triage", "unchecked", "trust", "controls", "minimal"),
+    "Where it runs": ("workers", "executor", "address", "batch"),
+    "Output": (
+        *("store", "out", "format_", "json", "csv", "markdown", "junit", "fail_on_finding"),
+        *("video", "videos", "picture", "seen", "trace", "verbose"),
+    ),
+}
+
+EXAMPLES: Mapping[str, tuple[str, str]] = {
+    "run": (
+        "vlafuzz run --policy pinhole --task put-on --budget 100 --store first.db",
+        "vlafuzz run --policy 'openpi:ws://gpu:8000?profile=libero' --vary light,camera-position --time 1h",
+    ),
+    "triage": (
+        "vlafuzz triage first.db --limit 5",
+        "vlafuzz triage first.db --rollouts 500 --time 30m",
+    ),
+    "report": (
+        "vlafuzz report first.db --out page.html",
+        "vlafuzz report mini-pick-up --out corpus.html --no-videos",
+    ),
+    "regress": (
+        "vlafuzz regress mini-pick-up --policy mini",
+        "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make --junit regress.xml",
+    ),
+    "export": (
+        "vlafuzz export first.db --out failing.jsonl",
+        "vlafuzz export first.db --minimal --out my-corpus",
+    ),
+    "compare": (
+        "vlafuzz compare --policy pinhole --budget 100 --repeats 7",
+        "vlafuzz compare --strategies random,causes,nsga2 --policy pinhole --store compare.db --out compare",
+    ),
+    "replay": (
+        "vlafuzz replay first.db --video failure.mp4",
+        "vlafuzz replay failing.jsonl 3f2a --policy expert --picture solved.png",
+    ),
+    "bisect": (
+        "vlafuzz bisect my-corpus --policy lerobot:{} --checkpoints out/010000 out/020000 out/030000",
+        "vlafuzz bisect my-corpus --checkpoints http://gpu:8001/act http://gpu:8002/act http://gpu:8003/act",
+    ),
+}
+
+MANY = 6  # more options than these are shown in panels
+_PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
+
+
+def epilog(command: str) -> str | None:
+    """The examples of a command, a line each."""
+    lines = ("Examples:", *EXAMPLES[command]) if command in EXAMPLES else ()
+    return "\n\n".join(line.replace("[", r"\[") for line in lines) or None
+
+
+def grouped(command: Any) -> Any:
+    """The same command with its options in panels, unless it has few."""
+    options = [param for param in command.params if param.param_type_name == "option"]
+    if len(options) > MANY:
+        for option in options:
+            special = _PANEL_OF.get(f"{command.name}.{option.name}")
+            option.rich_help_panel = special or _PANEL_OF.get(option.name)
+        order = list(PANELS)
+        command.params.sort(key=lambda param: _place(param, order))
+    return command
+
+
+def _place(param: Any, order: list[str]) -> int:
+    panel = getattr(param, "rich_help_panel", None)
+    return -1 if param.param_type_name == "argument" else order.index(panel) if panel else len(order)
