@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree as Xml
 
 import pytest
@@ -14,6 +15,8 @@ from vlafuzz.cli import main
 from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression.folder import write_corpus
+from vlafuzz.regression.markdown import markdown_table
+from vlafuzz.scene import Scene
 from vlafuzz.space import load_operators
 from vlafuzz.triage import scene_runner as runner
 
@@ -114,6 +117,35 @@ def test_junit_is_written(capsys: pytest.CaptureFixture[str]):
     assert regress("pinhole", "--junit", "a.xml") == 1
     assert Xml.parse("a.xml").getroot().attrib["failures"] == "1"
     assert "written: a.xml" in capsys.readouterr().err
+
+
+def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("vlafuzz.regression.policies.probe_once", lambda: SimpleNamespace(works=True))
+    film = SimpleNamespace(still=b"jpeg")
+    monkeypatch.setattr(RuleRunner, "film", lambda self, scene: film, raising=False)
+    assert regress("pinhole", "--whole", "--summary", "a.md", "--sarif", "a.sarif") == 1
+    summary = Path("a.md").read_text()
+    assert summary.startswith("## ❌ pinhole is worse than idle as recorded: ")
+    assert "| controls | 40 | 40 |" in summary
+    assert "![a scene in which only the policy fails](a.jpg)" in summary
+    assert Path("a.jpg").read_bytes() == b"jpeg"
+    alarm, *broken = json.loads(Path("a.sarif").read_text())["runs"][0]["results"]
+    assert (alarm["ruleId"], alarm["level"]) == ("worse-policy", "error")
+    place = broken[0]["locations"][0]["physicalLocation"]
+    line = Path(place["artifactLocation"]["uri"]).read_text().splitlines()[place["region"]["startLine"] - 1]
+    assert Scene.from_json(line).digest == broken[0]["partialFingerprints"]["vlafuzz/v1"]
+
+
+def test_names_do_not_become_markdown(tmp_path: Path):
+    rows = [{"scene": "a|b", "why": "<b>*x*</b>\nand [more](http://x)"}]
+    assert markdown_table(rows).splitlines()[2] == r"| a\|b | \<b>\*x\*\</b> and \[more\](http://x) |"
+
+
+def test_a_summary_of_equal_policies_has_no_picture():
+    assert regress("idle", "--summary", "a.md", "--sarif", "a.sarif") == 0
+    assert Path("a.md").read_text().startswith("## ✅ idle is not shown to be worse")
+    assert not Path("a.jpg").exists()
+    assert json.loads(Path("a.sarif").read_text())["runs"][0]["results"] == []
 
 
 def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,6 +34,10 @@ def command(
     ] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Do not stop at an alarm: run everything.")] = False,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.")] = None,
+    summary: Annotated[
+        Path | None, typer.Option(help="Write Markdown, and beside it a picture of a broken scene.")
+    ] = None,
+    sarif: Annotated[Path | None, typer.Option(help="Write SARIF.")] = None,
     trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
@@ -43,10 +48,13 @@ def command(
     jittered, to show what is fixed and what is broken. They raise no alarm: they were selected by what the
     corpus's own policy does.
     """
-    _check(policy, baseline, alpha, max_rollouts, junit)
+    places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
+    _check(policy, baseline, alpha, max_rollouts, places)
     from vlafuzz.regression.folder import read_corpus
     from vlafuzz.regression.junit import write_junit
-    from vlafuzz.regression.policies import compare_policies
+    from vlafuzz.regression.markdown import write_summary
+    from vlafuzz.regression.policies import compare_policies, still
+    from vlafuzz.regression.sarif import write_sarif
     from vlafuzz.regression.tables import document
 
     exported = read_corpus(corpus)
@@ -65,9 +73,15 @@ def command(
         print_json(document(compared, exported))
     else:
         _print(compared, exported)
-    if junit:  # last: where it cannot be written, the result of hours is shown all the same
+    # Last: where one cannot be written, the result of hours is shown all the same.
+    if junit:
         write_junit(compared, junit)
-        Bar.note(f"written: {junit}")
+    if summary:
+        write_summary(compared, exported, summary, still(corpus, exported, compared, policy))
+    if sarif:
+        write_sarif(compared, exported, corpus, sarif)
+    for path in filter(None, places.values()):
+        Bar.note(f"written: {path}")
     if compared.alarm:
         raise typer.Exit(1)
     if not compared.tells:
@@ -78,7 +92,11 @@ def command(
 
 
 def _check(
-    policy: str, baseline: str | None, alpha: float, max_rollouts: int | None, junit: Path | None
+    policy: str,
+    baseline: str | None,
+    alpha: float,
+    max_rollouts: int | None,
+    places: Mapping[str, Path | None],
 ) -> None:
     """Check the flags before anything is run."""
     from vlafuzz.policies.registry import check_policy_name
@@ -86,9 +104,10 @@ def _check(
     if not 0 < alpha < 1:
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
     check_number("--max-rollouts", max_rollouts, 1)
-    if junit is not None and (junit.is_dir() or not junit.absolute().parent.is_dir()):
-        message = f"--junit: {junit}: no place for a file"
-        raise UsageError(message, hint="name a file in a folder that is there")
+    for flag, path in places.items():
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+            message = f"{flag}: {path}: no place for a file"
+            raise UsageError(message, hint="name a file in a folder that is there")
     for name in filter(None, (policy, baseline)):
         check_policy_name(name)
 

@@ -12,6 +12,7 @@ from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
+from vlafuzz.renderer import probe_once
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage import scene_runner
 from vlafuzz.watch import SILENT, Watch
@@ -76,6 +77,17 @@ def bisect_checkpoints(
             comparisons=comparisons,
             watch=lambda checkpoint, done, most: watch.progress(f"rollouts of {checkpoint}", done, most),
         )
+
+
+def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> bytes | None:
+    """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
+    worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
+    probe = next(worse, None)
+    if probe is None or not probe_once().works:
+        return None
+    with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
+        film = runner.film(probe.scene)
+    return film.still if film else None
 
 
 def _scenes(

@@ -1,0 +1,140 @@
+"""The GitHub action: its steps are run here, with the files and variables that GitHub provides."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import pytest
+import yaml
+
+from vlafuzz.store.store import Store
+
+ROOT = Path(__file__).parent.parent
+ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+STEPS: list[dict[str, Any]] = ACTION["runs"]["steps"]
+
+
+class Job:
+    """A job that uses the action; steps that use other actions are left out, and so is installing."""
+
+    def __init__(self, folder: Path, **inputs: str) -> None:
+        self.folder = folder
+        defaults = {name: value.get("default", "") for name, value in ACTION["inputs"].items()}
+        unknown = inputs.keys() - defaults.keys()
+        assert not unknown
+        self._known = {
+            f"inputs.{name}": value for name, value in (defaults | inputs | {"install": ""}).items()
+        }
+        self._known |= {"github.run_number": "7", "github.action_path": str(ROOT), "always()": "true"}
+        self.summary = ""
+        self.code = 0
+        (folder / "bin").mkdir(exist_ok=True)
+        vlafuzz = folder / "bin" / "vlafuzz"
+        vlafuzz.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m vlafuzz "$@"\n')
+        vlafuzz.chmod(0o755)
+
+    def run(self) -> None:
+        """All steps; after a failure only those that always run."""
+        for step in STEPS:
+            condition = step.get("if", "true")
+            wanted = self._true(condition) and (self.code == 0 or condition == "always()")
+            if wanted and "run" in step:
+                self._step(step)
+
+    def _step(self, step: dict[str, Any]) -> None:
+        files = {name: self.folder / name for name in ("GITHUB_STEP_SUMMARY", "GITHUB_OUTPUT")}
+        for file in files.values():
+            file.write_text("")
+        path = f"{self.folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
+        environment |= {name: str(file) for name, file in files.items()}
+        environment |= {name: self._filled(value) for name, value in step["env"].items()}
+        bash = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
+        done = subprocess.run(
+            bash, cwd=self.folder, env=environment, capture_output=True, text=True, check=False
+        )
+        self.code = self.code or done.returncode
+        self.summary += files["GITHUB_STEP_SUMMARY"].read_text()
+        for line in files["GITHUB_OUTPUT"].read_text().splitlines():
+            name, _, value = line.partition("=")
+            self._known[f"steps.{step['id']}.outputs.{name}"] = value
+
+    def _filled(self, text: str) -> str:
+        return re.sub(r"\$\{\{(.*?)\}\}", lambda found: self._value(found[1]), text)
+
+    def _value(self, expression: str) -> str:
+        """Of alternatives, the first that is not empty."""
+        return next((value for part in expression.split("||") if (value := self._atom(part.strip()))), "")
+
+    def _atom(self, text: str) -> str:
+        if found := re.fullmatch(r"format\('\{0\}(.*)', (.*)\)", text):
+            return self._atom(found[2]) + found[1]
+        return text.strip("'") if text[0] in "'0123456789" else self._known.get(text, "")
+
+    def _true(self, condition: str) -> bool:
+        """Conditions of comparisons that are joined by ``&&`` or ``||``, and ``always()``."""
+        if "||" in condition:
+            return any(map(self._true, condition.split("||")))
+        return all(map(self._holds, condition.split("&&")))
+
+    def _holds(self, comparison: str) -> bool:
+        left, sign, right = re.fullmatch(r"\s*(\S+)(?: (==|!=|<) (\S+))?\s*", comparison).groups()
+        if sign is None:
+            return left in ("true", "always()")
+        if sign == "<":
+            return int(self._atom(left) or 0) < int(right)
+        return (self._atom(left) == self._atom(right)) is (sign == "==")
+
+
+def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
+    corpus = str(ROOT / "corpus" / "mini-pick-up")
+    job = Job(tmp_path, mode="regress", policy="frozen", corpus=corpus)
+    job.run()
+    assert job.code == 1
+    assert job.summary.startswith("## ❌ frozen is worse than mini as recorded: 8 worse and 0 better of")
+    assert "| controls | 200 |" in job.summary
+    results = tmp_path / "vlafuzz-results"
+    assert json.loads((results / "regress.json").read_text())["alarm"]
+    assert Xml.parse(results / "junit.xml").getroot().attrib["failures"] == "1"
+    assert json.loads((results / "regress.sarif").read_text())["runs"][0]["results"][0]["level"] == "error"
+
+
+@pytest.mark.slow
+def test_failures_of_several_nights_are_merged(tmp_path: Path):
+    tiny = {"mode": "fuzz", "policy": "pinhole", "budget": "6", "controls": "4"}
+    for night in (1, 2):
+        job = Job(tmp_path, **tiny, seed=str(night), arguments="--triage --strategy random")
+        job.run()
+        assert job.code == 0
+        assert f"seed {night}" in job.summary
+    results = tmp_path / "vlafuzz-results"
+    with Store.open(results / "all.db") as store:
+        assert [run.manifest.seed for run in store.runs()] == [1, 2]
+    assert "<html" in (results / "report.html").read_text()
+    assert not (results / "new.db").exists()
+
+
+def test_a_wrong_mode_or_name_fails_the_job(tmp_path: Path):
+    for inputs in (
+        {"mode": "regres", "policy": "expert"},
+        {"mode": "regress", "policy": "exprt", "corpus": "x"},
+    ):
+        job = Job(tmp_path, **inputs)
+        job.run()
+        assert job.code == 2
+
+
+def test_no_step_puts_an_input_into_its_code():
+    assert [step["name"] for step in STEPS if "${{" in step.get("run", "")] == []
+
+
+def test_every_input_is_used_and_described():
+    text = (ROOT / "action.yml").read_text(encoding="utf-8")
+    for name, value in ACTION["inputs"].items():
+        assert f"inputs.{name}" in text
+        assert value["description"]
