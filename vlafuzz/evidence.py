@@ -26,6 +26,11 @@ class Rate:
     low: float
     high: float
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
+        if not 0 <= self.failures <= self.rollouts:
+            raise ValueError(f"{self.failures} failures in {self.rollouts} rollouts")
+
     @classmethod
     def of_counts(cls, failures: int, rollouts: int) -> Self:
         return cls(failures, rollouts, *sequential_interval(failures, rollouts))

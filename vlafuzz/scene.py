@@ -153,7 +153,7 @@ class Scene:
 
     __pydantic_config__ = _STRICT
     task: Text
-    targets: Annotated[tuple[Placement, ...], Field(max_length=MOST)]
+    targets: Annotated[tuple[Placement, ...], Field(min_length=1, max_length=MOST)]
     instruction: Text
     _: KW_ONLY
     confounders: Annotated[tuple[Placement, ...], Field(max_length=MOST)] = ()

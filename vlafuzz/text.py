@@ -19,17 +19,16 @@ def plural(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-_BRIEF = reprlib.Repr()
-_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother = 3, 64, 64
-
-
-def shortened(value: object) -> str:
+def shortened(value: object, most: int = 60) -> str:
     """What a value looks like, at most 60 characters of it; it may be as large or deep as it likes."""
+    brief = reprlib.Repr()
+    brief.maxlevel, brief.maxlist, brief.maxdict = 3, 20, 20
+    brief.maxstring = brief.maxother = most
     try:
-        shown = _BRIEF.repr(value)
+        shown = brief.repr(value)
     except (ValueError, RecursionError):  # an integer of thousands of digits
         shown = f"a {type(value).__name__}"
-    return shown if len(shown) <= 60 else shown[:57] + "..."
+    return shown if len(shown) <= most else shown[: most - 3] + "..."
 
 
 def percent(share: float | None) -> str:

@@ -276,7 +276,7 @@ class TestNoServer:
         ("hello", "says"),
         [
             (HELLO | {"protocol_version": 2}, "it speaks version 2 of the protocol, not 1"),
-            ({"model_server": "x"}, "its hello: protocol_version: Field required"),
+            ({"model_server": "x"}, "its hello: protocol_version: field required"),
             (HELLO | {"action_spec": "none"}, "its hello: action_spec: "),
         ],
     )

@@ -62,3 +62,14 @@ def test_what_the_format_cannot_express_is_left_out_and_counted(tmp_path: Path, 
     left_out = write_vlatest(path, [replace(scene, **change), scene], CATALOGUE)
     assert left_out == {f"VLATest's scene files have no {reason}": 1}
     assert len(read_vlatest(path, CATALOGUE).scenes) == 1
+
+
+def test_tasks_and_objects_that_vlatest_does_not_have_are_left_out_and_counted(tmp_path: Path) -> None:
+    scene = scenes("pick-up", 1)[0]
+    unknown = replace(scene, targets=(replace(scene.targets[0], object="anvil"),))
+    others = [replace(scene, task="juggle"), replace(scene, targets=scene.targets * 2), unknown]
+    assert write_vlatest(tmp_path / "t-grasp.json", [*others, scene], CATALOGUE) == {
+        "VLATest has no task juggle": 1,
+        "VLATest has no pick-up with 2 target(s)": 1,
+        "VLATest has no anvil": 1,
+    }

@@ -1,5 +1,7 @@
 """An exported corpus reads back as it was, and what is wrong with a folder is one sentence."""
 
+import hashlib
+import io
 import json
 import os
 from dataclasses import asdict, replace
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 
 from tests.doubles import scene
 from tests.regression.corpora import case, control, make_corpus
+from tests.test_reading import in_little_memory
 from vlafuzz.errors import CorpusError
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
 from vlafuzz.regression.corpus import Corpus
@@ -168,3 +171,34 @@ def test_nothing_is_left_where_it_cannot_be_written(tmp_path: Path, monkeypatch:
     with pytest.raises(CorpusError, match="no space left on device"):
         write_corpus(make_corpus(), tmp_path / "a")
     assert list(tmp_path.iterdir()) == []
+
+
+def forge(folder: Path, data: bytes) -> None:
+    """Replace the actions of all witnesses, and their digests with them."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    for path in (folder / "witnesses").iterdir():
+        path.write_bytes(data)
+    digest = hashlib.blake2b(data, digest_size=16).hexdigest()
+    cases = [row | {"witness": row["witness"] | {"digest": digest}} for row in manifest["cases"]]
+    change(folder, cases=cases)
+
+
+@pytest.mark.parametrize(
+    ("shape", "says"),
+    [((1 << 40, 7), "no array"), ((7,), "not \\(steps, 7\\)"), ((2, 6), "not \\(steps, 7\\)")],
+)
+def test_witnesses_of_another_shape_are_refused(folder: Path, shape: tuple, says: str) -> None:
+    file = io.BytesIO()
+    header = {"descr": "<f4", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, header)
+    forge(folder, file.getvalue() + bytes(28 if shape[0] == 7 else 48))
+    with in_little_memory(), pytest.raises(CorpusError, match=says):
+        read_corpus(folder)
+
+
+@pytest.mark.parametrize(("field", "text"), [("packs", "[3]"), ("place", "{}"), ("scene_file", "x")])
+def test_conditions_that_hold_other_json_are_refused(folder: Path, field: str, text: str) -> None:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    change(folder, runs=[run | {field: text} for run in manifest["runs"]])
+    with pytest.raises(CorpusError, match=r"manifest\.json: "):
+        read_corpus(folder)

@@ -1,13 +1,15 @@
 """An HTTP connection for one request at a time. All failures are PolicyErrors with their cause."""
 
 import select
-import time
+import socket
+import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from urllib.parse import urlsplit
 
-from vlafuzz.clients.wire import MAX_BYTES, OPENING, blamed, failure, short, too_large
+from vlafuzz.clients.wire import MAX_BYTES, OPENING, blamed, failure, late, short, too_large
+from vlafuzz.errors import PolicyError
 
 
 class HttpConnection:
@@ -33,18 +35,38 @@ class HttpConnection:
 
     def reply(self, wait: float) -> tuple[int, bytes]:
         """Status and body of the response, within ``wait`` seconds."""
-        until = time.monotonic() + wait
-        with self._blamed(wait):
-            sock = self._line.sock
-            sock.settimeout(max(wait, 0.001))
+        with self._ended_after(wait), self._blamed(wait):
+            self._line.sock.settimeout(max(wait, 0.001))
             with self._line.getresponse() as response:
                 body = b""
                 while more := response.read1(1 << 16):
                     body += more
                     if len(body) > MAX_BYTES:
                         raise too_large(self.url)
-                    sock.settimeout(max(until - time.monotonic(), 0.001))
         return response.status, body
+
+    @contextmanager
+    def _ended_after(self, wait: float) -> Iterator[None]:
+        """End the connection after ``wait`` seconds, since a socket's timeout begins anew with every byte."""
+        over = threading.Event()
+
+        def end(sock: socket.socket) -> None:
+            over.set()
+            with suppress(OSError):  # closed already
+                sock.shutdown(socket.SHUT_RDWR)
+
+        timer = threading.Timer(max(wait, 0.001), end, [self._line.sock])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        except PolicyError:
+            if not over.is_set():
+                raise
+        finally:
+            timer.cancel()
+        if over.is_set():
+            raise late(self.url, wait)
 
     @contextmanager
     def _blamed(self, wait: float) -> Iterator[None]:

@@ -16,7 +16,8 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from vlafuzz.clients.wire import KINDS, array_of, short
+from vlafuzz.clients.wire import short
+from vlafuzz.reading import KINDS, array_of, npy_array
 
 # GR00T's marks of modality configs, and keys of their content: N1.6, N1.7, and the copy in N1.7's examples.
 MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "as_dict")
@@ -46,8 +47,9 @@ def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
     message = _unpack(frame, _decode_vla_eval)
     if not isinstance(message, dict) or not {"type", "payload", "seq"} <= message.keys():
         raise ValueError(f"no type, payload and number in {short(message)}")
-    if not isinstance(message["payload"], dict):
-        raise ValueError(f"a payload of {type(message['payload']).__name__}")
+    for key, kind in (("type", str), ("payload", dict), ("seq", int)):
+        if not isinstance(message[key], kind):
+            raise ValueError(f"a {key} of {type(message[key]).__name__}")
     return message["type"], message["payload"], message["seq"]
 
 
@@ -79,7 +81,10 @@ def _decode_openpi(value: dict[Any, Any]) -> Any:
     if b"__ndarray__" in value:
         return array_of(value[b"data"], value[b"dtype"], value[b"shape"])
     if b"__npgeneric__" in value:
-        return np.asarray(value[b"data"], np.dtype(value[b"dtype"]))[()]
+        kind = np.dtype(value[b"dtype"])
+        if kind.kind not in KINDS:
+            raise ValueError(f"a number of {kind}")
+        return np.asarray(value[b"data"], kind)[()]
     return value
 
 
@@ -103,7 +108,7 @@ def _encode_groot(value: Any) -> Any:
 
 def _decode_groot(value: dict[Any, Any]) -> Any:
     if "__ndarray_class__" in value:
-        return _npy(value["as_npy"])
+        return npy_array(value["as_npy"])
     if b"nd" in value:
         shape = value[b"shape"] if value[b"nd"] else ()  # else a single number
         return array_of(value[b"data"], value[b"type"], shape)
@@ -111,15 +116,6 @@ def _decode_groot(value: dict[Any, Any]) -> Any:
         config = next(value[key] for key in UNDER if key in value)
         return json.loads(config) if isinstance(config, str) else config
     return value
-
-
-def _npy(data: bytes) -> np.ndarray[Any, Any]:
-    """An array from .npy bytes; reading the header here ensures that it is no larger than the data."""
-    file = io.BytesIO(data)
-    read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    shape, by_columns, kind = read[np.lib.format.read_magic(file)](file)
-    array = array_of(file.read(), kind, shape[::-1] if by_columns else shape)
-    return array.T if by_columns else array
 
 
 def _check(value: Any, kind: Any = np.ndarray) -> None:

@@ -20,6 +20,7 @@ from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.remote import Address, CommonOptions
 from vlafuzz.clients.sessions import Sessions
 from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.reading import KINDS, array_of
 
 
 class ActOptions(ProfiledOptions):
@@ -123,7 +124,7 @@ def decode(body: bytes | str) -> Any:
 
 
 def _encode(value: Any) -> Any:
-    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in wire.KINDS:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
         raise TypeError(f"{type(value).__name__} cannot be sent")
     data = base64.b64encode(value.tobytes()).decode()
     return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
@@ -132,5 +133,5 @@ def _encode(value: Any) -> Any:
 def _decode(value: dict[str, Any]) -> Any:
     if "__numpy__" not in value:
         return value
-    array = wire.array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
+    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
     return array if array.shape else array[()]

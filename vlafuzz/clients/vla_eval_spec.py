@@ -1,9 +1,9 @@
 """What a vla-eval server declares about its model, translated from and to our specs."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, layout_width
 from vlafuzz.clients.remote import SIDE, VlaEvalOptions, cameras_of
@@ -22,21 +22,31 @@ GRIPPERS = {
 }
 
 
+Name = Annotated[str, Field(max_length=1000)]  # stores keep them with every run
+
+
 class Component(BaseModel, frozen=True):
     """A part of an action or observation."""
 
-    format: str = UNDECLARED
+    format: Name = UNDECLARED
+
+
+class Parameters(BaseModel, frozen=True):
+    """What a server wants to be sent, besides what its specs say."""
+
+    send_state: bool | None = None
+    send_wrist_image: bool | None = None
 
 
 class Hello(BaseModel, frozen=True, protected_namespaces=()):
     """The fields of a server's greeting that are used here."""
 
     protocol_version: int
-    harness_version: str = "unknown"
-    model_server: str = "unknown"
+    harness_version: Name = "unknown"
+    model_server: Name = "unknown"
     action_spec: Mapping[str, Component] = {}
     observation_spec: Mapping[str, Component] = {}
-    observation_params: Mapping[str, Any] = {}
+    observation_params: Parameters = Parameters()
 
 
 def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
@@ -99,7 +109,7 @@ def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
     if options.state not in (None, "1"):
         return options.state
     declared = hello.observation_spec.get("state")
-    if options.state is None and declared is None and not hello.observation_params.get("send_state"):
+    if options.state is None and declared is None and not hello.observation_params.send_state:
         return None
     if declared is None or declared.format == UNDECLARED:
         return OWN
@@ -145,7 +155,7 @@ def _cameras(name: str, hello: Hello, options: VlaEvalOptions) -> tuple[CameraRe
         raise UsageError(message, hint="supported: one, and with wrist=1 a second one from the wrist")
     wrist = options.wrist
     if wrist is None:
-        wrist = len(pictures) > 1 or bool(hello.observation_params.get("send_wrist_image"))
+        wrist = len(pictures) > 1 or bool(hello.observation_params.send_wrist_image)
     size = options.camera
     if size is None:
         size = (SIDE, SIDE) if pictures or wrist or not hello.observation_spec else (0, 0)

@@ -36,9 +36,9 @@ class WebSocketConnection:
                     ping_interval=None,  # a computing model may hold the server's interpreter lock for long
                 )
             )
-        # A server that hangs stops reading: without this, a send would block forever.
-        limit = struct.pack("ll", int(timeout), int(timeout % 1 * 1e6))
-        self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+            # A server that hangs stops reading: without this, a send would block forever.
+            limit = struct.pack("ll", int(timeout), int(timeout % 1 * 1e6))
+            self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
 
     def send(self, frame: bytes) -> None:
         with self._blamed(self._timeout):

@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from vlafuzz.errors import Cause, PolicyError, PrerequisiteError
+from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
 from vlafuzz.policies.base import EpisodeStart
+from vlafuzz.reading import first_problem
+from vlafuzz.text import shortened
 
 MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
 OPENING = 10.0  # seconds for a connection to open
 PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
 CONNECTION: tuple[Cause, ...] = ("connect",)
 UNANSWERED: tuple[Cause, ...] = (*CONNECTION, "timeout")
-KINDS = "biuf"  # of arrays: boolean, integers, floating point
 # Identifies the rollout of a connection, where the protocol cannot; only our own servers read it.
 ROLLOUT = "Vlafuzz-Rollout"
 LOG = logging.getLogger(__name__)  # one line per retry
@@ -61,9 +62,7 @@ def validated(kind: type[Declared], url: str, what: str, declared: object) -> De
     try:
         return kind.model_validate(declared)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(step) for step in first["loc"]) or "all of it"
-        raise failure(url, f"its {what}: {where}: {first['msg']}", "protocol") from None
+        raise failure(url, f"its {what}: {first_problem(error)}", "protocol") from None
 
 
 def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTION) -> T:
@@ -134,18 +133,10 @@ def numbers(value: object) -> NDArray[np.float64]:
     actions = np.asarray(value)  # a ragged list raises ValueError
     if actions.dtype.kind not in "iuf":
         raise ValueError(f"actions that are no numbers: {short(value)}")
-    return np.atleast_2d(actions.astype(np.float64))
-
-
-def array_of(data: bytes, dtype: object, shape: Any) -> NDArray[Any]:
-    """An array of numbers from its bytes; ValueError or TypeError when they are not one."""
-    kind = np.dtype(dtype)  # type: ignore[call-overload]  # anything may have been sent: TypeError
-    if kind.kind not in KINDS:
-        raise ValueError(f"an array of {kind}")
-    return np.frombuffer(data, kind).reshape(shape).copy()  # a writable one
+    with np.errstate(over="ignore"):  # infinity is refused later, like any other action that is not finite
+        return np.atleast_2d(actions.astype(np.float64))
 
 
 def short(value: object) -> str:
-    """A value as one line of at most 300 characters."""
-    text = " ".join(str(value).split())
-    return text if len(text) <= 300 else f"{text[:300]} …"
+    """A text, an error or another value as one line of at most 300 characters."""
+    return sentence(value) if isinstance(value, str | Exception) else shortened(value, 300)

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import BaseModel, TypeAdapter
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.reading import first_problem
 
 
 class _Pack(BaseModel):
@@ -42,5 +43,8 @@ _KINDS: Mapping[str, TypeAdapter[Any]] = {
 def check_read(conditions: Conditions) -> None:
     """Raise a ValueError if a field that holds JSON, unless it is empty, holds something else."""
     for name, kind in _KINDS.items():
-        if text := getattr(conditions, name):
-            kind.validate_json(text)
+        try:
+            if text := getattr(conditions, name):
+                kind.validate_json(text)
+        except ValidationError as error:
+            raise ValueError(f"{name}: {first_problem(error)}") from None

@@ -39,7 +39,7 @@ def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
             varied=frozenset(stored["varied"]),
             visible=stored_visible(conditions),
         )
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise StoreError(
             f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
             hint="use the version that began the run",

@@ -32,6 +32,7 @@ from vlafuzz.clients.remote import parse
 from vlafuzz.clients.vla_eval import PROTOCOL_VERSION, VlaEval, message_of
 from vlafuzz.clients.vla_eval_spec import (
     Hello,
+    Parameters,
     declared_actions,
     declared_observations,
     layout_of,
@@ -82,7 +83,7 @@ class CorpusBenchmark(StepBenchmark):
         parsed = parse(f"{NAME}:ws://server:1?{urlencode(options)}", VlaEval).options
         hello = Hello(
             protocol_version=PROTOCOL_VERSION,
-            observation_params={"send_state": send_state, "send_wrist_image": send_wrist_image},
+            observation_params=Parameters(send_state=send_state, send_wrist_image=send_wrist_image),
         )
         self.spec, self._layout = spec_of(NAME, hello, parsed), layout_of(NAME, hello, parsed)
         self._corpus = read_corpus(Path(corpus))

@@ -28,7 +28,7 @@ from vlafuzz.reading import read_json, validated
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
 _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
-_PLAIN = re.compile(r"[\w. -]+")
+_PLAIN = re.compile(r"[\w. -]{1,100}")
 _SAYS = "says where it is"
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
 _MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
@@ -164,7 +164,7 @@ def spoken(name: str) -> str:
 def _packs_in(folder: Path) -> tuple[Pack, ...]:
     if _is_pack(folder):
         return (_read(folder),)
-    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    inside = sorted(folder.iterdir()) if os.path.isdir(folder) else []
     return tuple(_read(path) for path in inside if _is_pack(path))
 
 
@@ -185,7 +185,7 @@ def _read(folder: Path) -> Pack:
 
 
 def _is_pack(folder: Path) -> bool:
-    return (folder / "models").is_dir() and any(folder.glob("info_*.json"))
+    return os.path.isdir(folder / "models") and any(folder.glob("info_*.json"))
 
 
 def _pack_name(folder: Path) -> str:
@@ -200,7 +200,7 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
         read = validated(_INFOS, read_json(path, CatalogueError), path, CatalogueError)
         for name, info in read.items():
             if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
-                wrong = f"{path}: {name!r}: a name with more than letters, digits, '_', '-', '.'"
+                wrong = f"{path}: {name!r}: a name with more than 100 letters, digits, '_', '-', '.'"
                 raise CatalogueError(wrong)
             if name not in entries or info.scales[0] > entries[name].scales[0]:
                 entries[name] = info

@@ -21,7 +21,7 @@ from vlafuzz.text import shortened
 Length = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Unit = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Direction = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
-Name = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+Name = Annotated[str, Field(pattern=r"^[a-z0-9_]+$", max_length=100)]  # a folder has it, too
 Colour = tuple[Unit, Unit, Unit]
 
 

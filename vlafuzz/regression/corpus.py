@@ -43,6 +43,11 @@ class Facts:
     certified: Rate | None = None
     counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
+        if not 0 <= self.failures <= self.repeats:
+            raise ValueError(f"{self.failures} failures in {self.repeats} repeats")
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case(Facts):

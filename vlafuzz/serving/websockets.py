@@ -19,11 +19,13 @@ from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_open
 from vlafuzz.clients.openpi import OpenPiOptions
 from vlafuzz.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.clients.vla_eval_spec import declared_actions, declared_observations
-from vlafuzz.clients.wire import ROLLOUT, array_of, short
+from vlafuzz.clients.wire import ROLLOUT, short
 from vlafuzz.policies.base import PolicySpec
+from vlafuzz.reading import array_of
 from vlafuzz.serving.sessions import ClientSession, RolloutHeader, ServedPolicy
 
 MAX_BYTES = 64 << 20  # of an observation
+MOST_PIXELS = 4096**2  # of a picture, which may unfold from a few bytes
 INTERNAL_ERROR = 1011  # close code of WebSockets
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
@@ -162,4 +164,7 @@ def _decoded(picture: Any) -> Any:
         return picture
     if picture.get("format") == "raw":
         return array_of(picture["data"], np.uint8, picture["shape"])
-    return np.array(Image.open(io.BytesIO(picture["data"]), formats=("PNG", "JPEG")).convert("RGB"))
+    compressed = Image.open(io.BytesIO(picture["data"]), formats=("PNG", "JPEG"))
+    if compressed.width * compressed.height > MOST_PIXELS:
+        raise ValueError(f"a picture of {compressed.width} x {compressed.height} pixels")
+    return np.array(compressed.convert("RGB"))

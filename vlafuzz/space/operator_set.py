@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -119,7 +120,7 @@ def _find(source: str, beside: Path | None) -> Path:
     if source in shipped:
         return shipped[source]
     path = (beside.parent / source) if beside else Path(source)
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike path.is_file(), false for a name that is too long
         raise CatalogueError(f"operators: no file {str(path)!r}", hint=suggestion(source, shipped))
     return path
 

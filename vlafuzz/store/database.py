@@ -28,6 +28,7 @@ _EXPLAINED = {
     "SQLITE_READONLY": ("cannot be written", "give a store in a folder that you may write to"),
     "SQLITE_CANTOPEN": ("cannot be opened", "check that you may read and write its folder"),
     "SQLITE_BUSY": ("another process keeps it busy", "try again when that has ended"),
+    "SQLITE_CONSTRAINT": ("is damaged: {}", "restore it from a backup"),
     "SQLITE_TOOBIG": ("is damaged: a value has more than 64 MiB", "restore it from a backup"),
     "SQLITE_IOERR": ("cannot be read or written", "check the disk; all trials up to here are stored"),
 }
@@ -38,13 +39,13 @@ def explained(path: Path) -> Iterator[None]:
     """Turn SQLite's errors about a file into a StoreError; programming errors pass through."""
     try:
         yield
-    except (sqlite3.IntegrityError, sqlite3.ProgrammingError):
+    except sqlite3.ProgrammingError:
         raise
     except sqlite3.Error as error:
         name = getattr(error, "sqlite_errorname", "SQLITE_CORRUPT")  # none: a text is not UTF-8
         for prefix in _EXPLAINED:
             if name.startswith(prefix):
-                raise _problem(path, prefix) from error
+                raise _problem(path, prefix, str(error)) from error
         raise
 
 
@@ -60,9 +61,9 @@ def intact(path: Path) -> Iterator[None]:
         raise StoreError(f"{path}: is damaged: {problem}", hint="restore it from a backup") from None
 
 
-def _problem(path: Path, name: str) -> StoreError:
+def _problem(path: Path, name: str, detail: str = "a reference leads nowhere") -> StoreError:
     what, hint = _EXPLAINED[name]
-    return StoreError(f"{path}: {what}", hint=hint.replace("STORE", str(path)))
+    return StoreError(f"{path}: {what.format(detail)}", hint=hint.replace("STORE", str(path)))
 
 
 def connect_to_write(path: Path) -> sqlite3.Connection:
@@ -138,6 +139,8 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
     if application != APPLICATION_ID:
         raise _problem(path, "SQLITE_NOTADB")
     version = _pragma(connection, "user_version")
+    if version < 1:
+        raise _problem(path, "SQLITE_CORRUPT")
     if version > len(MIGRATIONS):
         problem = f"its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here"
         raise StoreError(f"{path}: {problem}", hint="upgrade vlafuzz")
@@ -147,11 +150,13 @@ def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> 
 
 
 def _check_tables(path: Path, connection: sqlite3.Connection, version: int) -> None:
-    """Raise a StoreError unless the tables are those of its version, and nothing happens on its own."""
-    expected, here = shape_at(version), shape_of(connection)
-    changed = [name for name in expected if here.get(name) != expected[name]]
+    """Raise a StoreError unless the tables are those of its version, complete, and without triggers."""
+    expected, newest, here = shape_at(version), shape_at(len(MIGRATIONS)), shape_of(connection)
+    changed = [name for name in newest if here.get(name) != expected.get(name)]
     query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
     changed += [name for (name,) in connection.execute(query)]
+    if connection.execute("SELECT 1 FROM pragma_foreign_key_check LIMIT 1").fetchone():
+        raise _problem(path, "SQLITE_CONSTRAINT")
     if changed:
         problem = f"{changed[0]!r} in it is not as vlafuzz made it"
         raise StoreError(f"{path}: {problem}", hint="give a store that `vlafuzz run` wrote")

@@ -29,6 +29,7 @@ _RATE = TypeAdapter(Rate | None)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
+_SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _RATES = TypeAdapter(dict[str, Rate])
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
@@ -70,6 +71,7 @@ def run_row(manifest: Manifest) -> Row:
 
 def to_run(row: sqlite3.Row) -> Run:
     """The inverse of ``run_row``."""
+    _check_counts(row)
     values = dict(row)
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
@@ -241,13 +243,23 @@ def triage_row(triaged: Triaged) -> Row:
     }
 
 
+def _check_counts(row: sqlite3.Row) -> None:
+    """Raise a ValueError for a whole number below zero: there are only ids, seeds, flags and counts."""
+    for name in row.keys():  # noqa: SIM118 - iterating a row gives values
+        if isinstance(row[name], int) and row[name] < 0:
+            raise ValueError(f"{name} is {row[name]}")
+
+
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
+    _check_counts(row)
+    if row["failures"] > row["repeats"]:
+        raise ValueError(f"{row['failures']} failures in {row['repeats']} repeats")
     causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, _ACTION)
-        solver: Solver = row["witness_solver"] or "expert"  # the only one of earlier versions
+        solver: Solver = _SOLVER.validate_python(row["witness_solver"] or "expert")  # earlier versions' one
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
     counterparts = _BY_NAME.validate_json(row["counterparts"])
     return Triaged(

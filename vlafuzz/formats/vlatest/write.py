@@ -21,6 +21,7 @@ from vlafuzz.formats.vlatest.table import Counterpart, Table, our_box, vlatest_t
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.scene import EXTRAS, Camera, Light, Placement, Quaternion, Scene
 from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.tabletop import TASKS
 
 NOT_IN_FORMAT = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
 
@@ -42,12 +43,20 @@ def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> 
     left_out: Counter[str] = Counter()
     for scene in scenes:
         try:
+            _check_task(scene)
             original = as_original(scene)
             written.append(_original(original, ycb=is_ycb(path)) if original else _fit(scene, catalogue))
         except _UnsupportedError as error:
             left_out[str(error)] += 1
     write_entries(path, written)
     return dict(left_out)
+
+
+def _check_task(scene: Scene) -> None:
+    if scene.task not in TASKS:
+        raise _UnsupportedError(f"VLATest has no task {scene.task}")
+    if len(scene.targets) != TASKS[scene.task].targets:
+        raise _UnsupportedError(f"VLATest has no {scene.task} with {len(scene.targets)} target(s)")
 
 
 def _original(scene: Scene, *, ycb: bool) -> Entry:
@@ -71,6 +80,8 @@ def _fit(scene: Scene, catalogue: Catalogue) -> Entry:
     if scene.robot in vlatest_table().original.robots.values():
         raise _UnsupportedError(NOT_IN_FORMAT + f"scenes of the {scene.robot} in another frame than its own")
     table = vlatest_table()
+    if unknown := [placed.object for placed in scene.placements if placed.object not in catalogue]:
+        raise _UnsupportedError(f"VLATest has no {unknown[0]}")
     spoken = [catalogue[target.object].spoken for target in scene.targets]
     _refuse(scene, say(load_wordings()[scene.task][0], spoken))
     names = _names([placement.object for placement in scene.placements], table.objects)

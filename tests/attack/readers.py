@@ -1,0 +1,181 @@
+"""Everything that reads files, each as a function of random numbers and a folder for what it writes.
+
+A reader may raise vlafuzz's own errors and nothing else.
+"""
+
+import json
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from tests.attack import mutators, samples
+from tests.attack.reactions import command
+from vlafuzz.clients.profiles import load_profile
+from vlafuzz.diagnostics.lint import lint
+from vlafuzz.errors import SceneError
+from vlafuzz.formats.scene_lines import is_vlatest, read_scene_file
+from vlafuzz.objects import load_catalogue, open_packs
+from vlafuzz.policies.registry import check_policy_name
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.jitter import load_jitter
+from vlafuzz.tasks.instructions import load_wordings
+
+Rng = np.random.Generator
+Reader = Callable[[Rng, Path], None]
+CATALOGUE, RANGES = samples.CATALOGUE, load_operators()
+FRAMES = ("fit", "keep", "original", "robot")
+
+
+def _yaml(rng: Rng, pattern: str, path: Path) -> Path:
+    files = samples.yamls(pattern)
+    text, content = files[int(rng.integers(len(files)))]
+    match rng.integers(3):
+        case 0:
+            path.write_bytes(mutators.data(rng, text.encode()))
+        case 1:
+            with suppress(RecursionError):  # of PyYAML's writer
+                path.write_text(yaml.safe_dump(mutators.tree(rng, content)), errors="replace")
+                return path
+            path.write_text("[" * 5000)
+        case _:
+            path.write_text(json.dumps(mutators.tree(rng, content)))
+    return path
+
+
+def operators(rng: Rng, folder: Path) -> None:
+    task = str(rng.choice(["pick-up", "move-near", "put-on", "put-in"]))
+    space = SearchSpace(load_operators(_yaml(rng, "*.yaml", folder / "a.yaml")), CATALOGUE, task)
+    space.encode(space.nominal())
+    for _ in range(2):
+        space.severities(space.decode(rng.random(space.dim)))
+
+
+def objects(rng: Rng, folder: Path) -> None:
+    catalogue = load_catalogue(_yaml(rng, "objects", folder / "a.yaml"))
+    changed = [name for name in catalogue if name not in CATALOGUE]
+    for name in changed[:1] or list(catalogue)[: int(rng.random() < 0.05)]:
+        catalogue[name]
+
+
+def profile(rng: Rng, folder: Path) -> None:
+    path = _yaml(rng, "profile", folder / "a.yaml")
+    load_profile(path)
+    for protocol in ("openpi:ws", "http", "groot:tcp"):
+        check_policy_name(f"{protocol}://127.0.0.1:9?profile={path}")
+
+
+def other_yaml(rng: Rng, folder: Path) -> None:
+    if rng.random() < 0.5:
+        load_jitter(_yaml(rng, "jitter.yaml", folder / f"{rng.integers(2**60)}.yaml"))
+    else:
+        load_wordings(_yaml(rng, "instructions.yaml", folder / f"{rng.integers(2**60)}.yaml"))
+
+
+NAMES = (
+    "mini", "pinhole", "expert", "python:os:getcwd",
+    "vla-eval:ws://127.0.0.1:9?camera=256&wrist=1&rotation=rpy",
+    "openpi:ws://host:8000?profile=libero&chunk=10&execute=5",
+    "http://127.0.0.1:8000/act?camera=320x240&unnorm_key=a",
+    "groot:tcp://host:5555?profile=bridge&state_key=x,y,z,roll,pitch,yaw,gripper:2",
+    "lerobot:folder?device=cuda:0",
+)  # fmt: skip
+
+
+def policy_name(rng: Rng, folder: Path) -> None:
+    check_policy_name(mutators.text(rng, str(rng.choice(NAMES))))
+
+
+def _lint(path: Path, frame: Any) -> None:
+    judged = lint(read_scene_file(path, CATALOGUE, frame), CATALOGUE, 0.15, RANGES.visible)
+    json.dumps(judged.row(), allow_nan=False)
+
+
+def scene_lines(rng: Rng, folder: Path) -> None:
+    kept = samples.scenes()
+    lines = [kept[int(rng.integers(len(kept)))].to_json() for _ in range(3)]
+    (folder / "a.jsonl").write_bytes(mutators.data(rng, "\n".join(lines).encode()))
+    _lint(folder / "a.jsonl", "fit")
+    if rng.random() < 0.05:
+        command("lint", "--static", "-v", folder / "a.jsonl")
+
+
+def scene_values(rng: Rng, folder: Path) -> None:
+    """Scenes as trees with extreme values, also through what measures, encodes and writes them."""
+    kept = samples.scenes()
+    changed = mutators.tree(rng, json.loads(kept[int(rng.integers(len(kept)))].to_json()), times=1)
+    (folder / "a.jsonl").write_text(json.dumps(changed) + "\n")
+    _lint(folder / "a.jsonl", "fit")
+    source = read_scene_file(folder / "a.jsonl", CATALOGUE, "fit")
+    if not any(isinstance(scene, SceneError) for _, scene in source.lines):
+        command("coverage", folder / "a.jsonl")
+        command("export", folder / "a.jsonl", "--format", "vlatest", "--out", folder / "out.json")
+        (scene,) = source.scenes()
+        load_jitter().apply(scene, 1)
+
+
+def vlatest(rng: Rng, folder: Path) -> None:
+    documents = samples.vlatest()
+    document = documents[int(rng.integers(len(documents)))]
+    path = folder / str(rng.choice(["t-move_s-1.json", "ycb_t-grasp.json"]))
+    if rng.random() < 0.3:
+        path.write_bytes(mutators.data(rng, json.dumps(document).encode()))
+    else:
+        path.write_text(json.dumps(mutators.tree(rng, document)))
+    is_vlatest(path)
+    _lint(path, rng.choice(FRAMES))
+
+
+def _pack(folder: Path) -> Path:
+    return Path(shutil.copytree(samples.pack(), folder / "mine", dirs_exist_ok=True))
+
+
+def pack_info(rng: Rng, folder: Path) -> None:
+    path = _pack(folder) / "info_mine.json"
+    content = json.loads(path.read_text())
+    raw = rng.random() < 0.3
+    path.write_bytes(
+        mutators.data(rng, path.read_bytes()) if raw else json.dumps(mutators.tree(rng, content)).encode()
+    )
+    load_catalogue(packs=open_packs(str(path.parent)))
+
+
+def mesh(rng: Rng, folder: Path) -> None:
+    import trimesh
+
+    pack = _pack(folder)
+    name = str(rng.choice(["brick", "tin", "tray"]))
+    path = pack / "models" / name / "collision.obj"
+    shape: Any = trimesh.load_mesh(path)
+    if rng.random() < 0.4:
+        shape.apply_scale(10.0 ** rng.uniform(-6, 40, 3 if rng.random() < 0.5 else None))
+    kind = str(rng.choice(["obj", "ply"]))
+    content = shape.export(file_type=kind)
+    path.unlink()
+    path.with_suffix(f".{kind}").write_bytes(
+        mutators.data(rng, content.encode() if isinstance(content, str) else content)
+    )
+    if rng.random() < 0.3:
+        path.with_name("textured.glb").write_bytes(mutators.data(rng, shape.export(file_type="glb")))
+    if rng.random() < 0.2:
+        path.with_name("texture.png").write_bytes(mutators.data(rng, b"\x89PNG\r\n\x1a\n" + bytes(60)))
+    load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
+
+
+READERS: dict[str, tuple[Reader, int]] = {
+    "operators": (operators, 4500),
+    "objects": (objects, 600),
+    "profiles": (profile, 3500),
+    "other YAML": (other_yaml, 2000),
+    "policy names": (policy_name, 3500),
+    "scene lines": (scene_lines, 3500),
+    "scene values": (scene_values, 2000),
+    "VLATest": (vlatest, 3500),
+    "pack info": (pack_info, 1500),
+    "meshes": (mesh, 500),
+}
+"""By name: the reader, and its part of 40,000 inputs."""

@@ -1,0 +1,84 @@
+"""Valid input to mutate, made once."""
+
+import json
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tests.packs import box, can, tray, write_pack
+from tests.regression.corpora import case, make_corpus
+from tests.report.stores import MANIFEST
+from tests.report.stores import store as write_store
+from tests.sim.scenes import CATALOGUE, CROWD, nominal
+from vlafuzz.assets import operators_dir
+from vlafuzz.clients import profiles
+from vlafuzz.formats.vlatest.write import write_vlatest
+from vlafuzz.regression.folder import write_corpus
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.tasks.tabletop import TASKS
+
+
+@cache
+def folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="attack-samples-"))
+
+
+@cache
+def yamls(pattern: str) -> tuple[tuple[str, Any], ...]:
+    """Text and content of shipped files."""
+    places = {
+        "profile": profiles.FOLDER.glob("*.yaml"),
+        "objects": [operators_dir() / "objects" / "builtin.yaml"],
+    }
+    files = places.get(pattern) or operators_dir().glob(pattern)
+    return tuple((path.read_text(), yaml.safe_load(path.read_text())) for path in sorted(files))
+
+
+@cache
+def scenes() -> tuple[Scene, ...]:
+    import numpy as np
+
+    rng, made = np.random.default_rng(0), [CROWD]
+    for task in TASKS:
+        space = SearchSpace(load_operators(), CATALOGUE, task)
+        made += [nominal(task), *(space.sample(rng) for _ in range(3))]
+    turned = json.loads(CROWD.to_json())
+    turned["confounders"][0] |= {"quaternion": [0.6, 0.8, 0, 0], "scale": 1.2}
+    return (*made, Scene.from_json(json.dumps(turned)))
+
+
+@cache
+def vlatest() -> tuple[Any, ...]:
+    documents = []
+    for number, scene in enumerate(scenes()):
+        path = folder() / f"{number}.json"
+        if not write_vlatest(path, [scene, scene], CATALOGUE):
+            documents.append(json.loads(path.read_text()))
+    return tuple(documents)
+
+
+@cache
+def pack() -> Path:
+    info = folder() / "mine"
+    return write_pack(info, brick=box(0.04, 0.06, 0.1), tin=can(), tray=tray())
+
+
+@cache
+def corpus() -> Path:
+    place = folder() / "corpus"
+    made = make_corpus(case(0), case(1, reference=nominal()), controls=5)
+    made = replace(made, runs=[MANIFEST, replace(MANIFEST, seed=1)])
+    if not place.exists():
+        write_corpus(made, place)
+    return place
+
+
+@cache
+def store() -> Path:
+    """With passed, failed and triaged scenes."""
+    return write_store(folder() / "sample.db", findings=2)

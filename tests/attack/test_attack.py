@@ -1,0 +1,39 @@
+"""Mutated inputs over everything that reads; `scripts/attack.py` does the same with 40,000 of them."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.attack import servers
+from tests.attack.counting import TARGETS, count, reaction
+
+COSTLY = {"store rows": 4, "meshes": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _ended() -> Iterator[None]:
+    yield
+    servers.stop()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_reaction_to_a_few_inputs_is_a_sentence(name: str):
+    for number in range(COSTLY.get(name, 12)):
+        kind, where = reaction(name, 2, number)
+        assert kind in ("accepted", "refused"), f"input {number}: {where}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_reaction_to_many_inputs_is_a_sentence_in_time_and_in_little_memory(name: str):
+    counted = count(name, TARGETS[name][1] // 20, seed=3)
+    assert (counted.tracebacks, counted.hangs) == (0, 0), counted.faults
+
+
+def test_what_is_no_sentence_would_be_noticed(monkeypatch: pytest.MonkeyPatch):
+    def dies(*_: object) -> None:
+        raise KeyError("x")
+
+    monkeypatch.setitem(TARGETS, "dying", (dies, 1))
+    assert reaction("dying", 1, 0)[0] == "tracebacks"
