@@ -210,7 +210,7 @@ def test_a_pack_names_no_folder_but_its_own(name, tmp_path, opened):
     folder = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
     (folder / "info_mine.json").write_text(json.dumps({name: {"scales": [1.0]}}))
     opened.clear()
-    with pytest.raises(CatalogueError, match="a name with more than letters"):
+    with pytest.raises(CatalogueError, match="a name of at most 100 letters"):
         open_packs(str(folder))
     assert {Path(path) for path in opened} <= {folder, folder / "models", folder / "info_mine.json"}
 

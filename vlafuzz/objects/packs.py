@@ -200,7 +200,7 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
         read = validated(_INFOS, read_json(path, CatalogueError), path, CatalogueError)
         for name, info in read.items():
             if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
-                wrong = f"{path}: {name!r}: a name with more than 100 letters, digits, '_', '-', '.'"
+                wrong = f"{path}: {name!r}: expected a name of at most 100 letters, digits, '_', '-', '.'"
                 raise CatalogueError(wrong)
             if name not in entries or info.scales[0] > entries[name].scales[0]:
                 entries[name] = info
