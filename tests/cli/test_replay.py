@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -173,3 +174,31 @@ def test_bad_input_is_one_sentence_with_a_hint(store, arguments, says, capsys):
     assert said.startswith("error: ")
     assert says in said
     assert "hint: " in said
+
+
+def test_a_replay_says_what_is_unusual_in_the_scene(tmp_path, capsys):
+    scenes = tmp_path / "s.jsonl"
+    write_scenes(scenes, [replace(nominal("pick-up"), light=Light(0.25))])
+    assert main(["replay", str(scenes), "--policy", "frozen", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unusual"] == ["light: × 0.25"]
+
+
+@pytest.mark.render
+def test_a_film_marks_what_comes_after_the_last_progress(store, capsys):
+    import cv2
+
+    assert main(["replay", str(store)]) == 0
+    film = Path(capsys.readouterr().err.split("written: ")[1].strip())
+    assert film.parent == store.parent
+    video = cv2.VideoCapture(str(film))
+    frames = [video.read()[1] for _ in range(int(video.get(cv2.CAP_PROP_FRAME_COUNT)))]
+    blue, _, red = (frame[1:4, 100:-100].mean((0, 1)) for frame in (frames[0], frames[0], frames[-1]))
+    assert red[2] - red[0] > 100 > 50 > abs(blue[2] - blue[0])  # BGR: the upper edge has turned red
+
+
+@pytest.mark.render
+def test_no_film_is_made_for_a_machine_or_on_demand(store, capsys):
+    before = set(store.parent.iterdir())
+    assert main(["replay", str(store), "--json"]) == 0
+    assert main(["replay", str(store), "--no-film"]) == 0
+    assert set(store.parent.iterdir()) == before

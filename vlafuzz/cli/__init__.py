@@ -24,6 +24,10 @@ COMMANDS = {
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
     "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with policies."),
     "triage": ("vlafuzz.cli.triage:command", "Find out which failures can be trusted, and what causes them."),
+    "findings": (
+        "vlafuzz.cli.findings:command",
+        "List the findings of a store: causes, evidence, next steps.",
+    ),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
     "lint": ("vlafuzz.cli.scenes:lint", "Check whether the scenes of a file are fair."),
     "coverage": ("vlafuzz.cli.scenes:coverage", "Measure how much of the space scenes or runs cover."),

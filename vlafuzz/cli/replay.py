@@ -1,8 +1,10 @@
 """``vlafuzz replay``."""
 
+from __future__ import annotations
+
 import json as json_format
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +12,11 @@ from vlafuzz.cli.flags import PackFlag, TrustFlag, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
 from vlafuzz.files import write_whole, writing
-from vlafuzz.renderer import check_renderer
+from vlafuzz.renderer import check_renderer, probe
+
+if TYPE_CHECKING:
+    from vlafuzz.campaign.replay import Replayed
+    from vlafuzz.sim.maniskill.recording import Recording
 
 
 def command(
@@ -29,23 +35,63 @@ def command(
     trace: Annotated[
         Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")
     ] = None,
+    film: Annotated[
+        bool | None,
+        typer.Option(
+            "--film/--no-film",
+            help="Write an MP4 beside the source.",
+            show_default="if nothing else is written or printed as JSON, and pictures work here",
+        ),
+    ] = None,
     trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Run one scene or finding again, and show it."""
+    """Run one scene or finding again, and show it: what is unusual in it, and a film of what goes wrong."""
     if digest and first_failure:
         raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
+    from vlafuzz.report.deviations import unusual
 
     wanted = find(source, digest, policy)
+    if film is None:
+        film = not (json or video or picture or seen or trace) and probe().works
+    if film and video is None:
+        video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
     filmed = video is not None or picture is not None
     if filmed:
         check_renderer()
-    from vlafuzz.sim.maniskill.recording import Recording, write_picture
+    from vlafuzz.sim.maniskill.recording import Recording
 
     recording = Recording(480 if filmed else 0)
     replayed = replay(wanted, policy, recording, must_see=seen is not None)
+    _write(replayed, recording, video=video, picture=picture, seen=seen, trace=trace)
+    report = replayed.report() | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
+    if json:
+        print_json(report)
+    else:
+        rows = [{"what": key, "value": _shown(value)} for key, value in report.items()]
+        print_rows(rows, title="replay")
+
+
+def _shown(value: object) -> object:
+    return "\n".join(map(str, value)) if isinstance(value, list) else value
+
+
+def _write(
+    replayed: Replayed,
+    recording: Recording,
+    *,
+    video: Path | None,
+    picture: Path | None,
+    seen: Path | None,
+    trace: Path | None,
+) -> None:
+    """Write what is asked for, and say where it is."""
+    from vlafuzz.sim.maniskill.recording import write_picture
+
+    if lost := replayed.outcome.lost_stage:
+        recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")
     if video:
         recording.write_video(video, replayed.hz)
     if picture:
@@ -55,11 +101,6 @@ def command(
     if trace and (document := replayed.trace()):
         with writing(trace):
             write_whole(trace, json_format.dumps(document) + "\n")
-    report = replayed.report()
-    if json:
-        print_json(report)
-    else:
-        print_rows([{"what": key, "value": value} for key, value in report.items()], title="replay")
     for path in (video, picture, seen, trace):
         if path:
             stderr().print(f"written: {path}")

@@ -37,7 +37,7 @@ def command(
         )
     from vlafuzz.report.page import check_place, render, write_page
 
-    view = _view(source)
+    view = view_of(source)
     check_place(out)  # before minutes go by
     if videos and view.cards:
         view = _with_films(source, view, limit)
@@ -46,7 +46,8 @@ def command(
     Bar.note(f"written: {out} ({len(page.encode()) / 1e6:.1f} MB)")
 
 
-def _view(source: Path) -> View:
+def view_of(source: Path) -> View:
+    """The view of a store or corpus; UsageError if there is none."""
     from vlafuzz.regression.folder import locate, read_corpus
     from vlafuzz.report.sources import view_of_corpus, view_of_store
     from vlafuzz.store.store import Store

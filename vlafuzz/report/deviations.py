@@ -1,15 +1,18 @@
 """The operators in which a scene differs from its reference, described in words."""
 
 import math
+import pathlib
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.stored import stored_catalogue, stored_space
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.phrasing import failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.scene import Camera, Placement, Scene, in_words
-from vlafuzz.space import SearchSpace
+from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.extras import Extra
 from vlafuzz.space.operators import (
     OPERATORS,
@@ -122,3 +125,13 @@ def _fields(part: object, other: object, names: Sequence[str]) -> str:
     """The fields of a part of a scene that differ from another's."""
     differing = [name for name in names if getattr(part, name) != getattr(other, name)]
     return ", ".join(in_words(name, getattr(part, name)) for name in differing)
+
+
+def unusual(source: pathlib.Path, scene: Scene, conditions: Conditions) -> list[str]:
+    """The operators that are not nominal in a scene, with their values."""
+    if conditions.operators_digest:
+        space = stored_space(source, conditions)
+    else:  # a file of scenes
+        catalogue = stored_catalogue(conditions)
+        space = SearchSpace(load_operators(), catalogue, conditions.task, scene.robot)
+    return [f"{part.operator}: {part.value}" for part in deviations(space, scene, Causes())]

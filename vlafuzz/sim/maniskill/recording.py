@@ -19,7 +19,7 @@ from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
-_INK = (235, 235, 235)
+_INK, _RED = (235, 235, 235), (220, 40, 40)
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
 
@@ -50,6 +50,20 @@ class Recording:
             status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
             frame = _captioned(frame, instruction, status)
         self.frames.append(frame.copy())
+
+    def mark(self, trace: NDArray[np.float32], says: str) -> None:
+        """Frame in red, with a word, all that comes after the last progress of a rollout.
+
+        Args:
+            trace: ``(steps,)`` progress after each control step.
+        """
+        stuck = int(np.argmax(trace)) + 1 if len(trace) else 0
+        for index in range(stuck, len(self.frames)):
+            frame = self.frames[index].copy()
+            height, width = frame.shape[:2]
+            cv2.rectangle(frame, (1, 1), (width - 2, height - 2), _RED, 3)
+            cv2.putText(frame, says, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _RED, 2, cv2.LINE_AA)
+            self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
         """Write an MP4 in real time.

@@ -1,0 +1,60 @@
+"""vlafuzz findings."""
+
+import json
+
+import pytest
+
+from tests.report.stores import store as made_up
+from vlafuzz.cli import main
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    path = tmp_path_factory.mktemp("findings") / "a.db"
+    made_up(path, triaged=3)
+    return path
+
+
+def test_each_finding_has_its_cause_evidence_and_id(store, capsys):
+    assert main(["findings", str(store), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    minimal = [one for one in found if one["evidence"] == "minimal"]
+    assert minimal
+    assert found[: len(minimal)] == minimal  # the most evidence first
+    assert all(one["operators"] and one["signature"] and "rollouts" in one["detail"] for one in minimal)
+    assert main(["findings", str(store)]) == 0
+    shown = capsys.readouterr().out
+    assert minimal[0]["id"][:12] in shown
+    assert f"see the first: vlafuzz replay {store} {minimal[0]['id'][:12]}" in shown
+
+
+def test_what_to_do_next_is_said(store, capsys):
+    assert main(["findings", str(store)]) == 0
+    assert f"vlafuzz triage {store}" in capsys.readouterr().out
+
+
+def test_a_limit_says_how_many_are_left_out(store, capsys):
+    assert main(["findings", str(store), "--json"]) == 0
+    number = len(json.loads(capsys.readouterr().out))
+    assert main(["findings", str(store), "--limit", "1"]) == 0
+    assert f"{number - 1} more: --limit 0 shows all of them" in capsys.readouterr().out
+
+
+def test_evidence_selects(store, capsys):
+    assert main(["findings", str(store), "--evidence", "observed", "--json"]) == 0
+    assert {one["evidence"] for one in json.loads(capsys.readouterr().out)} == {"observed"}
+
+
+@pytest.mark.parametrize("flags", [["--evidence", "proven"], ["--limit", "-1"]], ids=" ".join)
+def test_wrong_flags_are_refused_with_a_hint(store, flags, capsys):
+    assert main(["findings", str(store), *flags]) == 2
+    said = capsys.readouterr().err
+    assert flags[0] in said
+    assert "hint:" in said
+
+
+def test_a_corpus_has_findings_too(capsys):
+    assert main(["findings", "mini-pick-up", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found) >= 20
+    assert {one["witness"] for one in found} <= {"expert", "seeing"}

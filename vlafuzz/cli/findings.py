@@ -1,0 +1,92 @@
+"""``vlafuzz findings``."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vlafuzz.cli.output import print_json, print_rows, stdout
+from vlafuzz.errors import UsageError
+from vlafuzz.report.view import BUCKETS, Card
+from vlafuzz.text import plural
+
+FEW = 3  # operators of an untriaged finding that are shown with their values
+_DIGITS = 12
+
+
+def command(
+    source: Annotated[Path, typer.Argument(help="A store, or the folder of a corpus.")],
+    evidence: Annotated[
+        str | None, typer.Option(help=f"Only those with this evidence: {', '.join(BUCKETS)}.")
+    ] = None,
+    limit: Annotated[int, typer.Option(help="The most findings to show; 0 for all.")] = 20,
+    json: Annotated[bool, typer.Option("--json", help="Print all of them as one JSON list.")] = False,
+) -> None:
+    """List the findings of a store or corpus: causes first, then by evidence, the most first."""
+    if evidence is not None and evidence not in BUCKETS:
+        raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
+    if limit < 0:
+        raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
+    from vlafuzz.cli.report import view_of
+
+    view = view_of(source)
+    cards = [card for card in view.cards if evidence in (None, card.bucket)]
+    if json:
+        print_json([_document(card) for card in cards])
+        return
+    shown = cards[: limit or None]
+    if shown:
+        print_rows([_row(card) for card in shown], title=f"{plural(len(cards), 'finding')}: {view.title}")
+    else:
+        stdout().print("no findings" + (f" with evidence {evidence}" if evidence else ""))
+    if len(shown) < len(cards):
+        stdout().print(f"{len(cards) - len(shown)} more: --limit 0 shows all of them")
+    if shown:
+        stdout().print(f"see the first: {shown[0].replay}", soft_wrap=True)
+    for text, line in view.todo:
+        stdout().print(f"{text} {line}", soft_wrap=True)
+    if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():
+        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus"])
+        stdout().print(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}", soft_wrap=True)
+
+
+def _row(card: Card) -> dict[str, Any]:
+    """The columns of the table."""
+    values = [f"{part.operator}: {part.range}" for part in card.deviations]
+    if card.bucket == "observed" and len(values) > FEW:
+        values = [f"{len(card.operators)} operators not nominal"]
+    return {
+        "id": card.scene.digest[:_DIGITS],
+        "loses": card.lost_stage,
+        "in a scene with": "\n".join(values) or card.title,
+        "evidence": f"{card.bucket}: {card.detail}",
+        "found": len(card.findings),
+    }
+
+
+def _document(card: Card) -> dict[str, Any]:
+    return {
+        "id": card.scene.digest,
+        "task": card.scene.task,
+        "instruction": " / ".join(card.scene.instructions),
+        "policy": card.run.policy,
+        "evidence": card.bucket,
+        "detail": card.detail,
+        "signature": card.signature or None,
+        "lost_stage": card.lost_stage,
+        "operators": [
+            {
+                "operator": part.operator,
+                "value": part.value,
+                "nominal": part.reference,
+                "fails": part.fails_from,
+            }
+            for part in card.deviations
+        ],
+        "necessary": list(card.causes.necessary),
+        "sufficient": list(card.causes.sufficient),
+        "witness": card.witness.solver if card.witness else None,
+        "findings": list(card.findings),
+        "replay": card.replay,
+    }
