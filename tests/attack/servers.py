@@ -112,12 +112,11 @@ def _ask(name: str) -> None:
 
 
 def chaotic_websocket(rng: Rng, folder: Path) -> None:
-    payload = frame_of(rng, {"actions": array_of(rng)}, "openpi")
-    header = bytes([int(rng.choice([0x82, 0x81, 0x88, 0x89, 0x02, 0xF2])), min(len(payload), 125)])
-    frames = [
-        mutators.data(rng, header + payload[:125]) if rng.random() < 0.7 else header + payload[:125]
-        for _ in range(2)
-    ]
+    payload = frame_of(rng, {"actions": array_of(rng)}, "openpi")[:65535]
+    first = bytes([int(rng.choice([0x82, 0x82, 0x82, 0x81, 0x88, 0x89, 0x02, 0xF2]))])
+    length = bytes([len(payload)]) if len(payload) < 126 else struct.pack("!BH", 126, len(payload))
+    frame = first + length + payload
+    frames = [mutators.data(rng, frame) if rng.random() < 0.6 else frame for _ in range(2)]
     with upgraded(rng, frames[: int(rng.integers(3))]) as port:
         protocol = str(rng.choice(["openpi", "vla-eval"]))
         _ask(f"{protocol}:ws://127.0.0.1:{port}?camera=0&timeout=0.5")

@@ -114,9 +114,11 @@ def _read_store(rng: Rng, path: Path) -> None:
             if trials:
                 store.known(trials[0].scene, run.manifest.key())
         store.triaged(), store.findings()
-        _use(path, [run.manifest for run in runs])
-        render(view_of_store(store))
-    match rng.integers(12):
+        if rng.random() < 0.3:
+            _use(path, [run.manifest for run in runs])
+        if rng.random() < 0.3:
+            render(view_of_store(store))
+    match rng.integers(24):
         case 0:
             command("merge", path, samples.store(), "--out", path.with_name("merged.db"))
         case 1:

@@ -1,12 +1,16 @@
-"""The fields of conditions that hold JSON, checked when they are read: others may have written them."""
+"""Checks of what a store or corpus holds as JSON, when it is read: others may have written it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.evidence import Causes
 from vlafuzz.reading import first_problem
+from vlafuzz.space.operators import OPERATORS
+
+_TOGETHER = "confounders"  # what evidence calls the confounders' operators
 
 
 class _Pack(BaseModel):
@@ -48,3 +52,12 @@ def check_read(conditions: Conditions) -> None:
                 kind.validate_json(text)
         except ValidationError as error:
             raise ValueError(f"{name}: {first_problem(error)}") from None
+
+
+def check_operators(causes: Causes, *several: Iterable[str]) -> None:
+    """Raise a ValueError if evidence names an operator that there is not."""
+    thresholds = [threshold.operator for threshold in causes.thresholds]
+    for names in (causes.necessary, causes.sufficient, thresholds, *several):
+        for name in names:
+            if name not in OPERATORS and name != _TOGETHER:
+                raise ValueError(f"unknown operator {name!r}")

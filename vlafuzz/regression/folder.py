@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.assets import corpus_dir
-from vlafuzz.conditions.checked import check_read
+from vlafuzz.conditions.checked import check_operators, check_read
 from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.files import reason, replacing
@@ -219,6 +219,8 @@ def _read_manifest(path: Path) -> _Manifest:
         manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
         for run in manifest.runs:
             check_read(run)
+        for row in manifest.cases:
+            check_operators(row.causes, row.operators, row.counterparts, row.counterpart_rates)
     except CorpusError:
         raise
     except ValidationError as error:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from vlafuzz.conditions.checked import check_read
+from vlafuzz.conditions.checked import check_operators, check_read
 from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.probability import Probability
@@ -211,6 +211,7 @@ def to_attribution(row: sqlite3.Row, causes: Iterable[sqlite3.Row]) -> Attributi
 def _to_cause(row: sqlite3.Row) -> FoundCause:
     scene = to_scene(row, "scene") if row["json"] else None
     operators = _NAMES.validate_json(row["operators"])
+    check_operators(Causes(), operators)
     return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"))
 
 
@@ -262,7 +263,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
         solver: Solver = _SOLVER.validate_python(row["witness_solver"] or "expert")  # earlier versions' one
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
     counterparts = _BY_NAME.validate_json(row["counterparts"])
-    return Triaged(
+    triaged = Triaged(
         **{name: row[name] for name in _PLAIN},
         scene=scene(row["scene"]),
         deviating=_NAMES.validate_json(row["deviating"]),
@@ -276,3 +277,6 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
         counterpart_rates=_RATES.validate_json(row["counterpart_rates"]),
         reference=scene(row["reference"]) if row["reference"] else None,
     )
+    named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
+    check_operators(triaged.causes, *named)
+    return triaged
