@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from mani_skill.agents.robots.panda import Panda
 
+from vlafuzz.errors import CatalogueError
 from vlafuzz.sim.maniskill import meshes
 from vlafuzz.sim.maniskill.meshes import light_robot
 
@@ -142,3 +143,21 @@ def test_processes_may_make_it_at_the_same_time(light, tmp_path, monkeypatch):
     assert first == second
     assert all(map(np.array_equal, shapes(first), shapes(light)))
     assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["<robot", "<robot><link><visual><geometry><mesh/></geometry></visual></link></robot>", "\x00"],
+)
+def test_a_damaged_robot_is_a_sentence(tmp_path, text):
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(CatalogueError, match=r"arm\.urdf: no robot: "):
+        light_robot(tmp_path / "arm.urdf")
+
+
+def test_a_robot_whose_mesh_is_a_device_without_end_is_refused(tmp_path):
+    mesh = '<mesh filename="/dev/zero"/>'
+    text = f"<robot><link><visual><geometry>{mesh}</geometry></visual></link></robot>"
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(CatalogueError, match="/dev/zero: cannot be read: it has more than 64 MiB"):
+        light_robot(tmp_path / "arm.urdf")

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from vlafuzz import assets
+from vlafuzz.errors import CatalogueError, VlafuzzError
+from vlafuzz.reading import read_bytes
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -26,9 +28,18 @@ SHARP = 0.6  # least angle between two faces at a visible edge, radians
 
 
 def light_robot(urdf: Path) -> Path:
-    """A URDF of the same robot with simplified visual meshes, created by the first call."""
-    name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
-    folder = assets.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
+    """A URDF of the same robot with simplified visual meshes, created by the first call.
+
+    Raises:
+        CatalogueError: it is damaged, or a mesh of it is missing or damaged.
+    """
+    try:
+        name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
+        folder = assets.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
+    except (VlafuzzError, OSError):
+        raise
+    except Exception as error:  # of the parsers, for files that somebody changed
+        raise CatalogueError(f"{urdf}: no robot: {type(error).__name__}: {error}") from None
     return folder / urdf.name
 
 
@@ -42,9 +53,9 @@ def _is_complete(urdf: Path) -> bool:
 
 def _fingerprint(urdf: Path) -> str:
     digest = hashlib.sha256(f"{VERSION} {FACES} {FEWEST} {SHARP} {urdf}".encode())
-    digest.update(urdf.read_bytes())
+    digest.update(read_bytes(urdf, CatalogueError))
     for element in _visuals(ElementTree.parse(urdf)):
-        digest.update((urdf.parent / element.attrib["filename"]).read_bytes())
+        digest.update(read_bytes(urdf.parent / element.attrib["filename"], CatalogueError))
     return digest.hexdigest()[:20]
 
 
