@@ -37,10 +37,7 @@ from vlafuzz.statistics import wilson
 CORPUS = corpus_dir() / "mini-pick-up"
 OUTCOMES = Path(__file__).parent / "results" / "bisect-mini.json"
 CHECKPOINTS, LOSS, MORE, OWN = 16, 0.2, 0.05, 0.1
-HARMLESS, HARMFUL = (
-    (0.01,) * 4,
-    (0.2, 0.24, 0.28, 0.32, 0.36, 0.4, 0.45, 0.5),
-)  # noise, of the weights' spread
+HARMLESS, HARMFUL = (0.01,) * 4, (0.2, 0.24, 0.28, 0.32, 0.36)  # noise, as a share of the weights' spread
 FRESH = 10_000  # the model of the outcomes was chosen with smaller seeds
 
 Booleans = NDArray[np.bool_]
@@ -87,14 +84,14 @@ def losses_from(broken: int | None, *, growing: bool) -> list[float]:
     return [min(LOSS + more * (at - broken), 0.45) if at >= broken else 0.0 for at in range(CHECKPOINTS)]
 
 
-def of_mini(broken: int | None, outcomes: dict[str, list[bool]], rng: np.random.Generator) -> list[Booleans]:
+def of_mini(broken: int | None, outcomes: dict[str, str], rng: np.random.Generator) -> list[Booleans]:
     """Outcomes of the baseline as recorded in the corpus, and of disturbed copies of `mini`."""
     order = rng.permutation(len(outcomes["recorded"]))
     harmless = [name for name in outcomes if name.startswith("harmless")]
     harmful = [name for name in outcomes if name.startswith("harmful")]
     working = CHECKPOINTS if broken is None else broken
     names = [*rng.choice(harmless, working), *harmful, *[harmful[-1]] * CHECKPOINTS][:CHECKPOINTS]
-    return [np.array(outcomes[name])[order] for name in ("recorded", *names)]
+    return [(np.array(list(outcomes[name])) == "1")[order] for name in ("recorded", *names)]
 
 
 def search(rows: Sequence[Booleans], scenes: Sequence[Probe]) -> Bisection:
@@ -160,7 +157,7 @@ def record() -> None:
 
     corpus = read_corpus(CORPUS)
     scenes = [probe for probe in probes(corpus) if probe.group == "control"]
-    outcomes = {"recorded": [bool(probe.passed) for probe in scenes]}
+    outcomes = {"recorded": "".join(str(int(bool(probe.passed))) for probe in scenes)}
     copies = [(f"harmless {seed}", noise, seed) for seed, noise in enumerate(HARMLESS, start=1)]
     copies += [(f"harmful {noise}", noise, 7) for noise in HARMFUL]
     for name, noise, seed in copies:
@@ -170,10 +167,10 @@ def record() -> None:
             side = Rerun(
                 name, corpus.runs, lambda run, policy=policy: SimulatorSceneRunner(CORPUS, run, policy)
             )
-            outcomes[name] = [side.answer(probe, 0).passed for probe in scenes]
+            outcomes[name] = "".join(str(int(side.answer(probe, 0).passed)) for probe in scenes)
             side.close()
-        print(f"{name}: passes {sum(outcomes[name])} of {len(scenes)}", file=sys.stderr, flush=True)
-        OUTCOMES.write_text(json.dumps(outcomes) + "\n")
+        print(f"{name}: passes {outcomes[name].count('1')} of {len(scenes)}", file=sys.stderr, flush=True)
+        OUTCOMES.write_text(json.dumps(outcomes, indent=1) + "\n")
 
 
 def disturb(folder: Path, noise: float, seed: int) -> None:

@@ -1,9 +1,11 @@
 """The causes that a strategy has found, each with a stored failure that shows it."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from vlafuzz.campaign.tally import Tally
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure
@@ -12,6 +14,7 @@ from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 from vlafuzz.triage.path import GROUPS
 
+EVERY, SHARE = 30.0, 0.02  # seconds between causes that are kept while a run goes on; of its time, at most
 HARDLY = 0.1  # severity up to which other operators may be off: strategies vary scenes that they repeat
 
 Failure = tuple[Scene, Genome]
@@ -30,6 +33,24 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
     ]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
     return Attribution(tuple(found), unexplained(strategy), probability(strategy), at_random(strategy))
+
+
+def keeping_causes(
+    watch: Callable[[Tally], None], strategy: Strategy, space: Measure, store: Store
+) -> Callable[[Tally], None]:
+    """A watch that also keeps the causes so far now and then, for those who follow the run."""
+    due = time.monotonic() + EVERY
+
+    def follow(tally: Tally) -> None:
+        nonlocal due
+        watch(tally)
+        began = time.monotonic()
+        if tally.causes is not None and began >= due:
+            with tally.store:
+                store.keep_causes(tally.run, attribution(strategy, space, store, tally.run))
+            due = began + max(EVERY, (time.monotonic() - began) / SHARE)
+
+    return follow
 
 
 def _shown_by(cause: Cause, failures: Sequence[Failure], space: Measure) -> Scene | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Protocol
 
-from vlafuzz.campaign.causes import attribution
+from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.past import Past
 from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import Summary, Tally
@@ -81,7 +81,7 @@ def fuzz(
         store=store,
         objective=objective,
         own=own,
-        watch=watch,
+        watch=keeping_causes(watch, strategy, space, store),
         patience=patience,
     )
     status: Status = "failed"

@@ -35,6 +35,7 @@ COMMANDS = {
     "export": ("vlafuzz.cli.export:export", "Write the failing scenes of a store to a file."),
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
     "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
+    "watch": ("vlafuzz.cli.watch:command", "Follow a run on a page in the browser."),
     "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),
     "merge": ("vlafuzz.cli.export:merge", "Merge the runs of several stores into one."),
     "operators": ("vlafuzz.cli.listings:operators", "List the operators and their ranges."),

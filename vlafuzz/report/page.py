@@ -14,10 +14,14 @@ from vlafuzz.sim.base import FILM_SPEED
 from vlafuzz.text import interval, percent
 
 
-def render(view: View) -> str:
-    """A view as one HTML page without external resources."""
+def render(view: View, *, refresh: int | None = None) -> str:
+    """A view as one HTML page without external resources.
+
+    Args:
+        refresh: seconds after which the browser loads it again.
+    """
     return _template("page.html.j2").render(
-        view=view, buckets=BUCKETS, solvers=SOLVERS, speed=FILM_SPEED, version=__version__
+        view=view, buckets=BUCKETS, solvers=SOLVERS, speed=FILM_SPEED, version=__version__, refresh=refresh
     )
 
 

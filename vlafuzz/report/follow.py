@@ -1,0 +1,105 @@
+"""A page on this machine that follows a run. It reads the store and writes nothing."""
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import closing
+from html import escape
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+
+from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.files import reason
+from vlafuzz.renderer import probe_once
+from vlafuzz.report.live import Live
+from vlafuzz.report.page import render
+from vlafuzz.sim.base import Film
+from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.triage import scene_runner
+
+HOST = "127.0.0.1"
+_NAMES = (HOST, "localhost")  # other names are those of pages elsewhere that resolve to this machine
+REFRESH = 5  # seconds
+PAUSE = 20.0  # seconds between films, which take time from the run
+
+
+class Films:
+    """Films of failures by their stored actions, made in a thread: the policy is not asked."""
+
+    def __init__(self, store: Path) -> None:
+        self._store = store
+        self._made: tuple[Trial, Film] | None = None
+        self._thread: threading.Thread | None = None
+        self._next = 0.0
+
+    def of(self, newest: Trial | None, run: Manifest) -> tuple[Trial, Film] | None:
+        """The last failure that was filmed, if any; the newest one is begun to be filmed."""
+        busy = self._thread is not None and self._thread.is_alive()
+        known = self._made is not None and self._made[0] is newest
+        if newest is not None and not busy and not known and time.monotonic() >= self._next:
+            self._thread = threading.Thread(target=self._make, args=(newest, run), daemon=True)
+            self._thread.start()
+        return self._made
+
+    def _make(self, trial: Trial, run: Manifest) -> None:
+        actions = trial.outcome.rollouts[-1].actions if trial.outcome.rollouts else None
+        try:
+            if actions is not None and probe_once().works:
+                runner = scene_runner.SimulatorSceneRunner(self._store, run, "expert")
+                with closing(runner):
+                    film = runner.film(trial.scene, actions)
+                self._made = (trial, film) if film else self._made
+        finally:
+            self._next = time.monotonic() + PAUSE
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: "PageServer"
+
+    def do_GET(self) -> None:
+        if self.headers.get("Host", "").rpartition(":")[0] not in _NAMES:
+            self._answer(HTTPStatus.FORBIDDEN, "this page is for this machine only")
+        elif self.path.partition("?")[0] != "/":
+            self._answer(HTTPStatus.NOT_FOUND, "there is one page: /")
+        else:
+            try:
+                self._answer(HTTPStatus.OK, self.server.page())
+            except VlafuzzError as error:
+                self._answer(HTTPStatus.SERVICE_UNAVAILABLE, f"<p>{escape(error.message)}</p>")
+
+    def _answer(self, status: HTTPStatus, page: str) -> None:
+        body = page.encode()
+        self.send_response(status)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+
+class PageServer(HTTPServer):
+    """Answers one request at a time, in the thread that opened the store."""
+
+    def __init__(self, port: int, page: Callable[[], str]) -> None:
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            message = f"--port {port}: cannot listen there: {reason(error)}"
+            raise UsageError(message, hint="--port 0 takes one that is free") from None
+        self.page = page
+
+    @property
+    def address(self) -> str:
+        return f"http://{HOST}:{self.server_port}/"
+
+
+def live_page(live: Live, films: Films | None) -> str:
+    """The page as it is now."""
+    run = live.run()
+    filmed = films.of(live.newest, run.manifest) if films and run else None
+    over = run is not None and run.status != "running"
+    return render(live.view(filmed), refresh=None if over else REFRESH)
