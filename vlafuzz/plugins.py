@@ -124,7 +124,7 @@ def users_code(reference: str) -> Iterator[None]:
         yield
     except VlafuzzError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if not frame.filename.startswith((*_LIBRARIES, "<frozen"))]
         last = (own or frames)[-1]

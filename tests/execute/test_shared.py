@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from multiprocessing import Process, active_children, get_context
@@ -158,3 +161,19 @@ def test_all_who_share_a_name_share_a_process_until_the_last_is_closed():
 def test_only_who_says_so_is_shared():
     named = [f"{MODELS}:Common", f"{MODELS}:Own", "pinhole", "vla-eval:ws://gpu:8000"]
     assert [is_shared(name) for name in named] == [True, False, False, False]
+
+
+def test_nothing_is_left_over_when_the_process_that_shares_is_killed():
+    code = """
+import os, signal
+from tests.doubles import make_idle
+from vlafuzz.execute.shared import PolicyProcess
+print(PolicyProcess("idle", make_idle).address, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, timeout=60)
+    folder, until = Path(done.stdout.strip()).parent, time.monotonic() + 20
+    while folder.exists() and time.monotonic() < until:
+        time.sleep(0.1)
+    assert folder.name.startswith("vlafuzz-")
+    assert not folder.exists()

@@ -28,7 +28,7 @@ class Dictated:
     def act(self, observations: Sequence[Observation]) -> object:
         answer = self._answers[min(self.calls, len(self._answers) - 1)]
         self.calls += 1
-        if isinstance(answer, Exception):
+        if isinstance(answer, BaseException):
             raise answer
         return answer
 
@@ -197,6 +197,7 @@ def test_the_harness_sticks_over_the_border_of_a_chunk():
         ([], "bad_action", "1 observations, 0 chunks"),
         (numbered(1) * 2, "bad_action", "1 observations, 2 chunks"),
         (None, "remote", "raised TypeError"),
+        (SystemExit(0), "remote", "dictated raised SystemExit: 0"),
         ([ActionChunk(np.array([["0.1"] * 7]))], "bad_action", "actions are str96, not real numbers"),
         (
             ZeroDivisionError("division by zero"),

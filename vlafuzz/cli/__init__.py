@@ -1,10 +1,11 @@
 """The command line. The module of a command is imported when it is called, so that others start fast."""
 
+import functools
 import importlib
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
+from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order
 from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 from vlafuzz.plugins import EVERYTHING, PREFIX, trusting
@@ -65,6 +67,18 @@ _WrongUsage: Any = typer.BadParameter.__base__
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code. Expected errors print a sentence, bugs a traceback."""
+    with ending_in_order():
+        try:
+            code = _run(arguments)
+            Checked(sys.stdout).flush()
+        except StdoutError as error:
+            return (
+                error.exit_code if error.exit_code == CLOSED else _complain(str(error), None, error.exit_code)
+            )
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         words = _renamed(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
@@ -79,9 +93,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             error.exit_code,
         )
     except typer.Abort:
-        return _complain("interrupted", None, 130)
-    except SystemExit as exit_:
-        return exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+        return _complain("interrupted", None, INTERRUPTED)
+    except StdoutError:
+        raise
+    except SystemExit as exit_:  # typer raises none, but rich does for a help text that nobody reads
+        if isinstance(exit_.__context__, BrokenPipeError):
+            return CLOSED
+        return _complain(
+            f"a policy or strategy ended the process: sys.exit({exit_.code!r})", "raise errors", 2
+        )
     except Exception as error:  # its exit code must not be 1, which means findings
         if isinstance(error, OSError) and error.filename:  # such as a name of 300 characters
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
@@ -139,10 +159,25 @@ def _load(name: str, target: str) -> Any:
     module, _, attribute = target.partition(":")
     command = getattr(importlib.import_module(module), attribute)
     if not isinstance(command, typer.Typer):
+        command = _with_stdout_for_data(command)
         single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
         single.command(name, epilog=epilog(name))(command)
         return grouped(typer.main.get_command(single))
     return typer.main.get_command(command)
+
+
+def _with_stdout_for_data(command: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(command)
+    def called(*given: Any, **named: Any) -> Any:
+        from vlafuzz.cli.output import stdout_for_data
+
+        try:
+            with stdout_for_data():
+                return command(*given, **named)
+        except KeyboardInterrupt:  # typer would exit without a word
+            raise typer.Abort from None
+
+    return called
 
 
 for _name, (_target, _summary) in COMMANDS.items():

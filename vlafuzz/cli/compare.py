@@ -19,7 +19,7 @@ from vlafuzz.cli.flags import (
     WorkersFlag,
     listed,
 )
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
+from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> No
     elif csv:
         print_rows(page.csv_rows(compared), csv=True)
     elif markdown:
-        sys.stdout.write(page.markdown(compared))
+        data().write(page.markdown(compared))
     else:
         print_comparison(compared)
 

@@ -2,8 +2,8 @@
 
 import json as json_format
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
 from typing import Any, Self
 
 import typer
@@ -12,11 +12,29 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
+from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
+from vlafuzz.cli.ending import Checked
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.text import csv_table
 from vlafuzz.watch import Watch
 
-INTERRUPTED = 130  # exit code, as shells have it
+_data: list[Checked] = []  # the stdout of the command that runs
+
+
+@contextmanager
+def stdout_for_data() -> Iterator[None]:
+    """Keep stdout for what ``print_rows`` and others print: what a user's code prints goes to stderr."""
+    _data.append(Checked(sys.stdout))
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _data.pop()
+
+
+def data() -> Any:
+    """The stream for data."""
+    return _data[-1] if _data else Checked(sys.stdout)
 
 
 def print_rows(
@@ -32,14 +50,14 @@ def print_rows(
     if json:
         print_json(list(rows))
     elif csv:
-        sys.stdout.write(printable(csv_table(rows)))
+        data().write(printable(csv_table(rows)))
     else:
         stdout().print(table(rows, title))
 
 
 def print_json(value: Any) -> None:
     """Print one JSON document, floats as ``repr`` writes them."""
-    sys.stdout.write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
+    data().write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
@@ -62,8 +80,10 @@ class _SafeConsole(Console):
 
 def stdout() -> Console:
     """The console for data; 160 columns wide where there is no terminal."""
-    console = _SafeConsole(highlight=False, markup=False)
-    return console if console.is_terminal else _SafeConsole(highlight=False, markup=False, width=160)
+    console = _SafeConsole(file=data(), highlight=False, markup=False)
+    if console.is_terminal:
+        return console
+    return _SafeConsole(file=data(), highlight=False, markup=False, width=160)
 
 
 def stderr() -> Console:
@@ -114,14 +134,18 @@ class Bar(Watch):
 
 
 @contextmanager
-def interruptible(note: str) -> Iterator[Bar]:
-    """A bar; on Ctrl-C the note says what is stored and how to continue, and the exit code is 130."""
+def interruptible(note: str | Callable[[], str]) -> Iterator[Bar]:
+    """A bar; on Ctrl-C the note says what is stored and how to continue, and the exit code is 130.
+
+    Args:
+        note: the text, or what makes it where it depends on what is stored by then.
+    """
     with Bar() as bar:
         try:
             yield bar
         except KeyboardInterrupt:
             bar.clear()
-            bar.note(note)
+            bar.note(note if isinstance(note, str) else note())
             raise typer.Exit(INTERRUPTED) from None
 
 

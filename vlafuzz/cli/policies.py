@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.output import print_rows
+from vlafuzz.cli.output import data, print_rows
 from vlafuzz.errors import check_number
 
 
@@ -65,8 +65,8 @@ def serve(
         serving(served, protocol, host, port) as name,
         suppress(KeyboardInterrupt),
     ):
-        sys.stdout.write(f"{name}\n")
-        sys.stdout.flush()
+        data().write(f"{name}\n")
+        data().flush()
         run = shlex.join(["vlafuzz", "run", "--policy", name])
         sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\nhint: fuzz it with `{run}`\n")
         threading.Event().wait()

@@ -220,10 +220,28 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
 
     trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
     again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
-    stored = f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
-    with interruptible(stored), RunBar(plan.manifest.budget, forecast) as bar:
+
+    def note() -> str:
+        if not _is_begun(plan):
+            return "interrupted: nothing is stored yet"
+        return f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
+
+    with interruptible(note), RunBar(plan.manifest.budget, forecast) as bar:
         try:
             return start(plan, bar, until)
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
+
+
+def _is_begun(plan: Plan) -> bool:
+    """Whether the store has a run that can be resumed."""
+    from vlafuzz.errors import StoreError
+    from vlafuzz.store.records import UNFINISHED
+    from vlafuzz.store.store import Store
+
+    try:
+        with Store.open(plan.store) as store:
+            return any(run.status in UNFINISHED for run in store.runs())
+    except StoreError:
+        return False

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing import forkserver, get_context
@@ -27,6 +28,7 @@ def load_early() -> None:
 def settle_in(environment: Mapping[str, str]) -> None:
     """Begin the life of a forked process, in the environment of the process that asked for it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the workers
+    sys.stdout = sys.stderr  # a policy may print, and stdout is for data
     os.environ.clear()
     os.environ.update(environment)
     import numpy as np

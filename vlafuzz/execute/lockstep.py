@@ -14,6 +14,7 @@ from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
+from vlafuzz.policies.harness import release
 from vlafuzz.policies.registry import answers_batches
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
@@ -79,7 +80,7 @@ class LockstepExecutor:
     def close(self) -> None:
         for lane in self._lanes:
             lane.evaluator.close()
-        self._policy.close()
+        release(self._policy)
 
     def _idle(self) -> _Lane:
         """An idle lane, a new one if all are busy."""

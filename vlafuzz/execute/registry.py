@@ -15,6 +15,7 @@ from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.harness import release
 from vlafuzz.policies.registry import POLICIES, is_shared, make_policy
 from vlafuzz.sim.base import SteppedEvaluator
 
@@ -98,7 +99,7 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
         # Workers may wait for each other at every step.
         options = {"timeout": TIMEOUT * place.workers, "after": policy.close}
     else:
-        policy.close()  # each worker creates its own
+        release(policy)  # each worker creates its own
     if place.kind == "processes":
         return ProcessExecutor(make, place.workers, **options)
     from vlafuzz.execute.ray import RayExecutor  # loads ray

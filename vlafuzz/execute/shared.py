@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import shutil
 import signal
 import socket
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,6 +23,7 @@ from vlafuzz.execute.processes import cause_of_death
 from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import ActionChunk, Policy, PolicySpec
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
+from vlafuzz.policies.harness import release
 from vlafuzz.policies.registry import make_policy
 
 Address = str | tuple[str, int]  # path of a socket, or host and port
@@ -168,6 +171,7 @@ class PolicyProcess:
 def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any, longest: float) -> None:
     """The process, which runs until the parent ends it or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
+    sys.stdout = sys.stderr  # a policy may print, and stdout is for data
     if isinstance(address, str):
         with suppress(FileNotFoundError):
             os.unlink(address)  # left over from a process that was killed
@@ -185,7 +189,9 @@ def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any,
             Thread(target=target, args=(source, inbox), daemon=True).start()
         parent.send((listener.address, policy.spec))
         _work(policy, inbox, longest)
-        policy.close()
+        release(policy)
+    if isinstance(address, str):  # the parent does the same, unless it was killed
+        shutil.rmtree(os.path.dirname(address), ignore_errors=True)
 
 
 _Letter = tuple[int, Any, Request | None]  # caller, its connection, and the request; None: the caller is gone

@@ -1,5 +1,6 @@
 """The harness between policy and robot: action queue, unit conversion, sticky gripper, checks of answers."""
 
+import sys
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -84,8 +85,16 @@ def blamed_on(name: str) -> Iterator[None]:
         yield
     except PolicyError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise PolicyError(f"{name} raised {type(error).__name__}: {error}") from error
+
+
+def release(policy: Policy) -> None:
+    """Close a policy. One that cannot be closed costs no result; its error is a note on stderr."""
+    try:
+        policy.close()
+    except (Exception, SystemExit) as error:
+        sys.stderr.write(f"note: {policy.spec.name} raised {type(error).__name__} in close: {error}\n")
 
 
 class Gripper:

@@ -23,7 +23,7 @@ from vlafuzz.policies.base import (
     PolicySpec,
     Privileged,
 )
-from vlafuzz.policies.harness import Harness
+from vlafuzz.policies.harness import Harness, release
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
@@ -181,7 +181,7 @@ class ManiSkillEvaluator:
 
     def close(self) -> None:
         self.renew()
-        self._policy.close()
+        release(self._policy)
 
     def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         """See ``SteppedEvaluator``."""

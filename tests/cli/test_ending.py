@@ -1,0 +1,156 @@
+"""How commands end: signals, a stdout that cannot be written, and user code that leaves or prints."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import ClosedForm, Idle
+from vlafuzz.campaign import launch
+from vlafuzz.cli import main
+from vlafuzz.outcome import Outcome
+from vlafuzz.policies.harness import release
+from vlafuzz.scene import Scene
+
+FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12", "--store", "a.db")
+HERE = "python:tests.cli.test_ending"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Runs happen in a folder of their own, without a simulator."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    return tmp_path
+
+
+class Signalled(ClosedForm):
+    """Gets a signal with the third scene."""
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        if len(self.evaluated) == 2:
+            signal.raise_signal(signal.SIGTERM)
+        return super().evaluate(scenes)
+
+
+def leave(*_: object) -> None:
+    sys.exit(0)
+
+
+class Unclosable(Idle):
+    def close(self) -> None:
+        raise RuntimeError("the device is gone")
+
+
+class Exiting(Idle):
+    def close(self) -> None:
+        sys.exit(0)
+
+
+def chatty() -> Idle:
+    print("loading weights …")  # noqa: T201
+    return Idle()
+
+
+def test_sigterm_ends_a_run_in_order(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Signalled())
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["run", "--policy", "frozen", *FLAGS]) == 130
+    assert "interrupted: all trials so far are stored in a.db\nhint: continue with" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_interruption_before_anything_is_stored_names_no_run_to_resume(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: signal.raise_signal(signal.SIGTERM))
+    assert main(["run", "--policy", "frozen", *FLAGS]) == 130
+    said = capsys.readouterr().err
+    assert "interrupted: nothing is stored yet" in said
+    assert "--resume" not in said
+
+
+def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    monkeypatch.setattr("vlafuzz.cli.listings.load_operators", lambda *_: signal.raise_signal(signal.SIGINT))
+    assert main(["operators"]) == 130
+    assert capsys.readouterr().err == "error: interrupted\n"
+
+
+def test_a_second_signal_ends_at_once():
+    code = """
+import signal
+from vlafuzz.cli.ending import ending_in_order
+with ending_in_order():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:  # takes its time to end in order
+        signal.raise_signal(signal.SIGINT)
+        print("goes on")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert "ended at once" in done.stderr
+
+
+@pytest.mark.parametrize("command", [["policies"], ["policies", "--json"], ["run", "--help"]])
+def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str]):
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "vlafuzz", *command],
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=60,
+    )
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_stdout_is_one_sentence():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "vlafuzz", "policies"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 2
+    assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
+
+
+def test_a_factory_that_leaves_the_process_is_an_error(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "--policy", f"{HERE}:leave", *FLAGS]) == 3
+    assert f"error: {HERE}:leave: SystemExit: 0\nhint: raised at " in capsys.readouterr().err
+
+
+def test_a_strategy_that_leaves_the_process_is_no_success(capsys: pytest.CaptureFixture[str]):
+    flags = ("--strategy", f"{HERE}:leave", "--policy", "frozen", "--store", "a.db")
+    assert main(["run", *flags]) != 0
+    assert "SystemExit" in capsys.readouterr().err
+
+
+def test_no_exit_from_within_is_taken_for_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("vlafuzz.cli.listings.load_operators", leave)
+    assert main(["operators"]) == 2
+    assert "ended the process: sys.exit(0)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("policy", "says"), [(Unclosable(), "RuntimeError"), (Exiting(), "SystemExit")])
+def test_a_policy_that_cannot_be_closed_costs_no_result(
+    policy: Idle, says: str, capsys: pytest.CaptureFixture[str]
+):
+    release(policy)
+    assert capsys.readouterr().err.startswith(f"note: idle raised {says} in close: ")
+
+
+def test_what_a_policy_prints_is_not_in_the_data(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "--policy", f"{HERE}:chatty", *FLAGS, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["policy"] == f"{HERE}:chatty"
+    assert "loading weights …" in printed.err
