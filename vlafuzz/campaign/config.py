@@ -213,6 +213,9 @@ def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene
 
 
 def _check_numbers(config: RunConfig) -> None:
+    if config.scenes and config.vary:
+        problem = f"--vary {','.join(config.vary)}: the scenes of --scenes are run as they are"
+        raise UsageError(problem, hint="leave one of the two out")
     check_number("--repeats", config.repeats, 1, MOST)
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("--batch", config.batch, 1, MOST)

@@ -12,6 +12,7 @@ from vlafuzz.cli.flags import PackFlag, TrustFlag, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
 from vlafuzz.files import write_whole, writing
+from vlafuzz.formats.scene_lines import is_store
 from vlafuzz.renderer import check_renderer, probe
 
 if TYPE_CHECKING:
@@ -49,6 +50,8 @@ def command(
     """Run one scene or finding again, and show it: what is unusual in it, and a film of what goes wrong."""
     if digest and first_failure:
         raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
+    if first_failure and source.is_file() and not is_store(source):
+        raise UsageError(f"--first-failure: {source} is a file of scenes, without verdicts", "leave it out")
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
     from vlafuzz.report.deviations import unusual

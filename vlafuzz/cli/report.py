@@ -28,10 +28,14 @@ def command(
         bool, typer.Option("--videos/--no-videos", help="Film the failures and their witnesses.")
     ] = True,
     trust: TrustFlag = False,
-    limit: Annotated[int, typer.Option(help="Most findings that get videos.")] = 50,
+    limit: Annotated[
+        int | None, typer.Option(help="Most findings that get videos.", show_default="50")
+    ] = None,
 ) -> None:
     """Write one HTML page that shows what was found. It needs no network and no other file."""
-    if limit < 1:
+    if limit is not None and not videos:
+        raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
+    if limit is not None and limit < 1:
         raise UsageError(
             f"--limit: expected at least 1, got {limit}", hint="leave videos out with --no-videos"
         )
@@ -40,7 +44,7 @@ def command(
     view = view_of(source)
     check_place(out)  # before minutes go by
     if videos and view.cards:
-        view = _with_films(source, view, limit)
+        view = _with_films(source, view, 50 if limit is None else limit)
     page = render(view)
     write_page(out, page)
     Bar.note(f"written: {out} ({len(page.encode()) / 1e6:.1f} MB)")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
-from vlafuzz.cli.output import Bar, print_json, print_rows, progress, stderr, table
+from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.diagnostics.lint import Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
@@ -90,7 +90,7 @@ def _print_missing(imported: list[Imported]) -> None:
     stderr().print(table(rows))
 
 
-FrameFlag = Annotated[Frame, typer.Option(help="How VLATest's files are read: see `vlafuzz import vlatest`.")]
+_FRAME_HELP = "How VLATest's files are read: see `vlafuzz import vlatest`."
 PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 
@@ -104,7 +104,7 @@ def lint(
             show_default="all; for VLATest's files --static, unless --placement is given",
         ),
     ] = None,
-    frame: FrameFlag = Frame.FIT,
+    frame: Annotated[Frame | None, typer.Option(help=_FRAME_HELP, show_default="fit")] = None,
     min_distance: Annotated[
         float | None,
         typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
@@ -132,12 +132,13 @@ def lint(
     put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
     if static and placement:
         raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
+    _check_frame(frame, files)
     catalogue = load_catalogue(packs=opened(pack))
     with Bar() as bar:
         judged = []
         for path in files:
             quick = is_vlatest(path) and not placement if static is None else static
-            source = read_scene_file(path, catalogue, frame.value)
+            source = read_scene_file(path, catalogue, (frame or Frame.FIT).value)
             if not (source.lines or source.left_out):
                 raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
             placed = None if quick else put
@@ -150,6 +151,11 @@ def lint(
         raise typer.Exit(1)
 
 
+def _check_frame(frame: Frame | None, files: list[Path]) -> None:
+    if frame and not any(map(is_vlatest, files)):
+        raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
+
+
 def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
     rows = [file.row() for file in judged]
     if json:
@@ -159,7 +165,8 @@ def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
     if verbose:
         for file in judged:
             for problem in file.problems:
-                typer.echo(sentence(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}"))
+                line = sentence(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
+                data().write(f"{line}\n")
     common = os.path.commonpath([file.path.absolute().parent for file in judged])
     names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
     print_rows([row | {"file": name} for row, name in zip(rows, names, strict=True)], title="scenes")
@@ -173,7 +180,7 @@ def coverage(
         list[int] | None,
         typer.Option(help="How many of the first scenes; may be repeated.", show_default="10, 100, 1000"),
     ] = None,
-    frame: FrameFlag = Frame.ORIGINAL,
+    frame: Annotated[Frame | None, typer.Option(help=_FRAME_HELP, show_default="original")] = None,
     operators: Annotated[
         str | None,
         typer.Option(
@@ -194,11 +201,15 @@ def coverage(
     sizes = first or list(SIZES)
     for size in sizes:
         check_number("--first", size, 1, 10**9)
+    _check_frame(frame, files)
+    if operators and all(map(is_store, files)):
+        problem = f"--operators {operators}: the files are stores, whose runs have ranges of their own"
+        raise UsageError(problem, hint="leave it out")
     catalogue, ranges = load_catalogue(), load_operators(operators)
     rows: list[dict[str, Any]] = []
     with progress() as bar:
         for path in bar.track(files, description="reading"):
-            for track in _tracks(path, catalogue, ranges, frame):
+            for track in _tracks(path, catalogue, ranges, frame or Frame.ORIGINAL):
                 origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
                 rows += [origin | asdict(row) for row in covered(track, sizes)]
     print_rows(rows, json=json, csv=csv, title="coverage")

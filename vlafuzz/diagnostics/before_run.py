@@ -61,6 +61,8 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
         PrerequisiteError: the policy cannot be tested.
     """
     manifest = plan.manifest
+    if manifest.repeats > 1 and plan.policy.spec.deterministic:
+        watch.note(f"note: {manifest.policy} is deterministic: repeats differ only if it uses the seed")
     if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
         return Checked(plan, usual_speed(plan))
     if plan.resume is None:
