@@ -79,7 +79,7 @@ def test_the_page_follows_what_is_written(tmp_path: Path):
         store.finish(run, "finished", 12.0)
         page = read(address)[1]
         assert "Finished: 3 of 50 rollouts in 12 s." in page
-        assert "refresh" not in page
+        assert '<meta http-equiv="refresh" content="30">' in page
 
 
 def test_a_guided_run_shows_no_failure_rate_that_it_does_not_know(tmp_path: Path):

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import TrustFlag
-from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.text import percent
 
 if TYPE_CHECKING:
     from vlafuzz.regression.bisect import Bisection
+
+NOT_KEPT = "with --answers FILE outcomes are kept, and the same command goes on"
 
 
 def command(
@@ -45,6 +47,9 @@ def command(
         typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
     ] = None,
     trust: TrustFlag = False,
+    answers: Annotated[
+        Path | None, typer.Option(help="Keep outcomes by checkpoint in this file, and reuse those in it.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
@@ -57,17 +62,13 @@ def command(
     """
     names = [*(checkpoints or ()), *(more or ())]
     _check(names, policy, baseline, alpha, error, comparisons)
-    from vlafuzz.regression.bisect import most_comparisons
-    from vlafuzz.regression.controls import CONTROLS
     from vlafuzz.regression.folder import read_corpus
     from vlafuzz.regression.policies import bisect_checkpoints
     from vlafuzz.regression.tables import bisection_document
 
     exported = read_corpus(corpus)
-    most = comparisons or most_comparisons(len(names))
-    controls = len(exported.controls) or CONTROLS
-    Bar.note(f"{len(names)} checkpoints: at most {most} comparisons of at most {controls} rollouts each")
-    with Bar() as bar:
+    kept = f"the outcomes are kept in {answers}: the same command goes on" if answers else NOT_KEPT
+    with interruptible(f"interrupted\nhint: {kept}") as bar:
         result = bisect_checkpoints(
             corpus,
             exported,
@@ -76,6 +77,7 @@ def command(
             alpha=alpha,
             error=error,
             comparisons=comparisons,
+            answers=answers,
             watch=bar,
         )
     if json:

@@ -16,29 +16,15 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.regression.answers import Answers
 from vlafuzz.regression.breaking import first_broken, likeliest
-from vlafuzz.regression.pairs import Answer, Probe
+from vlafuzz.regression.pairs import Probe
 from vlafuzz.regression.regress import Comparison, Progress, Recorded, Side, compare
 from vlafuzz.text import percent
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
 Watch = Callable[[str, int, int], None]  # a checkpoint, its rollouts, and their largest number
 CLEAR = 10  # a comparison ends where its checkpoint is broken or works but for this part of the error
-
-
-class Remembered:
-    """A side that is asked only once for a rollout."""
-
-    def __init__(self, side: Side) -> None:
-        self.name, self._side = side.name, side
-        self._known: dict[tuple[str, int], Answer] = {}
-
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        """The result of the n-th rollout in a scene."""
-        key = probe.scene.digest, repeat
-        if key not in self._known:
-            self._known[key] = self._side.answer(probe, repeat)
-        return self._known[key]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +190,7 @@ class _Search:
         self, probes: Sequence[Probe], checkpoints: Sequence[str], baseline: Side, error: float, watch: Watch
     ) -> None:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
-        self._baseline = Remembered(baseline)
+        self._baseline = Answers().of(baseline)
         recorded = [probe.passed if isinstance(baseline, Recorded) else None for probe in probes]
         self._of_baseline = np.array([np.nan if passed is None else float(passed) for passed in recorded])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)

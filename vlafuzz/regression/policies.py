@@ -1,12 +1,13 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.plugins import check_trusted
 from vlafuzz.regression import bisect, regress
+from vlafuzz.regression.answers import Answers
 from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
@@ -57,24 +58,39 @@ def bisect_checkpoints(
     alpha: float = 0.05,
     error: float = 0.05,
     comparisons: int | None = None,
+    answers: Path | None = None,
     watch: Watch = SILENT,
 ) -> Bisection:
     """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
 
     Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is
-    open at a time.
+    open at a time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``.
     """
+    bisect.check_checkpoints(checkpoints)
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
     controls = [probe for probe in scenes if probe.group == "control"]
+    known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
+    rollouts = most * len(controls)
+    watch.note(
+        f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
+        f"{_takes(corpus, rollouts)}{f'; {len(known)} outcomes are known already' if len(known) else ''}"
+    )
+
+    @contextmanager
+    def opened(name: str) -> Iterator[Side]:
+        noting = watch if name == checkpoints[-1] else SILENT  # the first one: the others' notes are the same
+        with closing(_rerun(folder, corpus, name, noting)) as side:
+            yield known.of(side)
+
     with ExitStack() as stack:
         return bisect.bisect(
             controls,
             checkpoints,
-            lambda name: closing(_rerun(folder, corpus, name, watch)),
-            _baseline(folder, corpus, baseline, stack, watch),
+            opened,
+            known.of(_baseline(folder, corpus, baseline, stack, watch)) if baseline else _recorded(corpus),
             alpha=alpha,
             error=error,
-            comparisons=comparisons,
+            comparisons=most,
             watch=lambda checkpoint, done, most: watch.progress(f"rollouts of {checkpoint}", done, most),
         )
 
@@ -110,8 +126,12 @@ def _scenes(
 def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, watch: Watch) -> Side:
     """A policy that is rolled out, or the recorded outcomes of the corpus's own."""
     if name is None:
-        return Recorded(f"{corpus.policy} as recorded")
+        return _recorded(corpus)
     return stack.enter_context(closing(_rerun(folder, corpus, name, watch)))
+
+
+def _recorded(corpus: Corpus) -> Recorded:
+    return Recorded(f"{corpus.policy} as recorded")
 
 
 def _controls(folder: Path, run: Manifest) -> list[Probe]:
@@ -152,8 +172,14 @@ def _estimate(corpus: Corpus, scenes: Sequence[Probe], old: Side, most: int | No
     """A forecast at the speed of the corpus's own rollouts."""
     sides = 1 if isinstance(old, Recorded) else 2
     rollouts = sides * regress.most_rollouts(scenes, most)
-    evidence = corpus.evidence
-    known = evidence.triage_rollouts + evidence.expert_rollouts
-    took = f", about {rollouts * evidence.seconds / known:.0f} s at the corpus's own speed" if known else ""
     controls = sum(probe.group == "control" for probe in scenes)
-    return f"{controls} controls and {len(scenes) - controls} other scenes, at most {rollouts} rollouts{took}"
+    others = len(scenes) - controls
+    takes = _takes(corpus, rollouts)
+    return f"{controls} controls and {others} other scenes, at most {rollouts} rollouts{takes}"
+
+
+def _takes(corpus: Corpus, rollouts: int) -> str:
+    """How long rollouts take, in a clause; empty where that is not known."""
+    known = corpus.evidence.triage_rollouts + corpus.evidence.expert_rollouts
+    seconds = rollouts * corpus.evidence.seconds / max(known, 1)
+    return f", about {seconds:.0f} s at the corpus's own speed" if known else ""

@@ -20,7 +20,7 @@ from vlafuzz.triage import scene_runner
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # other names are those of pages elsewhere that resolve to this machine
-REFRESH = 5  # seconds
+REFRESH, SELDOM = 5, 30  # seconds, while the run goes on and afterwards: triage may follow
 PAUSE = 20.0  # seconds between films, which take time from the run
 
 
@@ -102,4 +102,4 @@ def live_page(live: Live, films: Films | None) -> str:
     run = live.run()
     filmed = films.of(live.newest, run.manifest) if films and run else None
     over = run is not None and run.status != "running"
-    return render(live.view(filmed), refresh=None if over else REFRESH)
+    return render(live.view(filmed), refresh=SELDOM if over else REFRESH)

@@ -1,0 +1,101 @@
+"""Outcomes of rollouts that are kept in a file, so that a search that was interrupted can go on."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ConfigDict
+
+from vlafuzz.errors import UsageError
+from vlafuzz.files import writing
+from vlafuzz.outcome import Verdict
+from vlafuzz.reading import parse_json, read_text, validated
+from vlafuzz.regression.pairs import Answer, Probe
+from vlafuzz.regression.regress import Side
+
+_HINT = "give --answers the file of an earlier `vlafuzz bisect`, or a new one"
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A line of the file: the name of a policy, the digest of a scene, and whether it passed there."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    policy: str
+    scene: str
+    passed: bool
+
+
+class Answers:
+    """What is known already. Rollouts that broke are not kept: they are tried again.
+
+    Args:
+        path: a file of JSON lines, which grows with every outcome; None to keep them in memory only.
+
+    Raises:
+        UsageError: the file cannot be read or written, or is none of these.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path = path
+        self._known: dict[tuple[str, str], Answer] = {}
+        if path is not None:
+            with writing(path, _HINT), path.open("a"):
+                pass  # it can be written
+            for number, line in enumerate(_whole_lines(path), start=1):
+                self._read(line, f"{path}, line {number}")
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def of(self, side: Side) -> Side:
+        """A side that is asked only for what is not known. It has one rollout in a scene."""
+        return _Remembering(side, self)
+
+    def get(self, policy: str, probe: Probe) -> Answer | None:
+        return self._known.get((policy, probe.scene.digest))
+
+    def keep(self, policy: str, probe: Probe, answer: Answer) -> None:
+        if not answer.judged:
+            return
+        self._known[policy, probe.scene.digest] = answer
+        if self._path is not None:
+            row = {"policy": policy, "scene": probe.scene.digest, "passed": answer.passed}
+            with writing(self._path, _HINT), self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+
+    def _read(self, line: str, where: str) -> None:
+        try:
+            value = parse_json(line)
+        except ValueError as error:
+            raise UsageError(f"{where}: not JSON: {error}", _HINT) from None
+        row = validated(_Row, value, where, UsageError, _HINT)
+        self._known[row.policy, row.scene] = Answer(Verdict.PASSED if row.passed else Verdict.FAILED)
+
+
+@dataclass(frozen=True)
+class _Remembering:
+    side: Side
+    answers: Answers
+
+    @property
+    def name(self) -> str:
+        return self.side.name
+
+    def answer(self, probe: Probe, repeat: int) -> Answer:
+        """The known result, or that of a rollout."""
+        known = self.answers.get(self.name, probe)
+        if known is None:
+            known = self.side.answer(probe, repeat)
+            self.answers.keep(self.name, probe, known)
+        return known
+
+
+def _whole_lines(path: Path) -> list[str]:
+    """The lines of a file; one that an interruption left unfinished is cut off."""
+    text = read_text(path, UsageError, _HINT)
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        with writing(path, _HINT), path.open("r+b") as file:
+            file.truncate(len(whole.encode()))
+    return whole.splitlines()
