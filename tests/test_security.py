@@ -264,6 +264,6 @@ def test_yaml_makes_no_objects(read: Callable, tmp_path, opened):
 
 @pytest.mark.parametrize("name", ["lerobot:../../x", "python:a.b:c", "http://gpu:1/../../x?a=..", ".."])
 def test_a_store_that_is_named_after_its_policy_stays_in_its_folder(name):
-    store = default_store("pick-up", name, "../random", 0)
+    store = default_store("../pick-up", name, 0)
     assert store.parent == Path("runs")
     assert Path(store.name).name == store.name

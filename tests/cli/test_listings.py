@@ -44,7 +44,7 @@ def test_objects_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_table_shows_the_narrowest_grasp(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["objects"]) == 0
-    assert "standing 0.065, lying 0.065" in capsys.readouterr().out
+    assert "standing 6.5 cm, lying 6.5 cm" in capsys.readouterr().out
 
 
 def test_json_and_csv_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,7 +77,7 @@ def test_a_run_is_gone_on_with_by_its_store_alone(
 def test_the_same_command_with_resume_goes_on_with_it(monkeypatch: pytest.MonkeyPatch):
     cut(monkeypatch, "--budget", "20", "--task", "put-on")
     run("--budget", "20", "--task", "put-on", "--resume")
-    assert len(proposed("runs/put-on-python-tests.doubles-make_idle-causes-0.db")) >= 20
+    assert len(proposed("runs/put-on-python-tests.doubles-make_idle-0.db")) >= 20
 
 
 def test_operators_come_from_the_store_though_their_file_is_gone(

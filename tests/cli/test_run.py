@@ -89,11 +89,11 @@ def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: P
     assert proposed[0] == proposed[1]
 
 
-def test_the_default_store_is_named_after_the_run_and_gets_one_run_more(folder: Path):
+def test_the_default_store_is_named_after_the_task_and_policy_and_gets_one_run_more(folder: Path):
     for _ in range(2):
         assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0
     (store,) = (folder / "runs").iterdir()
-    assert store.name == "pick-up-python-tests.doubles-make_idle-causes-7.db"
+    assert store.name == "pick-up-python-tests.doubles-make_idle-7.db"
     with Store.open(store) as opened:
         assert [run.manifest.seed for run in opened.runs()] == [7, 7]
 

@@ -64,7 +64,7 @@ class RunConfig:
         scenes: a file of scenes to run in place of generated ones.
         pool: a file of scenes from which the strategy chooses, each of them once at most.
         packs: of objects, which replace the built-in ones unless ``operators`` names those.
-        store: by default ``runs/<task>-<policy>-<strategy>-<seed>.db``.
+        store: by default ``runs/<task>-<policy>-<seed>.db``.
         workers: by default as many as this machine has room for, see ``default_workers``.
     """
 
@@ -154,7 +154,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
         embed=space.embed,
         strategy=strategy,
         policy=policy,
-        store=config.store or default_store(task.name, policy_name, strategy_name, config.seed),
+        store=config.store or default_store(task.name, policy_name, config.seed),
         patience=None if scenes else PATIENCE,  # a file of scenes ends by itself, fair or not
         place=place,
         triage_workers=_triage_workers(config.workers, policy_name, place),
@@ -185,10 +185,10 @@ def default_policy(setup: Rig = PANDA) -> str:
     return "mini" if setup is PANDA and probe_once().works else "pinhole"
 
 
-def default_store(task: str, policy: str, strategy: str, seed: int) -> Path:
-    """The default path of a run's store; unusual characters become dashes."""
-    name = f"{task}-{policy}-{strategy}-{seed}"
-    return Path("runs") / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".db")
+def default_store(task: str, policy: str, seed: int) -> Path:
+    """The default path of a run's store, which all strategies share; unusual characters become dashes."""
+    address = policy.partition("?")[0]
+    return Path("runs") / (re.sub(r"[^\w.-]+", "-", f"{task}-{address}-{seed}") + ".db")
 
 
 def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:

@@ -43,7 +43,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     scenes = read_scene_file(asked.scenes, asked.pool)
     task, strategy = named_task(asked, scenes), named_strategy(asked)
     policy = asked.policy or default_policy(named_rig(asked, scenes))
-    path = asked.store or default_store(task.name, policy, strategy, asked.seed)
+    path = asked.store or default_store(task.name, policy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Store.open(path) as store:
         run = _unfinished(store, wanted)

@@ -75,7 +75,7 @@ def command(
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
     policy = policy or config.default_policy()
-    default = f"compare-{config.default_store(task, policy, '', 0).stem[:-3]}"
+    default = f"compare-{config.default_store(task, policy, 0).stem[:-2]}"
     store = store or Path("runs") / f"{default}.db"
     run = config.RunConfig(
         task=task,

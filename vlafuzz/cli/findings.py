@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import print_json, print_rows, stdout
+from vlafuzz.cli.output import print_json, print_list, stdout
 from vlafuzz.errors import UsageError
 from vlafuzz.report.view import BUCKETS, Card
 from vlafuzz.text import plural
@@ -37,7 +37,7 @@ def command(
         return
     shown = cards[: limit or None]
     if shown:
-        print_rows([_row(card) for card in shown], title=f"{plural(len(cards), 'finding')}: {view.title}")
+        print_list([_lines(card) for card in shown], title=f"{plural(len(cards), 'finding')}: {view.title}")
     else:
         stdout().print("no findings" + (f" with evidence {evidence}" if evidence else ""))
     if len(shown) < len(cards):
@@ -51,18 +51,14 @@ def command(
         stdout().print(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}", soft_wrap=True)
 
 
-def _row(card: Card) -> dict[str, Any]:
-    """The columns of the table."""
+def _lines(card: Card) -> list[str]:
+    """What is off nominal, a line each, and the evidence."""
     values = [f"{part.operator}: {part.range}" for part in card.deviations]
     if card.bucket == "observed" and len(values) > FEW:
         values = [f"{len(card.operators)} operators not nominal"]
-    return {
-        "id": card.scene.digest[:_DIGITS],
-        "loses": card.lost_stage,
-        "in a scene with": "\n".join(values) or card.title,
-        "evidence": f"{card.bucket}: {card.detail}",
-        "found": len(card.findings),
-    }
+    several = f" · {len(card.findings)} findings" if len(card.findings) > 1 else ""
+    evidence = f"loses {card.lost_stage} · {card.bucket}: {card.detail}{several}"
+    return [*(values or [card.title]), f"{evidence} · {card.scene.digest[:_DIGITS]}"]
 
 
 def _document(card: Card) -> dict[str, Any]:

@@ -48,12 +48,15 @@ def objects(
 ) -> None:
     """List the objects of the catalogue, or of packs.
 
-    Sizes are those of the bounding box in metres, masses kilograms. After each rest pose stands the narrowest
-    grasp in it, metres.
+    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV have
+    metres and kilograms.
     """
     catalogue = load_catalogue(packs=opened(pack))
     models = [catalogue[name] for name in catalogue.preferred(catalogue.names())]
-    print_rows([_row(model, nested=json) for model in models], json=json, csv=csv, title="objects")
+    if json or csv:
+        print_rows([_row(model, nested=json) for model in models], json=json, csv=csv)
+    else:
+        print_rows([_shown_row(model) for model in models], title="objects")
 
 
 def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
@@ -68,6 +71,21 @@ def _row(model: ObjectModel, *, nested: bool) -> dict[str, Any]:
         "size": size if nested else " × ".join(f"{side:.3f}" for side in size),
         "mass": model.mass,
         "rest poses": poses if nested else ", ".join(_shown(*pose) for pose in poses.items()),
+    }
+
+
+def _shown_row(model: ObjectModel) -> dict[str, Any]:
+    """For a terminal: with units."""
+    row = _row(model, nested=True)
+    poses = (
+        pose if width is None else f"{pose} {100 * width:.1f} cm" for pose, width in row["rest poses"].items()
+    )
+    return {
+        "object": model.name,
+        "role": model.role,
+        "size in cm": " × ".join(f"{100 * side:.1f}" for side in row["size"]),
+        "kg": model.mass,
+        "rest poses, narrowest grasps": ", ".join(poses),
     }
 
 

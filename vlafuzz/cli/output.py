@@ -14,6 +14,7 @@ from rich.text import Text
 
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.cli.ending import Checked
+from vlafuzz.cli.heartbeat import Heartbeat
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.text import csv_table
 from vlafuzz.watch import Watch
@@ -55,6 +56,21 @@ def print_rows(
         stdout().print(table(rows, title))
 
 
+def print_list(items: Sequence[Sequence[str]], *, title: str) -> None:
+    """Print numbered items of several lines, of which the last one is the small print."""
+    console = stdout()
+    if items:
+        console.print(title, style="italic")
+    for number, (*lines, small) in enumerate(items, start=1):
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(width=len(str(len(items))) + 1, justify="right")
+        grid.add_column(overflow="fold")
+        for place, line in enumerate(lines):
+            grid.add_row(f"{number}." if place == 0 else "", Text(printable(line), style="bold"))
+        grid.add_row("", Text(printable(small)))
+        console.print(grid)
+
+
 def print_json(value: Any) -> None:
     """Print one JSON document, floats as ``repr`` writes them."""
     data().write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
@@ -79,11 +95,11 @@ class _SafeConsole(Console):
 
 
 def stdout() -> Console:
-    """The console for data; 160 columns wide where there is no terminal."""
+    """The console for data; 100 columns wide where there is no terminal."""
     console = _SafeConsole(file=data(), highlight=False, markup=False)
     if console.is_terminal:
         return console
-    return _SafeConsole(file=data(), highlight=False, markup=False, width=160)
+    return _SafeConsole(file=data(), highlight=False, markup=False, width=100)
 
 
 def stderr() -> Console:
@@ -99,15 +115,19 @@ def progress() -> Progress:
 
 
 class Bar(Watch):
-    """Progress of long work on stderr: one bar at a time, and notes above it."""
+    """Progress of long work on stderr: one bar at a time, and notes above it; without a terminal lines."""
 
     def __init__(self) -> None:
         self._bar = progress()
+        self._heartbeat = Heartbeat(self.note) if self._bar.disable else None
         self._task: TaskID | None = None
         self._stage: object = None
 
     def progress(self, description: str, done: int, total: int | None) -> None:
         """Move the bar; another total begins a new one."""
+        if self._heartbeat:
+            self._heartbeat.tell(description, done, total)
+            return
         if self._task is None or total != self._stage:
             self.clear()
             self._task, self._stage = self._bar.add_task(description, total=total), total
@@ -131,6 +151,8 @@ class Bar(Watch):
 
     def __exit__(self, *_: object) -> None:
         self.clear()
+        if self._heartbeat:
+            self._heartbeat.stop()
 
 
 @contextmanager

@@ -117,7 +117,7 @@ def command(
 ) -> None:
     """Fuzz a policy: find scenes in which it fails, and with strategy causes why.
 
-    Runs are kept in a store, by default runs/<task>-<policy>-<strategy>-<seed>.db. Scenes that a store knows
+    Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db. Scenes that a store knows
     are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
     for example, is not run. With --time, half of it is for the run and what is left is for triage, if any.
     """

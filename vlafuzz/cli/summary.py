@@ -18,7 +18,8 @@ from rich.table import Table
 from vlafuzz.campaign.forecast import FIRST, Forecast
 from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.cli.output import stderr, stdout
+from vlafuzz.cli.heartbeat import Heartbeat
+from vlafuzz.cli.output import Bar, stderr, stdout
 from vlafuzz.outcome import Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.search.base import UNGUIDED
@@ -48,6 +49,7 @@ class RunBar:
             disable=not console.is_terminal,
         )
         self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0, causes="")
+        self._heartbeat = None if console.is_terminal else Heartbeat(Bar.note)
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
@@ -58,6 +60,9 @@ class RunBar:
         failed = tally.verdicts[Verdict.FAILED]
         causes = "" if tally.causes is None else f" · {plural(tally.causes, 'cause')}"
         self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed, causes=causes)
+        if self._heartbeat:
+            total = self._progress.tasks[0].total
+            self._heartbeat.tell(f"rollouts, {failed} failed{causes}", tally.rollouts, int(total or 0))
 
     def _correct(self, rollouts: int) -> None:
         now = time.monotonic()
@@ -73,6 +78,8 @@ class RunBar:
 
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
+        if self._heartbeat:
+            self._heartbeat.stop()
 
 
 def print_summary(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.plugins import trust_flag
 from vlafuzz.text import duration, plural
@@ -210,10 +210,9 @@ def _print(summary: TriageSummary) -> None:
 
 
 def print_causes(found: CauseList) -> None:
-    """Print the causes of a run as a table, and what is known beside them."""
-    table = found.table
-    if table.rows:
-        print_rows(table.rows, title=table.title)
+    """Print the causes of a run as a list, and what is known beside them."""
+    causes = [(*cause.conditions, cause.says) for cause in found.causes]
+    print_list(causes, title=found.table.title)
     for sentence in found.sentences:
         stdout().print(sentence, soft_wrap=True)
 

@@ -57,6 +57,18 @@ class ListedCause:
     found: tuple[str, ...] = ()
     detail: str
 
+    @property
+    def says(self) -> str:
+        """All but the conditions, in a line: stage, shares, evidence and scene."""
+        row = {name: value for name, value in self.row().items() if value != "–"}
+        parts = [f"loses {row['loses']}"] if "loses" in row else []
+        parts += [f"{row['share']} of random scenes"] if "share" in row else []
+        parts.append(f"explains {plural(self.failures, 'failure')}")
+        fails = f": fails {row['fails']}" if "fails" in row else ""
+        solved = f", solved by {self.witness}" if self.witness else ""
+        parts.append(f"{row['evidence']}{fails}{solved}")
+        return " · ".join([*parts, *([str(row["scene"])] if "scene" in row else [])])
+
     def row(self) -> dict[str, object]:
         """The columns of a table."""
         rate = self.rate

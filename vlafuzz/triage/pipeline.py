@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, count, groupby, islice
+from itertools import count, groupby, islice
 from typing import NamedTuple
 
 from vlafuzz.deadline import Deadline
+from vlafuzz.outcome import Rollout
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
@@ -32,11 +33,22 @@ class Progress(NamedTuple):
 
 def expected(store: Store, findings: int, workers: int) -> float:
     """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
-    runs = [run.id for run in store.runs()]
-    found = chain.from_iterable(store.trials(run) for run in reversed(runs))
-    some = islice((rollout.seconds for trial in found for rollout in trial.outcome.rollouts), SAMPLE)
-    seconds = list(some) or [0.0]
-    return PER_FINDING * findings * sum(seconds) / len(seconds) / workers
+    seconds = [
+        rollout.seconds for run in reversed(store.runs()) for rollout in islice(_rollouts(store, run), SAMPLE)
+    ][:SAMPLE] or [0.0]
+    at_once = max(workers, *(_at_once(store, run) / 2 for run in store.runs()[-1:]), 1)
+    return PER_FINDING * findings * sum(seconds) / len(seconds) / at_once
+
+
+def _rollouts(store: Store, run: Run) -> Iterator[Rollout]:
+    return (rollout for trial in store.trials(run.id) for rollout in trial.outcome.rollouts)
+
+
+def _at_once(store: Store, run: Run) -> float:
+    """How many rollouts a run had at a time behind a server, of which triage fills about half; else none."""
+    if "://" not in run.manifest.policy or not run.seconds:
+        return 0.0
+    return sum(rollout.seconds for rollout in _rollouts(store, run)) / run.seconds
 
 
 @dataclass

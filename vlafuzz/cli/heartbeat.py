@@ -1,0 +1,56 @@
+"""Heartbeat: a line about long work now and then, where no terminal shows a bar."""
+
+import threading
+import time
+from collections.abc import Callable
+
+from vlafuzz.text import duration
+
+EVERY = 30.0  # seconds
+
+
+class Heartbeat:
+    """Calls ``write`` with the state of the work every half minute, from a thread of its own.
+
+    Args:
+        write: prints a line.
+        every: seconds.
+    """
+
+    def __init__(self, write: Callable[[str], None], every: float = EVERY) -> None:
+        self._write, self._every = write, every
+        self._state: tuple[str, int, int | None] | None = None
+        self._began, self._first = time.monotonic(), 0
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def tell(self, description: str, done: int, total: int | None) -> None:
+        """``done`` of ``total`` steps are finished; another total is another work."""
+        if self._state is None or self._state[2] != total:
+            self._began, self._first = time.monotonic(), done
+        self._state = description, done, total
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._beat, daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Write no more lines."""
+        self._over.set()
+        self._state = None
+
+    def line(self) -> str:
+        """What is done, since when, and how long the rest will take at the same rate."""
+        if self._state is None:
+            return ""
+        description, done, total = self._state
+        spent = time.monotonic() - self._began
+        of = f"{done} of {total}" if total else str(done)
+        left = ""
+        if total and self._first < done < total:
+            left = f", about {duration(spent * (total - done) / (done - self._first))} left"
+        return f"{description}: {of}, {duration(spent)} so far{left}"
+
+    def _beat(self) -> None:
+        while not self._over.wait(self._every):
+            if line := self.line():
+                self._write(line)
