@@ -48,8 +48,8 @@ def objects(
 ) -> None:
     """List the objects of the catalogue, or of packs.
 
-    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV have
-    metres and kilograms.
+    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV
+    have metres and kilograms.
     """
     catalogue = load_catalogue(packs=opened(pack))
     models = [catalogue[name] for name in catalogue.preferred(catalogue.names())]
