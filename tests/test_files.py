@@ -106,3 +106,14 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypa
         assets.made_once("meshes/can", lambda folder: None, lambda folder: False)
     assert "VLAFUZZ_CACHE" in str(caught.value.hint)
     assert kept("answer", lambda: 42) == 42  # which needs no cache
+
+
+def test_drafts_of_processes_that_were_killed_leave_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    for name in (".abandoned", ".present"):
+        (tmp_path / "meshes" / name).mkdir(parents=True)
+    os.utime(tmp_path / "meshes" / ".abandoned", (0, 0))
+    assets.made_once("meshes/can", lambda folder: None, lambda folder: False)
+    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {".present", "can"}

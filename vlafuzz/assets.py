@@ -7,8 +7,9 @@ import errno
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from vlafuzz.files import reason
 
 _PACKAGE = Path(str(files("vlafuzz")))
 FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
+_ABANDONED = 86400.0  # seconds after which nobody fills a draft any more
 _UNWRITABLE = (
     errno.EACCES,
     errno.EPERM,
@@ -117,6 +119,10 @@ def _explained(folder: Path) -> Iterator[None]:
 
 def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
+    for draft in folder.parent.glob(".*"):  # of processes that were killed
+        with suppress(FileNotFoundError):  # another process removes it, too
+            if time.time() - draft.stat().st_mtime > _ABANDONED:
+                shutil.rmtree(draft, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
         draft = Path(space) / "draft"
         draft.mkdir()

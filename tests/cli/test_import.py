@@ -52,3 +52,16 @@ def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.Ca
         ("google", "custom:opened_pepsi_can"),
     ]
     assert capsys.readouterr().err == ""
+
+
+def test_scenes_that_an_export_would_move_are_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept, back = tmp_path / "kept.jsonl", tmp_path / "back.json"
+    assert (
+        main(["import", "vlatest", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"])
+        == 0
+    )
+    assert "would move these scenes" in capsys.readouterr().err
+    assert main(["export", str(kept), "--format", "vlatest", "--out", str(back)]) == 0
+    assert "note: positions are stretched from our box onto VLATest's" in capsys.readouterr().err

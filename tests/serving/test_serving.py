@@ -3,8 +3,11 @@
 import io
 import json
 import signal
+import socket
+import struct
 import subprocess
 import sys
+import time
 from contextlib import closing
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
@@ -298,3 +301,15 @@ class TestCommand:
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
         assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
         assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
+
+
+def test_a_client_that_resets_its_connection_leaves_no_traceback(capfd):
+    with serving(Echo(CameraRequest("front", 64, 48)), "http") as name:
+        parts = urlsplit(name)
+        for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
+            client = socket.create_connection((parts.hostname, parts.port))
+            client.sendall(sent)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            client.close()  # with a reset
+        time.sleep(0.3)
+    assert capfd.readouterr().err == ""

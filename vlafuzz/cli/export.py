@@ -92,6 +92,7 @@ def export(
             )
         _export_corpus(store, out, run, controls, firm, workers)
         return
+    from vlafuzz.formats.vlatest.original import as_original
     from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_demonstrations, write_file
 
     if format_ is Format.lerobot:
@@ -101,7 +102,12 @@ def export(
             exported = write_demonstrations(store, out, run, bar)
         what = "demonstrations"
     else:
-        exported = write_file(out, scenes_of(store, run, verdict.value), format_.value)
+        scenes = scenes_of(store, run, verdict.value)
+        exported = write_file(out, scenes, format_.value)
+        if format_ is Format.vlatest and not all(map(as_original, scenes)):
+            Bar.note(
+                "note: positions are stretched from our box onto VLATest's, which undoes `import --frame fit`"
+            )
         what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
     stderr().print(f"{exported.written} {what} written to {out}")
     _print_left_out(exported.left_out)

@@ -67,6 +67,10 @@ def vlatest(
         imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
+    if frame is Frame.KEEP:
+        Bar.note(
+            "note: `export --format vlatest` would move these scenes: it stretches them, as --frame fit does"
+        )
     _print_missing(imported)
     rows = [
         {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}

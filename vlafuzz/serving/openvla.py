@@ -1,5 +1,6 @@
 """HTTP server for OpenVLA's ``POST /act``."""
 
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -34,6 +35,11 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False  # clients keep connections open
     request_queue_size = 128  # with the default of 5, the sixth simulator to start waits for a second
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that resets its connection ends its rollout, and is no error of ours."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
