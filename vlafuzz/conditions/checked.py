@@ -1,5 +1,6 @@
 """Checks of what a store or corpus holds as JSON, when it is read: others may have written it."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -55,9 +56,11 @@ def check_read(conditions: Conditions) -> None:
 
 
 def check_operators(causes: Causes, *several: Iterable[str]) -> None:
-    """Raise a ValueError if evidence names an operator that there is not."""
+    """Raise a ValueError if evidence names an operator that there is not, or one twice in a list."""
     thresholds = [threshold.operator for threshold in causes.thresholds]
     for names in (causes.necessary, causes.sufficient, thresholds, *several):
-        for name in names:
+        for name, times in Counter(list(names)).items():
             if name not in OPERATORS and name != _TOGETHER:
                 raise ValueError(f"unknown operator {name!r}")
+            if times > 1:
+                raise ValueError(f"operator {name!r} is named {times} times")

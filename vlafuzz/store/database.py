@@ -56,7 +56,7 @@ def intact(path: Path) -> Iterator[None]:
         yield
     except StoreError as error:
         raise StoreError(f"{path}: {error.message.removeprefix(f'{path}: ')}", error.hint) from None
-    except (VlafuzzError, ValueError, TypeError, KeyError) as error:
+    except (VlafuzzError, ValueError, KeyError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
         raise StoreError(f"{path}: is damaged: {problem}", hint="restore it from a backup") from None
 
@@ -128,6 +128,15 @@ def _reader(path: Path) -> sqlite3.Connection:
 
 
 def _check(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> None:
+    try:
+        _check_content(path, connection, new_allowed=new_allowed)
+    except (sqlite3.OperationalError, UnicodeDecodeError) as error:  # the latter from SQLite's own message
+        if getattr(error, "sqlite_errorname", "SQLITE_ERROR") != "SQLITE_ERROR":
+            raise
+        raise _problem(path, "SQLITE_CORRUPT") from None
+
+
+def _check_content(path: Path, connection: sqlite3.Connection, *, new_allowed: bool) -> None:
     connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
     connection.execute("PRAGMA trusted_schema = OFF")
     (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
