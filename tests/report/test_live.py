@@ -141,7 +141,7 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest
     from vlafuzz.campaign import causes, launch
     from vlafuzz.campaign.config import RunConfig, plan
 
-    monkeypatch.setattr(causes, "EVERY", 0.0)
+    monkeypatch.setattr(causes, "EVERY", 0.1)
     monkeypatch.setattr(causes, "SHARE", 1e9)
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     path, seen = tmp_path / "a.db", []

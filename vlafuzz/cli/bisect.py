@@ -20,7 +20,7 @@ NOT_KEPT = "with --answers FILE outcomes are kept, and the same command goes on"
 
 def command(
     corpus: Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")],
-    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="")] = None,
+    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="checkpoint")] = None,
     checkpoints: Annotated[
         list[str] | None,
         typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …"),
@@ -57,8 +57,6 @@ def command(
     First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress`
     does. If it is worse, a binary search that expects noise compares few of the others, each until it is
     clear whether it is broken.
-
-    Example: vlafuzz bisect corpus/mini-pick-up --policy lerobot:{} --checkpoints out/010000 out/020000
     """
     names = [*(checkpoints or ()), *(more or ())]
     _check(names, policy, baseline, alpha, error, comparisons)

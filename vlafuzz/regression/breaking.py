@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaln, logsumexp
-from scipy.stats import beta
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +51,8 @@ def first_broken(baseline: Floats, outcomes: Floats) -> Floats:
 @cache
 def _rates(passed: int, failed: int) -> Floats:
     """Equally likely values of the mean pass rate of what works (Jeffreys' prior)."""
+    from scipy.stats import beta
+
     return np.asarray(beta.ppf(RATES, passed + 0.5, failed + 0.5), dtype=np.float64)
 
 

@@ -108,7 +108,9 @@ def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
     return {
         "corpus": corpus.name,
         **{name: getattr(result, name) for name in names},
-        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True)),
+        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True))
+        if result.alarm
+        else {},
         "likely": [result.checkpoints[index] for index in result.likely],
         "comparisons": [asdict(step) for step in result.steps],
     }
