@@ -66,3 +66,11 @@ def test_export_refuses_what_is_not_there(
     shown = capsys.readouterr().err
     assert says in shown
     assert "hint: " in shown
+
+
+def test_a_format_that_can_express_no_scene_is_an_error_and_writes_nothing(
+    folder: Path, store: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["export", store, "--format", "vlatest", "--out", "out.json"]) == 2
+    assert "VLATest's scene files have no light" in capsys.readouterr().err
+    assert not (folder / "out.json").exists()

@@ -55,3 +55,10 @@ def test_json_and_csv_exclude_each_other(capsys: pytest.CaptureFixture[str]) -> 
 def test_policies_are_listed(capsys: pytest.CaptureFixture[str]):
     assert main(["policies", "--json"]) == 0
     assert "pinhole" in [row["policy"] for row in json.loads(capsys.readouterr().out)]
+
+
+def test_the_default_strategy_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["strategies"]) == 0
+    assert "causes (default)" in capsys.readouterr().out.splitlines()[4]
+    assert main(["strategies", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["strategy"] == "causes"

@@ -35,9 +35,13 @@ def strategies(
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
     """List the strategies that propose scenes."""
+    from vlafuzz.campaign.config import STRATEGY
     from vlafuzz.search.registry import STRATEGIES
 
-    rows = [{"strategy": name, "is": _says(strategy)} for name, strategy in STRATEGIES.items()]
+    first = dict.fromkeys([STRATEGY, *STRATEGIES])  # the default
+    rows = [{"strategy": name, "is": _says(STRATEGIES[name])} for name in first]
+    if not (json or csv):
+        rows[0]["strategy"] += " (default)"
     print_rows(rows, json=json, csv=csv, title="strategies")
 
 

@@ -13,7 +13,7 @@ import typer
 from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
-from vlafuzz.diagnostics.lint import Verdicts
+from vlafuzz.diagnostics.lint import CLOSER, SHIFTED, Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
 from vlafuzz.errors import SceneError, UsageError, check_number, sentence
 from vlafuzz.files import writing
@@ -23,6 +23,7 @@ from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.store.store import Store
 from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
+from vlafuzz.text import percent
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -155,6 +156,26 @@ def lint(
         raise typer.Exit(1)
 
 
+_MEANS = {
+    "left out": "not read: an object has no counterpart here",
+    "valid": "fair",
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+    "broken": "lines that hold no scene",
+    "overlap": "with footprints that overlap, of those with several objects",
+    f"moved > {SHIFTED} m": "in which something moves farther while it settles",
+    "solved already": "solved after settling, fair or not",
+    "as published": "the same by the published criteria",
+    **dict.fromkeys(
+        (f"< {metres} m" for metres in CLOSER),
+        "with two centres closer than that, of those with several objects",
+    ),
+}
+
+
 def _check_frame(frame: Frame | None, files: list[Path]) -> None:
     if frame and not any(map(is_vlatest, files)):
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
@@ -173,7 +194,18 @@ def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
                 data().write(f"{line}\n")
     common = os.path.commonpath([file.path.absolute().parent for file in judged])
     names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
-    print_rows([row | {"file": name} for row, name in zip(rows, names, strict=True)], title="scenes")
+    for row, name in zip(rows, names, strict=True):
+        shown = [
+            {"": key, "scenes": _count(value), "are": _MEANS.get(key, "")}
+            for key, value in row.items()
+            if key != "file"
+        ]
+        print_rows(shown, title=name)
+
+
+def _count(value: object) -> str:
+    """A number of scenes, or a share of them."""
+    return percent(value) if isinstance(value, float) else str("–" if value is None else value)
 
 
 def coverage(

@@ -259,7 +259,7 @@ class Store:
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
         matches = self._select(query, prefix, _SHOWN)
         if not matches:
-            hint = "`vlafuzz export` writes a store's scenes to a file"
+            hint = f"`vlafuzz findings {self.path}` lists the findings"
             raise StoreError(f"{self.path}: no scene {prefix!r}", hint=hint)
         if len(matches) > 1:
             hint = "give more digits: " + ", ".join(row["digest"] for row in matches)

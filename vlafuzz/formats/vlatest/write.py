@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from vlafuzz.errors import UsageError
 from vlafuzz.formats.vlatest.format import Entry, Thing, is_ycb, write_entries
 from vlafuzz.formats.vlatest.original import (
     CUSTOM,
@@ -38,6 +39,9 @@ def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> 
 
     Returns:
         The number of scenes left out, by reason.
+
+    Raises:
+        UsageError: the format can express none of them; nothing is written.
     """
     written: list[Entry] = []
     left_out: Counter[str] = Counter()
@@ -48,6 +52,13 @@ def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> 
             written.append(_original(original, ycb=is_ycb(path)) if original else _fit(scene, catalogue))
         except _UnsupportedError as error:
             left_out[str(error)] += 1
+    if left_out and not written:
+        why = "; ".join(f"{count}: {reason}" for reason, count in left_out.items())
+        vary = "target-type,target-position,confounder-type,confounder-position,confounder-count"
+        raise UsageError(
+            f"none of {len(scenes)} scenes can be written for VLATest: {why}",
+            hint=f"`vlafuzz run --vary {vary}` finds scenes that can",
+        )
     write_entries(path, written)
     return dict(left_out)
 
