@@ -4,7 +4,11 @@ from pathlib import Path
 
 import pytest
 
+import vlafuzz
 from tests.doubles import Idle
+from tests.regression.corpora import make_corpus
+from tests.regression.sides import RuleRunner
+from tests.report.stores import store as stored_findings
 from tests.triage.planted import CONDITIONS
 from tests.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz import api
@@ -13,6 +17,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.expert import Expert
+from vlafuzz.regression.folder import write_corpus
 from vlafuzz.store.store import Store
 
 
@@ -74,3 +79,22 @@ def test_a_store_of_an_object_needs_it_again(tmp_path: Path):
 def test_it_works_in_this_process_only(tmp_path: Path):
     with pytest.raises(UsageError, match="works in this process only"):
         fuzz(AfraidOfTheDark(), budget=4, workers=2, store=tmp_path / "a.db")
+
+
+def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    bright = {"old": 0.0, "new": 0.0, "newer": 9.0}  # light from which they pass
+    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(bright))
+    monkeypatch.setattr(
+        "vlafuzz.triage.scene_runner.SimulatorSceneRunner",
+        lambda _, run, name: RuleRunner(lambda shown: shown.light.intensity >= max(bright[name], 0.5), run),
+    )
+    write_corpus(make_corpus(controls=40), tmp_path / "dark")
+    assert not vlafuzz.regress(tmp_path / "dark", "new").alarm
+    assert vlafuzz.regress(tmp_path / "dark", "newer", "old").alarm
+    assert vlafuzz.bisect(tmp_path / "dark", ["old", "new", "newer"]).named == "newer"
+
+
+def test_only_a_solved_finding_has_a_film_of_its_witness(tmp_path: Path):
+    path = stored_findings(tmp_path / "a.db", findings=1, triaged=0)
+    with pytest.raises(UsageError, match="has no witness"):
+        vlafuzz.film(path, vlafuzz.open_store(path).findings()[0], witness=True)
