@@ -81,6 +81,7 @@ def test_a_resumed_run_keeps_its_own_outcomes(
         opened.finish(1, "interrupted", 1.0)
         label = opened.runs()[0].manifest.label
     assert main(["run", "--resume", "--store", "a.db", "--policy", server, *FLAGS[:2]]) == 0
+    assert "what answers now has to be the model with which the run began" in capsys.readouterr().err
     with Store.open(Path("a.db")) as opened:
         assert [stored.manifest.label for stored in opened.runs()] == [label]
 

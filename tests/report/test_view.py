@@ -231,3 +231,14 @@ def test_films_in_which_the_policy_passes_are_noted(triaged: View):
     shown = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
     (note,) = shown.notes
     assert note.startswith("In 2 of 6 films the policy passes:")
+
+
+def test_runs_of_several_models_are_told_apart(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        for label in ("step-1", "step-2"):
+            kept = Trial(proposal=0, scene=SPACE.nominal(), outcome=passed(), severity=0.0)
+            opened.add(opened.begin(replace(MANIFEST, label=label)), kept)
+    shown = view(tmp_path / "a.db")
+    assert [row.manifest.model for row in shown.run_rows] == ["idle (step-1)", "idle (step-2)"]
+    assert any("The runs are of several models" in note for note in shown.notes)
+    assert sum("Stages reached" in chart.title for chart in shown.charts) == 2

@@ -117,6 +117,11 @@ class Conditions:
         check_choice("placement", self.placement, PLACEMENTS)
 
     @property
+    def model(self) -> str:
+        """The policy with its label, if it has one."""
+        return f"{self.policy} ({self.label})" if self.label else self.policy
+
+    @property
     def alone(self) -> bool:
         """Whether nobody says which model the policy is, so that no other run may share its outcomes."""
         return self.label.startswith(ALONE)

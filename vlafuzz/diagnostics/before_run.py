@@ -63,6 +63,8 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
     manifest = plan.manifest
     if manifest.repeats > 1 and plan.policy.spec.deterministic:
         watch.note(f"note: {manifest.policy} is deterministic: repeats differ only if it uses the seed")
+    if plan.resume and manifest.alone:
+        watch.note(f"note: {manifest.policy}: what answers now has to be the model with which the run began")
     if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
         return Checked(plan, usual_speed(plan))
     if plan.resume is None:

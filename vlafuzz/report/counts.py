@@ -24,7 +24,7 @@ class Counts:
 
     Attributes:
         last: the last verdict of every scene under every policy key.
-        begun: rollouts by task and policy; ``reached``: those that reached a stage.
+        begun: rollouts by task and model; ``reached``: those that reached a stage.
     """
 
     rollouts: int = 0
@@ -51,8 +51,8 @@ class Counts:
             return
         self.rollouts += len(outcome.rollouts)
         for rollout in outcome.rollouts:
-            self.begun[manifest.task, manifest.policy] += 1
-            self.reached.update((manifest.task, manifest.policy, stage) for stage in rollout.reached)
+            self.begun[manifest.task, manifest.model] += 1
+            self.reached.update((manifest.task, manifest.model, stage) for stage in rollout.reached)
 
 
 def count(store: Store) -> Counts:

@@ -53,7 +53,16 @@ def view_of_store(store: Store) -> View:
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
         causes=(*(one.table for one in causes), *_effects(store, runs)),
         cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
+        notes=tuple(_of_several_models(manifests)),
     )
+
+
+def _of_several_models(runs: Sequence[Manifest]) -> Iterator[str]:
+    if len({run.model for run in runs}) > 1:
+        yield (
+            "The runs are of several models, and the shares above are of all of them together; "
+            "the table of runs has the rate of each."
+        )
 
 
 def _effects(store: Store, runs: Sequence[Run]) -> Iterator[Table]:
