@@ -1,11 +1,11 @@
 """Profiles of known models: their options, what overrides them, and what is refused."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.documentation import text
 from vlafuzz.cli import main
 from vlafuzz.clients.groot import GrootOptions
 from vlafuzz.clients.lerobot import LeRobotOptions
@@ -20,7 +20,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.registry import check_policy_name, client
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PAGE = text("docs/servers.md")
 EXECUTABLE = [
     (name, protocol)
     for name, profile in known_profiles().items()
@@ -168,8 +168,8 @@ OPTIONS = (ActOptions, GrootOptions, LeRobotOptions, OpenPiOptions)
 
 
 @pytest.mark.parametrize("option", sorted(set().union(*(kind.model_fields for kind in OPTIONS))))
-def test_readme_has_a_row_for_every_option(option):
-    assert re.search(rf"^\| .*`{option}`", README, flags=re.MULTILINE)
+def test_the_page_on_servers_has_a_row_for_every_option(option):
+    assert re.search(rf"^\| .*`{option}`", PAGE, flags=re.MULTILINE)
 
 
 def test_a_pose_is_executed_with_the_hands_own_state():

@@ -2,17 +2,17 @@
 
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
+from tests.documentation import text
 from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.clients.remote import VlaEvalOptions, parse
 from vlafuzz.clients.vla_eval import VlaEval
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.policies.registry import check_policy_name, known_policies, make_policy
 
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+PAGE = text("docs/servers.md")
 
 
 def options(query: str) -> VlaEvalOptions:
@@ -136,8 +136,8 @@ def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
 
 
 @pytest.mark.parametrize("name", VlaEvalOptions.model_fields)
-def test_readme_has_a_row_for_every_option(name):
-    assert re.search(rf"^\| .*`{name}`", README, flags=re.MULTILINE)
+def test_the_page_on_servers_has_a_row_for_every_option(name):
+    assert re.search(rf"^\| .*`{name}`", PAGE, flags=re.MULTILINE)
 
 
 def test_every_layout_can_be_asked_for():

@@ -1,4 +1,4 @@
-"""A strategy as a user writes one: the example of README."""
+"""A strategy as a user writes one: the example of docs/strategies.md."""
 
 import numpy as np
 

@@ -27,30 +27,12 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("static", "frame", "min_distance"),
     ),
     "What else to do": (
-        "resume",
-        "certify",
-        "triage",
-        "unchecked",
-        "trust",
-        "answers",
-        "controls",
-        "minimal",
+        *("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),
     ),
     "Where it runs": ("workers", "executor", "address", "batch"),
     "Output": (
-        *(
-            "store",
-            "out",
-            "format_",
-            "json",
-            "csv",
-            "markdown",
-            "junit",
-            "summary",
-            "sarif",
-            "fail_on_finding",
-        ),
-        *("video", "videos", "picture", "seen", "trace", "verbose"),
+        *("store", "out", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
+        *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
     ),
 }
 
