@@ -121,10 +121,10 @@ def _work(pipe: Any, name: str, seed: int, first: int, last: int) -> None:
     limit = _pages(0) + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     for number in range(first, last):
-        began = time.monotonic()
+        began = time.monotonic() - _waiting()
         kind, detail = reaction(name, seed, number, SECONDS)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        pipe.send((kind, detail, time.monotonic() - began, max(0, peak - before) >> 20))
+        pipe.send((kind, detail, time.monotonic() - _waiting() - began, max(0, peak - before) >> 20))
 
 
 def _pages(column: int) -> int:

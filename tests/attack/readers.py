@@ -4,9 +4,10 @@ A reader may raise vlafuzz's own errors and nothing else.
 """
 
 import json
+import os
 import shutil
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,25 @@ def operators(rng: Rng, folder: Path) -> None:
         space.severities(space.decode(rng.random(space.dim)))
 
 
+@contextmanager
+def _cache_in(folder: Path) -> Iterator[None]:
+    """Build objects here instead of in the user's cache."""
+    before = os.environ.get("VLAFUZZ_CACHE")
+    os.environ["VLAFUZZ_CACHE"] = str(folder)
+    try:
+        yield
+    finally:
+        del os.environ["VLAFUZZ_CACHE"]
+        if before is not None:
+            os.environ["VLAFUZZ_CACHE"] = before
+
+
 def objects(rng: Rng, folder: Path) -> None:
     catalogue = load_catalogue(_yaml(rng, "objects", folder / "a.yaml"))
     changed = [name for name in catalogue if name not in CATALOGUE]
-    for name in changed[:1] or list(catalogue)[: int(rng.random() < 0.05)]:
-        catalogue[name]
+    with _cache_in(folder):
+        for name in changed[:1] or list(catalogue)[: int(rng.random() < 0.05)]:
+            catalogue[name]
 
 
 def profile(rng: Rng, folder: Path) -> None:
@@ -163,7 +178,8 @@ def mesh(rng: Rng, folder: Path) -> None:
         path.with_name("textured.glb").write_bytes(mutators.data(rng, shape.export(file_type="glb")))
     if rng.random() < 0.2:
         path.with_name("texture.png").write_bytes(mutators.data(rng, b"\x89PNG\r\n\x1a\n" + bytes(60)))
-    load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
+    with _cache_in(folder):
+        load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
 
 
 READERS: dict[str, tuple[Reader, int]] = {

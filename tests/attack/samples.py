@@ -1,6 +1,8 @@
 """Valid input to mutate, made once."""
 
+import atexit
 import json
+import shutil
 import tempfile
 from dataclasses import replace
 from functools import cache
@@ -25,7 +27,9 @@ from vlafuzz.tasks.tabletop import TASKS
 
 @cache
 def folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix="attack-samples-"))
+    made = Path(tempfile.mkdtemp(prefix="attack-samples-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 @cache
