@@ -76,7 +76,6 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
         (["--controls", "9", "--out", "b"], "--controls 9: only a corpus has controls"),
         (["--minimal", "--controls", "-1", "--out", "b"], "--controls: expected at least 0, got -1"),
         (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),
-        (["--out", "no/such/b"], "no/such/b: cannot be written"),
         (["--format", "vlatest", "--out", "b"], "3: VLATest's scene files have no"),
     ],
 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.flags import (
     AddressFlag,
     ExecutorFlag,
@@ -59,6 +60,7 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV, one row per strategy.")] = False,
     markdown: Annotated[bool, typer.Option("--markdown", help="Print markdown.")] = False,
+    config: ConfigFlag = None,
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
 
@@ -67,17 +69,17 @@ def command(
     rollouts. All is kept in one store; the same command continues after an interruption, and with more
     --repeats, --strategies or --triage-rollouts it does what is missing.
     """
-    from vlafuzz.campaign import config
+    from vlafuzz.campaign.config import RunConfig, default_policy, default_store
     from vlafuzz.compare.compare import compare
     from vlafuzz.compare.page import write_folder
     from vlafuzz.diagnostics.before_run import speed_of
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
-    policy = policy or config.default_policy()
-    default = f"compare-{config.default_store(task, policy, 0).stem[:-2]}"
+    policy = policy or default_policy()
+    default = f"compare-{default_store(task, policy, 0).stem[:-2]}"
     store = store or Path("runs") / f"{default}.db"
-    run = config.RunConfig(
+    run = RunConfig(
         task=task,
         policy=policy,
         strategy=names[0],

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli import after_run
+from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.early import begin_early
 from vlafuzz.cli.flags import (
     AddressFlag,
@@ -110,6 +111,7 @@ def command(
         bool, typer.Option("--unchecked", help="Skip the check whether the policy sees, hears and moves.")
     ] = False,
     trust: TrustFlag = False,
+    config: ConfigFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
@@ -125,7 +127,8 @@ def command(
 
     until = deadline("--time", time)
     begin_early(policy, workers, executor)
-    from vlafuzz.campaign import config
+    from vlafuzz.campaign.config import RunConfig
+    from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.forecast import NOBODY_WAITS, Forecast
     from vlafuzz.campaign.launch import SEARCH
     from vlafuzz.campaign.resume import resume as resume_run
@@ -162,7 +165,7 @@ def command(
     if resume:
         plan = resume_run(flags)
     else:
-        plan = config.plan(config.RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
+        plan = plan_of(RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
     with Bar() as bar:
         plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify

@@ -1,0 +1,53 @@
+"""Flags from a YAML file."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from vlafuzz.cli import main
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], *flags: str) -> dict:
+    assert main(["run", "--config", "run.yaml", "--json", *flags]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_file_says_how_to_run_and_the_command_line_wins(folder, capsys):
+    (folder / "run.yaml").write_text(
+        "policy: frozen\nstrategy: random\nbudget: 2\nstop-early: true\nvary: [light, target-position]\n"
+    )
+    done = run(capsys, "--store", "a.db")
+    assert (done["policy"], done["strategy"], done["rollouts"]) == ("frozen", "random", 2)
+    assert run(capsys, "--budget", "1", "--store", "b.db")["rollouts"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("bugdet: 3", "'bugdet' is no flag of this command"),
+        ("- budget", "not a list of flags"),
+        ("budget: {a: 1}", "budget: not a value of a flag"),
+        ("trust: true", "'trust' is no flag of this command"),
+        ("policy: python:tests.doubles:make_idle", "which is not run just because a file names it"),
+        ("budget: [", "YAML"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_a_sentence(folder, capsys, text, says):
+    (folder / "run.yaml").write_text(text + "\n")
+    assert main(["run", "--config", "run.yaml"]) == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert "hint:" in said
+
+
+def test_a_wrong_value_is_refused_as_on_the_command_line(folder, capsys):
+    (folder / "run.yaml").write_text("budget: many\n")
+    assert main(["run", "--config", "run.yaml"]) == 2
+    assert "--budget" in capsys.readouterr().err
