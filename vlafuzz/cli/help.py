@@ -11,7 +11,9 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("policy", "version", "label", "baseline", "checkpoints", "task", "robot"),
         *("scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
     ),
-    "Which scenes": ("strategy", "strategies", "seed", "operators", "vary", "study.alpha", "verdict", "run"),
+    "Which scenes": (
+        *("strategy", "strategies", "seed", "operators", "vary", "study.alpha", "verdict", "evidence", "run"),
+    ),
     "How long": (
         "budget",
         "time",
