@@ -154,3 +154,15 @@ def test_what_a_policy_prints_is_not_in_the_data(capsys: pytest.CaptureFixture[s
     printed = capsys.readouterr()
     assert json.loads(printed.out)["policy"] == f"{HERE}:chatty"
     assert "loading weights …" in printed.err
+
+
+def test_the_address_of_a_live_page_is_data(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    main(["run", "--policy", "frozen", *FLAGS])
+    capsys.readouterr()
+    monkeypatch.setattr(
+        "vlafuzz.report.follow.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM)
+    )
+    assert main(["watch", "a.db", "--no-films"]) == 0
+    assert capsys.readouterr().out.startswith("http://127.0.0.1:")

@@ -8,6 +8,7 @@ import typer
 
 from vlafuzz.cli.output import print_json, print_list, stdout
 from vlafuzz.errors import UsageError
+from vlafuzz.plugins import trust_flag
 from vlafuzz.report.view import BUCKETS, Card
 from vlafuzz.text import plural
 
@@ -47,7 +48,8 @@ def command(
     for text, line in view.todo:
         stdout().print(f"{text} {line}", soft_wrap=True)
     if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():
-        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus"])
+        trust = trust_flag(*(run.policy for run in view.runs))
+        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *trust])
         stdout().print(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}", soft_wrap=True)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from vlafuzz.cli.output import data
 from vlafuzz.errors import check_number
 
 
@@ -32,7 +33,7 @@ def command(
     with Store.open(store) as opened:
         live, made = Live(opened), Films(store) if films else None
         with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
-            sys.stdout.write(f"{server.address}\n")
-            sys.stdout.flush()
+            data().write(f"{server.address}\n")
+            data().flush()
             sys.stderr.write(f"following {store}; Ctrl-C ends it\n")
             server.serve_forever()
