@@ -220,6 +220,16 @@ class TestMessages:
         assert r"\x1b]0;owned" in shown.out
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & {*shown.out, *shown.err}
 
+    def test_nor_can_the_name_of_a_file_in_the_line_of_progress(self, tmp_path, monkeypatch, capsys):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+        name = "[red]\x1b]0;owned\x07.jsonl"
+        Path(name).write_text(json.dumps(SCENE) + "\n")
+        assert main(["lint", name, "--static"]) == 0
+        shown = capsys.readouterr()
+        assert "[red]" in shown.err
+        assert "\x1b]0;owned" not in shown.out + shown.err
+
 
 def test_what_is_compressed_is_inflated_up_to_a_limit_only():
     assert inflated(zlib.compress(b"1234"), most=4) == b"1234"

@@ -109,7 +109,8 @@ def stderr() -> Console:
 
 def progress() -> Progress:
     """A transient progress bar on stderr; hidden where there is no terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    words = TextColumn("{task.description}", markup=False)
+    columns = (words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = stderr()
     return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
@@ -128,6 +129,7 @@ class Bar(Watch):
         if self._heartbeat:
             self._heartbeat.tell(description, done, total)
             return
+        description = printable(description)
         if self._task is None or total != self._stage:
             self.clear()
             self._task, self._stage = self._bar.add_task(description, total=total), total
