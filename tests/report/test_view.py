@@ -9,6 +9,7 @@ from tests.doubles import failed, passed
 from tests.regression.corpora import case, make_corpus
 from tests.regression.test_export import CheckingRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
+from tests.sim.scenes import nominal
 from tests.triage.planted import SPACE, Condition
 from tests.triage.runners import PlantedRunner
 from vlafuzz.evidence import Causes, Threshold
@@ -17,7 +18,7 @@ from vlafuzz.regression.folder import read_corpus, write_corpus
 from vlafuzz.report.deviations import deviations
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
-from vlafuzz.report.sources import view_of_corpus
+from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import Card, Chart, View
 from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.store.records import Run, Trial
@@ -242,3 +243,18 @@ def test_runs_of_several_models_are_told_apart(tmp_path: Path):
     assert [row.manifest.model for row in shown.run_rows] == ["idle (step-1)", "idle (step-2)"]
     assert any("The runs are of several models" in note for note in shown.notes)
     assert sum("Stages reached" in chart.title for chart in shown.charts) == 2
+
+
+def test_guided_scenes_have_counts_but_no_rates(tmp_path):
+    guided = replace(MANIFEST, strategy="causes")
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        for number, manifest in enumerate((MANIFEST, guided), start=1):
+            opened.begin(manifest)
+            outcome = failed() if number == 2 else passed()
+            cell = "grasp|light|x0y0" if number == 2 else None
+            trial = Trial(proposal=0, scene=nominal("pick-up"), outcome=outcome, severity=1.0, cell=cell)
+            opened.add(number, trial)
+        shown = view_of_store(opened)
+    assert [row.guided for row in shown.run_rows] == [False, True]
+    assert not any(measure.rate for chart in shown.charts for measure in chart.measures)
+    assert "no failure rate" in render(shown)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.view import Chart, Measure, RunRow
+from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -25,12 +26,14 @@ class Counts:
     Attributes:
         last: the last verdict of every scene under every policy key.
         begun: rollouts by task and model; ``reached``: those that reached a stage.
+        guided: whether a strategy chose some of the scenes.
     """
 
     rollouts: int = 0
     last: dict[tuple[str, str], Verdict] = field(default_factory=dict)
     begun: Counter[tuple[str, str]] = field(default_factory=Counter)
     reached: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    guided: bool = False
 
     @property
     def verdicts(self) -> Counter[Verdict]:
@@ -44,6 +47,7 @@ class Counts:
 
     def add(self, run: Run, trial: Trial) -> None:
         manifest, outcome = run.manifest, trial.outcome
+        self.guided = self.guided or manifest.strategy not in UNGUIDED
         key = (manifest.key(), trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
             self.last[key] = outcome.verdict
@@ -69,8 +73,10 @@ def verdict_chart(counts: Counts) -> Chart:
     measures = []
     for verdict, says in _VERDICTS.items():
         of = judged if verdict >= Verdict.PASSED else scenes.total()
-        measures.append(Measure(verdict.name.lower(), Share.of_counts(scenes[verdict], of), says))
-    return Chart("Verdicts", "Distinct scenes by their last verdict.", tuple(measures))
+        share = Share.of_counts(scenes[verdict], of)
+        measures.append(Measure(verdict.name.lower(), share, says, rate=not counts.guided))
+    chosen = " A strategy chose them: their share is no failure rate." if counts.guided else ""
+    return Chart("Verdicts", f"Distinct scenes by their last verdict.{chosen}", tuple(measures))
 
 
 def funnels(counts: Counts) -> tuple[Chart, ...]:
@@ -78,7 +84,10 @@ def funnels(counts: Counts) -> tuple[Chart, ...]:
     charts = []
     for (name, policy), begun in counts.begun.items():
         reached = {stage: counts.reached[name, policy, stage] for stage in task(name).stage_names}
-        measures = [Measure(stage, Share.of_counts(number, begun)) for stage, number in reached.items()]
+        measures = [
+            Measure(stage, Share.of_counts(number, begun), rate=not counts.guided)
+            for stage, number in reached.items()
+        ]
         which = f", {name}, {policy}" if len(counts.begun) > 1 else ""
         charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", tuple(measures)))
     return tuple(charts)

@@ -35,6 +35,9 @@ from vlafuzz.text import duration, interval, named, percent, plural
 from vlafuzz.triage.summary import TriageSummary, summarise
 
 
+_TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
+
+
 def view_of_store(store: Store) -> View:
     """The runs, and the findings with the results of triage."""
     runs, counts, summary = store.runs(), count(store), summarise(store)
@@ -53,6 +56,7 @@ def view_of_store(store: Store) -> View:
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
         causes=(*(one.table for one in causes), *_effects(store, runs)),
         cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
+        notes=(_TOY,) if any(run.policy == "mini" for run in manifests) else (),
         notes=tuple(_of_several_models(manifests)),
     )
 
@@ -96,10 +100,14 @@ def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) 
 
 def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
     manifests = [run.manifest for run in runs]
-    searched = sum(run.seconds or 0.0 for run in runs)
+    searched = duration(sum(run.seconds or 0.0 for run in runs))
+    if unfinished := sum(run.seconds is None for run in runs):
+        searched = (
+            "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
+        )
     facts = [
         *_of_runs(manifests),
-        ("Search", f"{plural(counts.rollouts, 'rollout')}, {duration(searched)}"),
+        ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
         ("Distinct cells before triage", str(summary.distinct_cells)),
     ]
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.scene import Scene
+from vlafuzz.search.base import UNGUIDED
 from vlafuzz.sim.base import Film
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
@@ -45,11 +46,16 @@ SOLVERS: Mapping[Solver, str] = {
 
 @dataclass(frozen=True)
 class Measure:
-    """A share with its name, drawn as a bar; ``says`` explains the name."""
+    """A share with its name, drawn as a bar; ``says`` explains the name.
+
+    Attributes:
+        rate: whether the share estimates a rate; if not, as a strategy chose the scenes, only counts show.
+    """
 
     name: str
     share: Share
     says: str = ""
+    rate: bool = True
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,11 @@ class RunRow:
     manifest: Manifest
     status: str = ""
     failed: Share | None = None
+
+    @property
+    def guided(self) -> bool:
+        """Whether a strategy chose the scenes: then their failures are no failure rate."""
+        return self.manifest.strategy not in UNGUIDED
 
 
 @dataclass(frozen=True)
