@@ -56,12 +56,13 @@ def view_of_store(store: Store) -> View:
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
         causes=(*(one.table for one in causes), *_effects(store, runs)),
         cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
-        notes=(_TOY,) if any(run.policy == "mini" for run in manifests) else (),
-        notes=tuple(_of_several_models(manifests)),
+        notes=tuple(_notes(manifests)),
     )
 
 
-def _of_several_models(runs: Sequence[Manifest]) -> Iterator[str]:
+def _notes(runs: Sequence[Manifest]) -> Iterator[str]:
+    if any(run.policy == "mini" for run in runs):
+        yield _TOY
     if len({run.model for run in runs}) > 1:
         yield (
             "The runs are of several models, and the shares above are of all of them together; "
