@@ -34,7 +34,6 @@ from vlafuzz.tasks.tabletop import task
 from vlafuzz.text import duration, interval, named, percent, plural
 from vlafuzz.triage.summary import TriageSummary, summarise
 
-
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 
 
