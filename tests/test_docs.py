@@ -5,7 +5,9 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from dataclasses import replace
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -121,6 +123,24 @@ def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(
 def test_the_example_of_the_page_on_python_lists_failures_and_causes(tmp_path):
     lines = output_of(PYTHON[0], tmp_path).splitlines()
     assert [line for line in lines if re.match(r"[0-9a-f]{32} (grasp|lift|success)", line)]
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_the_example_of_a_server_answers_a_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    example = {"__name__": "server"}
+    exec(files(ROOT / "docs" / "servers.md")["server.py"], example)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), example["Handler"])
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    policy = f"http://127.0.0.1:{server.server_port}/act?hz=5&deterministic=1"
+    try:
+        run = ["run", "--policy", policy, "--label", "first", "--budget", "2", "--unchecked", "--no-certify"]
+        assert main([*run, "--store", "a.db", "--json"]) == 0
+    finally:
+        server.shutdown()
+        server.server_close()
+    assert json.loads(capsys.readouterr().out)["verdicts"]["failed"] == 2
 
 
 def test_the_gymnasium_example_prints_what_its_page_says(tmp_path):
