@@ -19,16 +19,16 @@ class Heartbeat:
 
     def __init__(self, write: Callable[[str], None], every: float = EVERY) -> None:
         self._write, self._every = write, every
-        self._state: tuple[str, int, int | None] | None = None
+        self._state: tuple[str, int, int | None, str] | None = None
         self._began, self._first = time.monotonic(), 0
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def tell(self, description: str, done: int, total: int | None) -> None:
-        """``done`` of ``total`` steps are finished; another total is another work."""
+    def tell(self, description: str, done: int, total: int | None, more: str = "") -> None:
+        """``done`` of ``total`` steps are finished; another total is another work. ``more``: beside it."""
         if self._state is None or self._state[2] != total:
             self._began, self._first = time.monotonic(), done
-        self._state = description, done, total
+        self._state = description, done, total, more
         if self._thread is None:
             self._thread = threading.Thread(target=self._beat, daemon=True)
             self._thread.start()
@@ -42,13 +42,13 @@ class Heartbeat:
         """What is done, since when, and how long the rest will take at the same rate."""
         if self._state is None:
             return ""
-        description, done, total = self._state
+        description, done, total, more = self._state
         spent = time.monotonic() - self._began
         of = f"{done} of {total}" if total else str(done)
         left = ""
         if total and self._first < done < total:
             left = f", about {duration(spent * (total - done) / (done - self._first))} left"
-        return f"{description}: {of}, {duration(spent)} so far{left}"
+        return f"{description}: {of}{more}, {duration(spent)} so far{left}"
 
     def _beat(self) -> None:
         while not self._over.wait(self._every):

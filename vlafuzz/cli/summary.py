@@ -62,7 +62,8 @@ class RunBar:
         self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed, causes=causes)
         if self._heartbeat:
             total = self._progress.tasks[0].total
-            self._heartbeat.tell(f"rollouts, {failed} failed{causes}", tally.rollouts, int(total or 0))
+            more = f", {failed} failed{causes.replace(' · ', ', ')}"
+            self._heartbeat.tell("rollouts", tally.rollouts, int(total or 0), more)
 
     def _correct(self, rollouts: int) -> None:
         now = time.monotonic()
