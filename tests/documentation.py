@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 SLOW, NOT_RUN = "slow", "not run: "
 _BLOCK = re.compile(r"(?:^<!-- ([^\n]*) -->\n)?^```console\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-_FILE = re.compile(r'^```python title="([^"\n]+)"\n(.*?)^```$', re.DOTALL | re.MULTILINE)
+_FILE = re.compile(r'^```\w+ title="([^"\n]+)"\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 _CODE = re.compile(r"`(vlafuzz [^`\n]+)`")
 
 
