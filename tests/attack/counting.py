@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.attack import samples
 from tests.attack.reactions import is_fair
 from tests.attack.readers import READERS, Reader
 from tests.attack.servers import SERVERS
@@ -79,6 +80,7 @@ def reaction(name: str, seed: int, number: int, seconds: float = 0.0) -> tuple[s
 
 def count(name: str, inputs: int, seed: int, first: int = 0) -> Count:
     """The reactions to the inputs from ``first`` on."""
+    samples.make_all()
     counted, number = Count(), first
     while number < first + inputs:
         last = min(number + SLICE, first + inputs)

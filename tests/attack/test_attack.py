@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.attack import servers
+from tests.attack import samples, servers
 from tests.attack.counting import TARGETS, count, reaction
 
 COSTLY = {"store rows": 4, "meshes": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
@@ -12,6 +12,7 @@ COSTLY = {"store rows": 4, "meshes": 4, **dict.fromkeys(servers.SERVERS, 2)}  # 
 
 @pytest.fixture(scope="module", autouse=True)
 def _ended() -> Iterator[None]:
+    samples.make_all()
     yield
     servers.stop()
 
