@@ -86,6 +86,16 @@ def test_a_strategy_of_a_run_is_not_loaded_either(folder: Path, capsys: pytest.C
     assert not (folder / RAN).exists()
 
 
+@pytest.mark.parametrize(
+    "names", ["random, python:a:b", "python:a:b,random", "lerobot:./sent?profile=libero"]
+)
+def test_no_name_that_loads_code_is_overlooked(names: str):
+    with pytest.raises(UsageError, match="the file names"):
+        check_trusted(names)
+    with trusting(names):
+        check_trusted(names)
+
+
 def test_trust_ends_with_the_command():
     with trusting("python:a:b"):
         check_trusted("mini", "python:a:b")

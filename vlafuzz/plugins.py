@@ -15,7 +15,7 @@ from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggesti
 
 PREFIX = "python:"
 OBJECT = "object:"  # begins the names of policies that were handed over as objects
-EVERYTHING = "*"
+EVERYTHING = "--trust"
 _TRUSTED = "VLAFUZZ_TRUST"  # environment variable with one reference a line
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 _FORM = "expected python:package.module:factory"
@@ -34,7 +34,8 @@ def trusting(*references: str) -> Iterator[None]:
         references: those that the user named, or ``EVERYTHING``.
     """
     before = os.environ.get(_TRUSTED, "")
-    os.environ[_TRUSTED] = "\n".join([before, *references])
+    parts = (part.strip() for reference in references for part in [reference, *reference.split(",")])
+    os.environ[_TRUSTED] = "\n".join([before, *parts])
     try:
         yield
     finally:
@@ -42,21 +43,25 @@ def trusting(*references: str) -> Iterator[None]:
 
 
 def check_trusted(*names: str) -> None:
-    """Check names that a store or corpus holds: a file that somebody sent must not run code.
+    """Check names, or lists of them with commas, that a file holds: one that somebody sent must not run code.
 
     Raises:
         UsageError: one refers to code, and the user neither named it nor said ``--trust``.
     """
     trusted = os.environ.get(_TRUSTED, "").split("\n")
-    for name in names:
-        if is_reference(name) and not {name, EVERYTHING} & set(trusted):
+    for name in (name.strip() for several in names for name in several.split(",")):
+        if _loads_code(name) and not {name, EVERYTHING} & set(trusted):
             message = f"the file names {name!r}: code, which is not run just because a file names it"
             raise UsageError(message, hint="if you know that code, repeat the command with --trust")
 
 
 def trust_flag(*names: str) -> list[str]:
     """The flag with which a command accepts these names from a file; empty where it needs none."""
-    return ["--trust"] if any(map(is_reference, names)) else []
+    return [EVERYTHING] if any(map(_loads_code, names)) else []
+
+
+def _loads_code(name: str) -> bool:
+    return name.startswith((PREFIX, "lerobot:"))  # whose folder may name modules
 
 
 def load_factory(reference: str) -> Callable[..., Any]:

@@ -16,7 +16,7 @@ from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order
 from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
-from vlafuzz.plugins import EVERYTHING, PREFIX, trusting
+from vlafuzz.plugins import trusting
 
 BUG = 70  # the exit code of a traceback
 
@@ -59,8 +59,6 @@ app = typer.Typer(
 )
 
 
-_REFERENCE = re.compile(r"(?:^|(?<=[\s,=]))" + PREFIX + r"[^\s,]+")  # code that the user names
-
 # click's; newer typer versions carry their own copy of click
 _WrongUsage: Any = typer.BadParameter.__base__
 
@@ -82,7 +80,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         words = _renamed(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
-        with trusting(*_REFERENCE.findall(" ".join(words)), *[EVERYTHING] * ("--trust" in words)):
+        with trusting(*_values(words)):  # the flag --trust may be among them
             ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
@@ -114,6 +112,11 @@ def _renamed(arguments: Sequence[str]) -> list[str]:
     """The arguments under today's names: up to version 0.1 a policy was called a subject."""
     words = ["policies" if (place, word) == (0, "subjects") else word for place, word in enumerate(arguments)]
     return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in words]
+
+
+def _values(words: Sequence[str]) -> list[str]:
+    """What the user gives, flags without their values left out: the code in it may be loaded."""
+    return [re.sub("^--[a-z-]+=", "", word) for word in words]
 
 
 def _check_filled(words: Sequence[str]) -> None:
