@@ -8,6 +8,7 @@ import pytest
 from tests.regression.corpora import case, make_corpus
 from tests.sim.scenes import nominal
 from vlafuzz.outcome import Verdict
+from vlafuzz.plugins import EVERYTHING, trusting
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
@@ -17,9 +18,10 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes that the expert solves; the witness of the first is its solution."""
     from tests.triage.test_scene_runner import run
 
-    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
-    solved = runner.solve(nominal(), 0)
-    runner.close()
+    with trusting(EVERYTHING):
+        runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+        solved = runner.solve(nominal(), 0)
+        runner.close()
     assert solved.verdict is Verdict.PASSED
     solution = replace(case().witness, actions=solved.rollouts[0].actions)
     first = replace(case(), scene=nominal(), witness=solution)
