@@ -113,6 +113,7 @@ def output_of(example: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(tmp_path):
     example = PYTHON[1]
     lines = output_of(example, tmp_path).splitlines()

@@ -125,10 +125,10 @@ def test_an_error_reaches_who_asked_and_nobody_else():
 def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():
     class Gone(Counter):
         def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-            raise SystemExit
+            raise KeyboardInterrupt
 
     gathered = RequestGatherer(Gone())
     gathered.ask(0, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
-    with pytest.raises(SystemExit):
+    with pytest.raises(KeyboardInterrupt):
         gathered.ask(0, act())
     assert np.array_equal(gathered.ask(0, Request(over=["one"])), [])

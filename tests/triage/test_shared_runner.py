@@ -8,6 +8,7 @@ import pytest
 from tests.sim.scenes import nominal
 from tests.triage.test_scene_runner import BATCHES, SEEDS, run
 from vlafuzz.outcome import Verdict
+from vlafuzz.plugins import EVERYTHING, trusting
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.shared_runner import SharedRunner
 
@@ -16,9 +17,10 @@ from vlafuzz.triage.shared_runner import SharedRunner
 def runner() -> Iterator[SimulatorSceneRunner]:
     SEEDS.clear()
     BATCHES.clear()
-    runner = SimulatorSceneRunner(Path("a.db"), run("make_remote"))
-    yield runner
-    runner.close()
+    with trusting(EVERYTHING):
+        runner = SimulatorSceneRunner(Path("a.db"), run("make_remote"))
+        yield runner
+        runner.close()
 
 
 def test_rollouts_that_several_ask_for_are_answered_together(runner):
