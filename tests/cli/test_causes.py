@@ -127,3 +127,14 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", planted)
     assert main(["triage", "a.db", "--limit", "1"]) == 0
     assert capsys.readouterr().out.count("· certified: ") == 2
+
+
+def test_no_cause_is_begun_for_which_there_is_no_time(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("vlafuzz.triage.pipeline.expected", lambda *_: 1e6)
+    assert main([*CAUSES, "--time", "5m"]) == 0
+    printed = capsys.readouterr()
+    assert "no cause is certified: one takes about" in printed.err
+    assert "hint: continue with `vlafuzz triage a.db --limit " in printed.err
+    assert "· certified" not in printed.out

@@ -194,3 +194,11 @@ def test_an_unknown_run_is_refused_with_the_known_ones(store: Store):
     with pytest.raises(StoreError, match="no run 7") as caught:
         list(store.trials(7))
     assert caught.value.hint == "its runs: 1"
+
+
+def test_time_that_a_run_has_noted_counts_and_not_that_of_its_parallel_rollouts(store):
+    number = store.begin(manifest())
+    for proposal in range(3):
+        store.add(number, trial(proposal, passed()))
+    store.finish(number, "interrupted", 0.25, 0.0, 0.0)
+    assert store.reopen(number).seconds == 0.25

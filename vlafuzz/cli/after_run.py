@@ -69,8 +69,14 @@ def triage_run(
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         with Store.open(Path(summary.store)) as store:
-            takes = duration(expected(store, min(most, found.found), plan.triage_workers))
-        each = f"{PER_CAUSE} rollouts or more each, about {takes}"
+            seconds = expected(store, min(most, found.found), plan.triage_workers)
+        one, left = seconds / min(most, found.found), allowance.deadline.left
+        if left < one / 2:
+            needed = f"one takes about {duration(one)}, and of --time {duration(max(left, 0.0))} is left"
+            Bar.note(f"no cause is certified: {needed}")
+            hint_at_rest(plan, found)
+            return {}
+        each = f"{PER_CAUSE} rollouts or more each, about {duration(seconds)}"
         Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
     try:
         return triage_store(

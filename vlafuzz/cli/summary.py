@@ -75,6 +75,8 @@ class RunBar:
 
     def __enter__(self) -> Self:
         self._progress.start()
+        if self._heartbeat:
+            self._heartbeat.tell("rollouts", self.rollouts, int(self._progress.tasks[0].total or 0))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -145,7 +145,8 @@ def _triage(
     noun = "findings" if causes_of is None else "causes"
 
     def watch(now: Progress) -> None:
-        bar.progress(f"{noun}, {now.rollouts} rollouts", now.done, now.findings)
+        took = f", {plural(now.rollouts, 'rollout')}" if now.rollouts else ""  # of those that are done
+        bar.progress(f"{noun}{took}", now.done, now.findings)
 
     Store.open(store).close()  # to write, an empty file would be made a store
     with Store.open(store, "write") as opened:
@@ -180,6 +181,9 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
     seconds = expected(store, len(left), workers)
     if allowance and allowance.rollouts:
         seconds *= min(allowance.rollouts / (PER_FINDING * max(len(left), 1)), 1.0)
+    one = expected(store, 1, workers)
+    if left and allowance and allowance.deadline.left < one:
+        Bar.note(f"a finding takes about {duration(one)}: --time may end before the first one is done")
     if seconds > NOBODY_WAITS:
         basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
         Bar.note(f"about {duration(seconds)}: {plural(len(left), 'finding')}, {basis}")

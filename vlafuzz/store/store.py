@@ -92,7 +92,7 @@ class Store:
 
     def reopen(self, run: int) -> Spent:
         """Continue a run that ended early; returns the time that it has taken."""
-        rolling = "max(coalesce(seconds, 0), (SELECT total(seconds) FROM trial WHERE run = ?1))"
+        rolling = "coalesce(seconds, (SELECT total(seconds) FROM trial WHERE run = ?1))"  # if it was killed
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
             reopened = self._connection.execute(
