@@ -55,3 +55,13 @@ def test_short_work_says_nothing_where_there_is_no_terminal(capsys):
     with Bar() as bar:
         bar.progress("scenes", 1, 2)
     assert capsys.readouterr().err == ""
+
+
+def test_fewer_steps_than_before_are_another_work():
+    beat = Heartbeat(Lines(), every=60)
+    beat.tell("causes", 2, 4)
+    beat.tell("causes", 0, 4)
+    assert "left" not in beat.line()
+    beat.tell("causes", 1, 4)
+    assert "left" in beat.line()
+    beat.stop()

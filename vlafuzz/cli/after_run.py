@@ -61,7 +61,7 @@ def triage_run(
     """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import PER_CAUSE, affordable, expected
+    from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, expected
 
     found = None if everything else causes(summary)
     if found and found.found:
@@ -69,14 +69,14 @@ def triage_run(
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         with Store.open(Path(summary.store)) as store:
-            seconds = expected(store, min(most, found.found), plan.triage_workers)
-        one, left = seconds / min(most, found.found), allowance.deadline.left
-        if left < one / 2:
+            one = expected(store, 1, plan.triage_workers)
+        left = allowance.deadline.left
+        if left < one * PER_CAUSE / PER_FINDING:
             needed = f"one takes about {duration(one)}, and of --time {duration(max(left, 0.0))} is left"
             Bar.note(f"no cause is certified: {needed}")
             hint_at_rest(plan, found)
             return {}
-        each = f"{PER_CAUSE} rollouts or more each, about {duration(seconds)}"
+        each = f"{PER_CAUSE} rollouts or more each, about {duration(one * min(most, found.found))}"
         Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
     try:
         return triage_store(

@@ -5,11 +5,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import count, groupby, islice
+from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
 from vlafuzz.deadline import Deadline
-from vlafuzz.outcome import Rollout
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
@@ -33,22 +32,22 @@ class Progress(NamedTuple):
 
 def expected(store: Store, findings: int, workers: int) -> float:
     """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
-    seconds = [
-        rollout.seconds for run in reversed(store.runs()) for rollout in islice(_rollouts(store, run), SAMPLE)
-    ][:SAMPLE] or [0.0]
-    at_once = max(workers, *(_at_once(store, run) / 2 for run in store.runs()[-1:]), 1)
+    runs = store.runs()
+    newest_first = chain.from_iterable(_seconds(store, run) for run in reversed(runs))
+    seconds = list(islice(newest_first, SAMPLE)) or [0.0]
+    at_once = max(workers, _at_once(store, runs[-1]) / 2 if runs else 0.0)
     return PER_FINDING * findings * sum(seconds) / len(seconds) / at_once
 
 
-def _rollouts(store: Store, run: Run) -> Iterator[Rollout]:
-    return (rollout for trial in store.trials(run.id) for rollout in trial.outcome.rollouts)
+def _seconds(store: Store, run: Run) -> Iterator[float]:
+    return (rollout.seconds for trial in store.trials(run.id) for rollout in trial.outcome.rollouts)
 
 
 def _at_once(store: Store, run: Run) -> float:
     """How many rollouts a run had at a time behind a server, of which triage fills about half; else none."""
     if "://" not in run.manifest.policy or not run.seconds:
         return 0.0
-    return sum(rollout.seconds for rollout in _rollouts(store, run)) / run.seconds
+    return sum(_seconds(store, run)) / run.seconds
 
 
 @dataclass
