@@ -25,8 +25,9 @@ class Heartbeat:
         self._thread: threading.Thread | None = None
 
     def tell(self, description: str, done: int, total: int | None, more: str = "") -> None:
-        """``done`` of ``total`` steps are finished; ``more`` goes beside it. With another total, or fewer done,
-        it is another work.
+        """``done`` of ``total`` steps are finished; ``more`` goes beside it.
+
+        With another total, or fewer steps done than before, it is another work.
         """
         if self._state is None or self._state[2] != total or done < self._state[1]:
             self._began, self._first = time.monotonic(), done
