@@ -7,6 +7,7 @@ import pytest
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import Forecast, Speed, at_a_time, usual_speed
+from vlafuzz.deadline import Deadline
 from vlafuzz.execute.registry import Place
 from vlafuzz.policies.controls import Random
 
@@ -83,3 +84,32 @@ def test_built_in_policies_have_a_usual_speed_and_others_are_measured(planned: P
     assert speed.words == "at the usual speed of random"
     own = replace(planned, manifest=replace(planned.manifest, policy="python:my:make"))
     assert usual_speed(own) is None
+
+
+def within(planned: Plan, minutes: float, *, certify: bool, speed: Speed = SLOW) -> Forecast:
+    """A forecast with ``--time``; half of it is for the run where certification follows."""
+    until = Deadline(60 * minutes + 1)
+    return Forecast(planned, speed, certify, until.after(0.5) if certify else until, until)
+
+
+def test_with_a_time_it_says_how_many_rollouts_that_is(planned: Plan):
+    assert str(within(planned, 30, certify=False)) == (
+        "in 30 min (--time): 45 to 128 of 300 rollouts of up to 80 steps; measured: an answer takes 0.5 s"
+    )
+
+
+def test_with_a_time_it_says_whether_certification_fits(planned: Plan):
+    hopeless, fits = within(planned, 30, certify=True), within(planned, 240, certify=True)
+    assert "22 to 64 of 300 rollouts of up to 80 steps, and probably no certified cause" in str(hopeless)
+    assert "since one takes about 47 min" in str(hopeless)
+    assert "of 300 rollouts of up to 80 steps, and about 2 certified causes; " in str(fits)
+
+
+def test_a_time_that_is_long_enough_changes_nothing(planned: Plan):
+    assert str(within(planned, 6000, certify=True)) == str(Forecast(planned, SLOW, certify=True))
+
+
+def test_with_a_time_it_is_corrected_in_rollouts(planned: Plan):
+    forecast = within(planned, 30, certify=False)
+    rather = forecast.after(60.0, done=20)
+    assert rather == "rather about 50 rollouts before --time is over: a rollout takes 60 s"

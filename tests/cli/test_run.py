@@ -8,8 +8,10 @@ from tests.doubles import ClosedForm, Gone, Raising, scene
 from tests.triage.planted import CONDITIONS
 from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
+from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
 from vlafuzz.deadline import Deadline
+from vlafuzz.diagnostics import before_run
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.triage import scene_runner as runner
@@ -74,6 +76,16 @@ def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(
     printed = capsys.readouterr()
     assert 0 < json.loads(printed.out)["rollouts"] < 20
     assert "stopped: its time is over; with --resume it goes on" in printed.err
+
+
+def test_before_a_run_with_a_time_it_says_how_far_that_gets(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(before_run, "usual_speed", lambda _: Speed(answer=9.0, simulator=0.0, words="slow"))
+    few = ("--workers", "1", "--budget", "3", "--no-certify", "--store", "a.db")
+    assert main(["run", "--policy", "frozen", *few, "--time", "20m"]) == 0
+    # three rollouts of 56 answers would take 25 minutes
+    assert "in 20 min (--time): 1 to 3 of 3 rollouts of up to 80 steps; slow\n" in capsys.readouterr().err
 
 
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):

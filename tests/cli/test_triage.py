@@ -75,6 +75,15 @@ def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys: pytest.C
     )
 
 
+def test_with_a_time_it_says_how_many_findings_that_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("vlafuzz.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
+    assert main(["triage", "a.db", "--time", "2m"]) == 0
+    said = "in 120 s (--time): about 1 of 3 findings, which take about 60 s each"
+    assert said in capsys.readouterr().err
+
+
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], store: Path
 ):

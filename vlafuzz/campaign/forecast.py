@@ -1,18 +1,19 @@
-"""Forecast: how long a run will take, from the seconds of an answer and the steps of a rollout."""
+"""Forecast: how long a run takes, or how far it gets, by the seconds of an answer and a rollout's steps."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vlafuzz.campaign.config import Plan
+from vlafuzz.deadline import Deadline
 from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import lanes_at
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.registry import is_remote, is_shared
 from vlafuzz.rigs.robots import rig
 from vlafuzz.text import duration, plural
-from vlafuzz.triage.pipeline import PER_FINDING, affordable
+from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable
 
 # Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.
 SHORT, USUAL = 0.35, 0.7
@@ -71,15 +72,21 @@ def longest(spec: PolicySpec, robot: str) -> int:
 
 @dataclass(frozen=True)
 class Forecast:
-    """How long a plan will take, with or without certification of its causes."""
+    """How long a plan will take, with or without certification of its causes, or how far it gets in a time.
+
+    Attributes:
+        search: when no rollout of the run is begun any more; ``until``: when certification ends, too.
+    """
 
     plan: Plan
     speed: Speed
     certify: bool
+    search: Deadline = field(default_factory=Deadline)
+    until: Deadline = field(default_factory=Deadline)
 
     @property
     def run(self) -> float:
-        """Seconds of the run."""
+        """Seconds of the run, were there no deadline."""
         place = self.plan.place
         lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
         return self.plan.manifest.budget * self._answers * self._answer(place.workers, lanes)
@@ -87,28 +94,60 @@ class Forecast:
     @property
     def certification(self) -> float:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
-        if not self.certify:
-            return 0.0
-        rollouts = PER_FINDING * affordable(self.plan.manifest.budget)
-        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
+        return self._certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
 
     def __str__(self) -> str:
-        manifest = self.plan.manifest
-        steps = f"of up to {longest(self.plan.policy.spec, manifest.robot)} steps"
+        both = self.run + self.certification
+        if self.run > self.search.left or both > self.until.left:
+            return self._in_time()
         low, high = (duration(self.run * share / USUAL) for share in (SHORT, 1.0))
-        takes = f"{plural(manifest.budget, 'rollout')} {steps} take {low} to {high}"
+        takes = f"{self._rollouts} take {low} to {high}"
         if self.certify:
             takes += f", certifying their causes about {duration(self.certification)}"
-        return f"about {duration(self.run + self.certification)}: {takes}; {self.speed.words}"
+        return f"about {duration(both)}: {takes}; {self.speed.words}"
 
-    def after(self, seconds: float) -> str:
-        """The forecast in view of the seconds that a rollout takes; empty if it is still about right."""
+    def _in_time(self) -> str:
+        """What the deadlines leave of the rollouts and of certification."""
+        budget, left = self.plan.manifest.budget, self.search.left
+        few, many = (
+            max(min(int(budget * left * USUAL / (share * self.run)), budget), 1) for share in (1.0, SHORT)
+        )
+        some = f"{few} to {many} of " if few < many else "" if few == budget else f"{few} of "
+        rest = f", and {self._in_rest()}" if self.certify else ""
+        return f"in {duration(self.until.left)} (--time): {some}{self._rollouts}{rest}; {self.speed.words}"
+
+    def _in_rest(self) -> str:
+        """How many causes certification gets done in the time that the run leaves it."""
+        rest = self.until.left - min(self.run, self.search.left)
+        one, most = self._certifying(PER_FINDING), affordable(self.plan.manifest.budget)
+        if rest < self._certifying(PER_CAUSE):
+            return f"probably no certified cause, since one takes about {duration(one)}"
+        return f"about {plural(min(max(int(rest / one), 1), most), 'certified cause')}"
+
+    def after(self, seconds: float, done: int = 0) -> str:
+        """The forecast in view of the seconds that a rollout takes, of which so many are done.
+
+        Empty if it is still about right.
+        """
         run = seconds * self.plan.manifest.budget
         if 1 / RIGHT <= run / self.run <= RIGHT:
             return ""
+        takes, in_time = f"a rollout takes {seconds:.2g} s", done + self.search.left / seconds
+        if in_time < self.plan.manifest.budget:
+            return f"rather about {plural(int(in_time), 'rollout')} before --time is over: {takes}"
         both = run + self.certification * run / self.run
-        return f"rather about {duration(both)} in all: a rollout takes {seconds:.2g} s"
+        return f"rather about {duration(min(both, self.until.left))} in all: {takes}"
+
+    @property
+    def _rollouts(self) -> str:
+        manifest = self.plan.manifest
+        steps = longest(self.plan.policy.spec, manifest.robot)
+        return f"{plural(manifest.budget, 'rollout')} of up to {steps} steps"
+
+    def _certifying(self, rollouts: int) -> float:
+        """Seconds for so many rollouts of certification."""
+        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
+        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
 
     @property
     def _answers(self) -> float:

@@ -169,10 +169,11 @@ def command(
     with Bar() as bar:
         plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
-    forecast = Forecast(plan, speed, certifying) if speed else None
+    search = until.after(SEARCH) if triage or certifying else until
+    forecast = Forecast(plan, speed, certifying, search, until) if speed else None
     if forecast and forecast.run > NOBODY_WAITS:
         Bar.note(str(forecast))
-    summary = _start(plan, forecast, until.after(SEARCH) if triage or certifying else until)
+    summary = _start(plan, forecast, search)
     beside, effects = after_run.beside_random(summary), after_run.effects(summary)
     if not json:
         found = after_run.causes(summary)

@@ -69,7 +69,7 @@ class RunBar:
         now = time.monotonic()
         began, before = self._first = self._first or (now, rollouts)
         if self._forecast and rollouts - before >= FIRST:
-            if corrected := self._forecast.after((now - began) / (rollouts - before)):
+            if corrected := self._forecast.after((now - began) / (rollouts - before), rollouts):
                 self._progress.console.print(corrected, soft_wrap=True)
             self._forecast = None
 

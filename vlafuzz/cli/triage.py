@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from dataclasses import asdict
 from functools import partial
@@ -182,9 +183,13 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
     if allowance and allowance.rollouts:
         seconds *= min(allowance.rollouts / (PER_FINDING * max(len(left), 1)), 1.0)
     one = expected(store, 1, workers)
-    if left and allowance and allowance.deadline.left < one:
+    within = allowance.deadline.left if allowance else math.inf
+    if left and within < one:
         Bar.note(f"a finding takes about {duration(one)}: --time may end before the first one is done")
-    if seconds > NOBODY_WAITS:
+    elif seconds > within:
+        done_in_time = f"about {int(within / one)} of {plural(len(left), 'finding')}"
+        Bar.note(f"in {duration(within)} (--time): {done_in_time}, which take about {duration(one)} each")
+    elif seconds > NOBODY_WAITS:
         basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
         Bar.note(f"about {duration(seconds)}: {plural(len(left), 'finding')}, {basis}")
 
