@@ -33,8 +33,8 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Policy
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.serving.serve import PROTOCOLS, serving
+from vlafuzz.policies.registry import guesses, make_policy
+from vlafuzz.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
@@ -271,6 +271,32 @@ def heed_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
+class TestAddress:
+    """The printed name says all that a run would have to guess."""
+
+    @pytest.mark.parametrize(
+        "action",
+        [ActionSpec(), ActionSpec(rotation="euler_xyz", gripper="close_01", position_scale=0.05, hz=10)],
+    )
+    def test_nothing_is_guessed(self, protocol, action):
+        with serving(Attentive(action=action), protocol) as name, closing(make_policy(name)) as client:
+            assert guesses(name, client.spec) == {}
+            assert client.spec.action == action
+
+    def test_what_the_server_declares_is_not_repeated(self):
+        with serving(Frozen(), "vla-eval") as name:
+            assert "rotation=" not in name
+            assert "gripper=" not in name
+
+    def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
+        assert says_of(Frozen().spec).startswith(
+            "it answers one observation at a time, and the first action of each chunk is executed"
+        )
+        assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(
+            "it answers up to 8 observations at once, and all actions of each chunk are executed"
+        )
+
+
 class TestCommand:
     @pytest.mark.parametrize(
         ("arguments", "says"),
@@ -300,6 +326,7 @@ class TestCommand:
                 server.kill()
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
         assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
+        assert "one observation at a time, and the first action of each chunk is executed" in stderr
         assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
 
 

@@ -58,10 +58,11 @@ def serve(
 ) -> None:
     """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
 
-    Simultaneous requests of several clients are batched into one call of the policy.
+    The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of
+    several clients are batched into one call of the policy, up to its max_batch.
     """
     from vlafuzz.policies.registry import make_policy
-    from vlafuzz.serving.serve import serving
+    from vlafuzz.serving.serve import says_of, serving
 
     check_number("--port", port, 0, 65535)
     with (
@@ -72,5 +73,6 @@ def serve(
         data().write(f"{name}\n")
         data().flush()
         run = shlex.join(["vlafuzz", "run", "--policy", name])
-        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\nhint: fuzz it with `{run}`\n")
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n{says_of(served.spec)}\n")
+        sys.stderr.write(f"hint: fuzz it with `{run}`\n")
         threading.Event().wait()

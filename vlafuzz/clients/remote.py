@@ -126,8 +126,8 @@ class Address(Generic[Options]):
     options: Options
 
 
-# What the default of an option means; a wrong one makes any model fail.
-_GUESSES = {
+# Options that are guessed where nobody gives them: what the default means. A wrong one makes any model fail.
+CONVENTIONS = {
     "action": "actions move the hand",
     "frame": "along the axes of the robot's base",
     "rotation": "turns are rotation vectors",
@@ -143,7 +143,7 @@ def guesses(options: CommonOptions, spec: PolicySpec) -> dict[str, str]:
     """Conventions that neither the options nor the server declare, ``option=value``, and what that means."""
     given = options.model_fields_set | {name for name, by in spec.provenance.items() if by == "server"}
     values = vars(options) | vars(spec.action)
-    assumed = {name: means for name, means in _GUESSES.items() if name in values and name not in given}
+    assumed = {name: means for name, means in CONVENTIONS.items() if name in values and name not in given}
     return {f"{name}={_plain(values[name])}": means for name, means in assumed.items()}
 
 

@@ -3,10 +3,11 @@
 import errno
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import fields
+from dataclasses import asdict
 from urllib.parse import urlencode
 
-from vlafuzz.clients.remote import needed
+from vlafuzz.clients.remote import CONVENTIONS, needed
+from vlafuzz.clients.vla_eval_spec import UNDECLARED, declared_actions
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
 from vlafuzz.serving.sessions import ServedPolicy
@@ -39,7 +40,7 @@ def serving(policy: Policy, protocol: str, address: str = "127.0.0.1", port: int
 
 
 def options_of(spec: PolicySpec, protocol: str) -> dict[str, str | int | float]:
-    """The options that a client needs: all that differ from the defaults."""
+    """The options that a client needs: what differs from the defaults, and all it would have to guess."""
     sizes = {camera.role: f"{camera.width}x{camera.height}" for camera in spec.cameras}
     options: dict[str, str | int | float] = {"camera": sizes.get("third_person", "0")}
     if "wrist" in sizes:
@@ -48,11 +49,30 @@ def options_of(spec: PolicySpec, protocol: str) -> dict[str, str | int | float]:
             options["wrist_camera"] = sizes["wrist"]
     if spec.state:
         options["state"] = 1
-    default = ActionSpec()
-    for field in fields(ActionSpec):
-        if getattr(spec.action, field.name) != getattr(default, field.name):
-            options[field.name] = getattr(spec.action, field.name)
+    default = asdict(ActionSpec())
+    conventions = {"action": "eef_delta", "frame": "base"} | asdict(spec.action)
+    declared = _declared(spec.action) if protocol == "vla-eval" else set()
+    guessed = CONVENTIONS.keys() - declared
+    options |= {
+        name: f"{value:.12g}" if isinstance(value, float) else value
+        for name, value in conventions.items()
+        if name in guessed or value != default.get(name, value)
+    }
     return options | ({"deterministic": 1} if spec.deterministic else {})
+
+
+def _declared(action: ActionSpec) -> set[str]:
+    """The conventions that a vla-eval server declares by itself."""
+    return {name for name, part in declared_actions(action).items() if part["format"] != UNDECLARED}
+
+
+def says_of(spec: PolicySpec) -> str:
+    """What decides how fast a served policy is tested: its batches and its chunks, as a sentence."""
+    batch = f"up to {spec.max_batch} observations" if spec.max_batch > 1 else "one observation"
+    some = {None: "all actions", 1: "the first action"}.get(spec.execute, f"the first {spec.execute} actions")
+    of_chunk = f"{some} of each chunk {'is' if spec.execute == 1 else 'are'} executed"
+    once = "at once" if spec.max_batch > 1 else "at a time"
+    return f"it answers {batch} {once}, and {of_chunk} (max_batch and execute of its PolicySpec)"
 
 
 def _listening(protocol: str) -> Listening:
