@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,8 +10,8 @@ import typer
 from typer.testing import CliRunner
 
 from vlafuzz import renderer
-from vlafuzz.cli import doctor
-from vlafuzz.diagnostics import machine
+from vlafuzz.cli import doctor, main
+from vlafuzz.diagnostics import Check, before_run, machine
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
 NONE = renderer.Renderer(None, None, "Vulkan finds no device")
@@ -107,3 +108,34 @@ def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line(
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert child.stdout.splitlines()[-1] == "[]"
+
+
+def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    seen: list[str] = []
+
+    def examine(*_: object) -> Iterator[Check]:
+        yield Check("sight", "its answers change by 40%", "ok")
+        seen.append(capsys.readouterr().out)
+        yield Check("hearing", "its answers do not change", "warn", "deaf")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(before_run, "examine", examine)
+    assert main(["doctor", "--policy", "pinhole"]) == 130
+    assert "its answers change by 40%" in seen[0]
+    printed = capsys.readouterr()
+    assert "deaf" in printed.out
+    assert "interrupted" in printed.err
+
+
+def test_an_interrupted_doctor_prints_json_of_what_it_knows(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def examine(*_: object) -> Iterator[Check]:
+        yield Check("sight", "its answers change by 40%", "ok")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(before_run, "examine", examine)
+    assert main(["doctor", "--policy", "pinhole", "--json"]) == 130
+    assert [row["check"] for row in json.loads(capsys.readouterr().out)] == ["sight"]

@@ -13,6 +13,7 @@ from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.exam import Exam
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.policies.registry import make_policy
+from vlafuzz.watch import SILENT, Watch
 
 Examine = Callable[..., list[Check]]
 
@@ -21,9 +22,9 @@ Examine = Callable[..., list[Check]]
 def examine() -> Examine:
     """``examine(policy, n, task)``: all checks with ``n`` nominal rollouts, or only the quick ones."""
 
-    def checks(policy: Policy, n: int = 0, task: str = "pick-up") -> list[Check]:
+    def checks(policy: Policy, n: int = 0, task: str = "pick-up", watch: Watch = SILENT) -> list[Check]:
         manifest = plan(RunConfig(task=task, policy="pinhole"), policy=policy).manifest
-        with closing(Exam(manifest, policy)) as exam:
+        with closing(Exam(manifest, policy, watch)) as exam:
             return list(exam.thorough(n) if n else exam.quick())
 
     return checks
@@ -104,6 +105,22 @@ def test_swapped_axes_are_named(examine: Examine):
     checks = examine(FAULTS["x and y swapped"]("pinhole"), 2)
     assert named(checks) == THOROUGH["x and y swapped"]
     assert checks[-1].found.startswith(DETAILS["x and y swapped"])
+
+
+def test_a_policy_that_fails_in_most_nominal_scenes_is_not_run_in_the_rest_and_every_rollout_is_told(
+    examine: Examine,
+):
+    told: list[str] = []
+
+    class Told(Watch):
+        def progress(self, description: str, done: int, total: int | None) -> None:
+            told.append(f"{description}: {done} of {total}")
+
+    checks = examine(FAULTS["x and y swapped"]("pinhole"), 4, watch=Told())
+    assert "3 rollouts completed" in [check.found for check in checks]
+    nominal = [line for line in told if line.startswith("nominal")]
+    assert nominal == [f"nominal rollouts: {done} of 4" for done in range(4)]
+    assert "rollouts with corrections: 1 of None" in told
 
 
 @pytest.mark.parametrize("name", ["pinhole", "expert"])

@@ -1,17 +1,19 @@
 """``vlafuzz doctor``."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Annotated
 
 import typer
 
 from vlafuzz.cli.flags import OperatorsFlag, PackFlag, opened
-from vlafuzz.cli.output import Bar, print_rows
+from vlafuzz.cli.output import Bar, print_row, print_rows
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.machine import machine
 from vlafuzz.errors import UsageError, check_number
 
 MOST = 1000
+WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "proprioception"
 
 
 def doctor(
@@ -45,9 +47,9 @@ def doctor(
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
         checks = machine() if policy is None else _examine(policy, flags, n, bar)
-        done, complete = _until_interrupted(checks)
-    if done:
-        print_rows([check._asdict() for check in done], json=json)
+        done, complete = _until_interrupted(checks, (lambda _: None) if json else partial(_print, bar))
+    if json and done:
+        print_rows([check._asdict() for check in done], json=True)
     if not complete:
         raise typer.Abort
     if any(check.verdict == "refuse" for check in done):
@@ -63,12 +65,21 @@ def _examine(policy: str, flags: Mapping[str, object], n: int | None, bar: Bar) 
     return examine(run, 10 if n is None else n, bar)
 
 
-def _until_interrupted(checks: Iterator[Check]) -> tuple[list[Check], bool]:
-    """The checks, and whether all were done: with a slow policy they may take many minutes."""
+def _until_interrupted(
+    checks: Iterator[Check], show: Callable[[list[Check]], None]
+) -> tuple[list[Check], bool]:
+    """The checks, each shown as soon as it is known, and whether all were done."""
     done: list[Check] = []
     try:
         for check in checks:
             done += [check]
+            show(done)
     except KeyboardInterrupt:
         return done, False
     return done, True
+
+
+def _print(bar: Bar, done: list[Check]) -> None:
+    """Print the newest check as the next row: with a slow policy the last one may take many minutes."""
+    bar.clear()
+    print_row(done[-1]._asdict(), WIDTHS, first=len(done) == 1)

@@ -36,10 +36,11 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
             "up to some 150 more, with corrections"
         )
         most = longest(policy.spec, manifest.robot)
-        with closing(Exam(manifest, policy)) as exam:
+        watch.progress("checks", 0, None)
+        with closing(Exam(manifest, policy, watch)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):
-                watch.progress(f"after {check.check}", number, None)
                 yield check
+                watch.progress("checks", number, None)
                 if check.check == "speed":
                     watch.note(_duration(exam.speed(1), most, n))
 

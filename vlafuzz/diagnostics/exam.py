@@ -23,6 +23,7 @@ from vlafuzz.sim.base import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.watch import SILENT, Watch
 
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
@@ -32,9 +33,13 @@ BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 
 
 class Exam:
-    """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open."""
+    """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open.
 
-    def __init__(self, manifest: Manifest, policy: Policy) -> None:
+    ``watch`` is told of every rollout to the end.
+    """
+
+    def __init__(self, manifest: Manifest, policy: Policy, watch: Watch = SILENT) -> None:
+        self._watch, self._done = watch, 0
         self._policy, self._spec = policy, policy.spec
         self._corrected = Corrected(policy)
         self._recorder = Recorder(self._corrected)
@@ -87,7 +92,8 @@ class Exam:
         if verdict != "refuse":
             yield verdicts.on_nominal([outcome for _, outcome in self._outcomes])
             candidates = corrections(self._spec, self._recorder.longest)
-            yield check_wiring(self._outcomes, self._nominal, candidates, self._roll)
+            self._done = 0
+            yield check_wiring(self._outcomes, self._nominal, candidates, self._retry)
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
@@ -138,15 +144,18 @@ class Exam:
         return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
 
     def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:
-        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking."""
-        rolled = broken = 0
+        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking, or has failed in most of them."""
+        rolled = broken = failed = 0
+        self._watch.progress("nominal rollouts", 0, n)
         for scene in islice(self._nominal, n * UNFAIR):
             outcome = self._roll(scene)
             if outcome.verdict is Verdict.INVALID:
                 continue
             yield scene, outcome
             rolled, broken = rolled + 1, broken + (outcome.verdict is Verdict.ERROR)
-            if rolled == n or broken == BROKEN:
+            failed += outcome.verdict is Verdict.FAILED
+            self._watch.progress("nominal rollouts", rolled, n)
+            if rolled == n or broken == BROKEN or 2 * failed > n:
                 return
 
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
@@ -161,6 +170,12 @@ class Exam:
         objects = (scene.confounders[0], *scene.targets[1:])
         names = [self._catalogue[placed.object].spoken for placed in objects]
         return say(load_wordings()[scene.task][0], names)
+
+    def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
+        """A rollout to find out what is the wrong way round."""
+        self._watch.progress("rollouts with corrections", self._done, None)
+        self._done += 1
+        return self._roll(scene, correction)
 
     def _roll(self, scene: Scene, correction: Correction | None = None) -> Outcome:
         self._corrected.correction = correction

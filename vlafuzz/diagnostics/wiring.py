@@ -237,16 +237,26 @@ def check_wiring(
 def _best(
     failed: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
 ) -> tuple[Correction, float]:
-    """The correction with the largest mean gain; the search stops when all scenes pass with one."""
-    gains: dict[Correction, float] = {}
+    """The correction with the largest mean gain; the search stops when all scenes pass with one.
+
+    Beyond the first scene only those are tried that raised the progress there, or all if none did.
+    """
+    gains: dict[Correction, list[float]] = {}
+
+    def passes(correction: Correction, scene: Scene, before: Outcome) -> bool:
+        after = roll(scene, correction)
+        gains.setdefault(correction, []).append(after.progress - before.progress)
+        return after.verdict is Verdict.PASSED
+
     for correction in candidates:
-        corrected = [roll(scene, correction) for scene, _ in failed]
-        pairs = zip(corrected, failed, strict=True)
-        gains[correction] = fmean(after.progress - before.progress for after, (_, before) in pairs)
-        if all(outcome.verdict is Verdict.PASSED for outcome in corrected):
-            break
-    best = max(gains, key=gains.__getitem__)
-    return best, gains[best]
+        if all(passes(correction, *pair) for pair in failed):
+            return correction, fmean(gains[correction])
+    raised = [correction for correction in candidates if gains[correction][0] > 0] or candidates
+    for correction in raised:
+        for pair in failed[len(gains[correction]) :]:
+            passes(correction, *pair)
+    best = max(raised, key=lambda correction: fmean(gains[correction]))
+    return best, fmean(gains[best])
 
 
 def _keeps(correction: Correction, outcomes: Sequence[tuple[Scene, Outcome]], roll: Roll) -> bool:
