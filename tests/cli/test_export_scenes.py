@@ -1,14 +1,17 @@
 """``vlafuzz export`` of the scenes of a store."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm
+from tests.doubles import ClosedForm, failed, passed
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import load_scenes
+from vlafuzz.formats.scene_lines import load_scenes, load_verdicts, write_scenes
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 
@@ -49,6 +52,46 @@ def test_exported_scenes_can_be_run_again(store: str, capsys: pytest.CaptureFixt
     capsys.readouterr()
     assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["verdicts"]["passed"] == 0
+
+
+def test_running_exported_failures_again_says_how_many_pass_now(
+    store: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    main(["export", store, "--out", "out.jsonl"])
+    exported = len(load_scenes(Path("out.jsonl")))
+
+    class Better(ClosedForm):
+        """Passes in half of the scenes."""
+
+        def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+            return [passed() if int(scene.digest, 16) % 2 else failed() for scene in scenes]
+
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Better())
+    fixed = sum(int(scene.digest, 16) % 2 for scene in load_scenes(Path("out.jsonl")))
+    flags = ["run", *IDLE, "--label", "second", "--scenes", "out.jsonl", "--store", "b.db"]
+    capsys.readouterr()
+    assert main([*flags]) == 0
+    assert f"{fixed} of {exported} scenes that failed before pass now\n" in capsys.readouterr().out
+    assert main([*flags, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)["again"]
+    assert (again["failed"], again["fixed"], again["passed"], again["unjudged"]) == (exported, fixed, 0, 0)
+
+
+def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(
+    store: str, capsys: pytest.CaptureFixture[str]
+):
+    main(["export", store, "--out", "out.jsonl"])
+    write_scenes(Path("out.jsonl"), load_scenes(Path("out.jsonl")))
+    capsys.readouterr()
+    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["again"] is None
+
+
+def test_verdicts_are_kept_from_file_to_file(store: str):
+    main(["export", store, "--out", "one.jsonl", "--verdict", "all"])
+    main(["export", "one.jsonl", "--out", "two.jsonl"])
+    assert load_verdicts(Path("two.jsonl")) == load_verdicts(Path("one.jsonl"))
+    assert set(load_verdicts(Path("two.jsonl")).values()) == {"failed", "passed"}
 
 
 @pytest.mark.parametrize(

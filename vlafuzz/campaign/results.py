@@ -1,14 +1,20 @@
 """Numbers of a finished run: distinct failures, and the share of failures beside random generation."""
 
+import json
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.formats.scene_lines import load_verdicts
+from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import newcombe
 from vlafuzz.store.store import Store
+from vlafuzz.text import plural
 
 # Two scenes that differ in one operator only are at most 1 apart. Nudging every gene by 2 % of its range
 # moves a scene by less than 0.1, another object in one slot by 0.5 or more; and of 180,000 pairs of random
@@ -85,3 +91,52 @@ def beside_random(store: Store, run: int) -> Beside:
         return beside
     low, high = newcombe(failed, judged, random_failed, random_judged)
     return replace(beside, difference=failed / judged - random_failed / random_judged, low=low, high=high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Again:
+    """What became of the scenes of a file that tells how they ended before.
+
+    Attributes:
+        failed: scenes that failed before; ``fixed``: of these, those that pass now.
+        passed: scenes that passed before; ``broken``: of these, those that fail now.
+        unjudged: scenes of both that were not run, were invalid, or ended in an error.
+    """
+
+    failed: int
+    fixed: int
+    passed: int
+    broken: int
+    unjudged: int
+
+    def __str__(self) -> str:
+        parts = [f"{self.fixed} of {plural(self.failed, 'scene')} that failed before pass now"] * bool(
+            self.failed
+        )
+        parts += [f"{self.broken} of {plural(self.passed, 'scene')} that passed before fail now"] * bool(
+            self.passed
+        )
+        return ", ".join(parts + [f"{self.unjudged} could not be judged"] * bool(self.unjudged))
+
+
+def again(store: Store, run: int) -> Again | None:
+    """A run of the scenes of a file beside what the file tells; None where it tells nothing, or is gone."""
+    manifest = next(stored.manifest for stored in store.runs() if stored.id == run)
+    source = json.loads(manifest.scene_file or "{}")
+    if source.get("flag") != "scenes" or not Path(source["file"]).is_file():
+        return None
+    before, now = load_verdicts(Path(source["file"])), {}
+    for trial in store.trials(run):
+        if trial.outcome.verdict >= Verdict.PASSED:
+            now[trial.scene.digest] = trial.outcome.verdict.name.lower()
+    pairs = Counter((verdict, now.get(digest)) for digest, verdict in before.items())
+    if not pairs:
+        return None
+    count = Counter(before.values())
+    return Again(
+        failed=count["failed"],
+        fixed=pairs["failed", "passed"],
+        passed=count["passed"],
+        broken=pairs["passed", "failed"],
+        unjudged=pairs["failed", None] + pairs["passed", None],
+    )

@@ -15,7 +15,7 @@ from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
-    from vlafuzz.campaign.results import Beside
+    from vlafuzz.campaign.results import Again, Beside
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.report.causes import CauseList
     from vlafuzz.report.effects import Effects
@@ -27,12 +27,17 @@ _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certificati
 
 
 def document(
-    summary: Summary, beside: Beside | None, effects: Effects | None, found: CauseList | None
+    summary: Summary,
+    beside: Beside | None,
+    effects: Effects | None,
+    found: CauseList | None,
+    then: Again | None = None,
 ) -> dict[str, Any]:
     """A run as JSON."""
     parts = {
         "random": asdict(beside) if beside else None,
         "effects": effects.document() if effects else None,
+        "again": asdict(then) if then else None,
     }
     return asdict(summary) | parts | (found.document() if found else _NO_CAUSES)
 
@@ -108,6 +113,21 @@ def beside_random(summary: Summary) -> Beside | None:
         return None
     with Store.open(Path(summary.store)) as store:
         return beside_random(store, summary.run)
+
+
+def again(summary: Summary) -> Again | None:
+    """What became of the scenes of a file that tells how they ended before; else None."""
+    from vlafuzz.campaign.results import again
+    from vlafuzz.store.store import Store
+
+    with Store.open(Path(summary.store)) as store:
+        return again(store, summary.run)
+
+
+def print_again(then: Again | None) -> None:
+    """Print how many scenes that failed before pass now."""
+    if then is not None:
+        stdout().print(str(then), style="bold", soft_wrap=True)
 
 
 def effects(summary: Summary) -> Effects | None:

@@ -175,9 +175,11 @@ def command(
         Bar.note(str(forecast))
     summary = _start(plan, forecast, search)
     beside, effects = after_run.beside_random(summary), after_run.effects(summary)
+    then = after_run.again(summary)
     if not json:
         found = after_run.causes(summary)
         print_summary(summary, beside, about(plan.strategy), found.probability if found else None)
+        after_run.print_again(then)
         after_run.print_effects(effects)
     allowance = Allowance(deadline=until)
     triaged: dict[str, Any] | None = {}
@@ -186,7 +188,7 @@ def command(
     found = after_run.causes(summary)
     if json:
         more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})
-        print_json(after_run.document(summary, beside, effects, found) | more)
+        print_json(after_run.document(summary, beside, effects, found, then) | more)
     elif found:
         print_causes(found)
     elif not triage:

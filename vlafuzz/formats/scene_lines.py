@@ -1,6 +1,7 @@
-"""Files of scenes: our JSON lines, one scene a line, files of VLATest, or stores."""
+"""Files of scenes: our JSON lines, a scene a line with its verdict if known, files of VLATest, or stores."""
 
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from vlafuzz.reading import MIB, parse_json, read_text
 from vlafuzz.scene import Scene
 
 MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
+_VERDICT, _TOLD = "verdict", ("passed", "failed")
 _EXPECTED = "expected JSON lines with one scene per line"
 
 
@@ -49,7 +51,7 @@ def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
         if not line.strip():
             continue
         try:
-            yield number, Scene.from_json(line)
+            yield number, Scene.from_json(_split(line)[0])
         except SceneError as error:
             yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
 
@@ -59,11 +61,40 @@ def load_scenes(path: Path | str) -> list[Scene]:
     return SceneFile(Path(path), tuple(read_scenes(Path(path)))).scenes()
 
 
-def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
-    """Write JSON lines atomically."""
+def load_verdicts(path: Path) -> dict[str, str]:
+    """The verdicts that a file tells beside its scenes, passed or failed, by the digests of the scenes."""
+    verdicts: dict[str, str] = {}
+    for line in read_text(path, SceneError, _EXPECTED, most=MOST).split("\n"):
+        scene, verdict = _split(line)
+        if verdict in _TOLD:
+            verdicts[Scene.from_json(scene).digest] = str(verdict)
+    return verdicts
+
+
+def _split(line: str) -> tuple[str, object]:
+    """The scene of a line, and its verdict if there is one beside it."""
+    if _VERDICT not in line:
+        return line, None
+    try:
+        document = parse_json(line)
+    except ValueError:
+        return line, None  # reading it as a scene will raise the error
+    verdict = document.pop(_VERDICT, None) if isinstance(document, dict) else None
+    return json.dumps(document), verdict
+
+
+def write_scenes(
+    path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None
+) -> None:
+    """Write JSON lines atomically, with the verdicts that are known beside the scenes."""
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")
-    write_whole(path, "".join(scene.to_json() + "\n" for scene in scenes))
+    write_whole(path, "".join(_line(scene, (verdicts or {}).get(scene)) + "\n" for scene in scenes))
+
+
+def _line(scene: Scene, verdict: str | None) -> str:
+    text = scene.to_json()
+    return text if verdict is None else f'{text[:-1]},"{_VERDICT}":"{verdict}"}}'
 
 
 def is_store(path: Path) -> bool:

@@ -1,17 +1,19 @@
 """Export scenes for other programs: as files of scenes, or as demonstrations to train with."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
 from vlafuzz.files import writing
-from vlafuzz.formats.scene_lines import read_scene_file, write_scenes
+from vlafuzz.formats.scene_lines import is_vlatest, load_verdicts, read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.write import write_vlatest
 from vlafuzz.integrations.demonstrations import Demonstration, Demonstrations
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.packs import packs_of
+from vlafuzz.outcome import Verdict
 from vlafuzz.regression.check import UNSOLVED
 from vlafuzz.regression.folder import whole
 from vlafuzz.scene import Scene
@@ -30,32 +32,42 @@ class Exported(NamedTuple):
     left_out: Mapping[str, int]
 
 
-def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> list[Scene]:
-    """The distinct scenes of a store with a verdict; all scenes of a file, VLATest's unchanged."""
+def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> dict[Scene, str | None]:
+    """The distinct scenes of a store with a verdict; all scenes of a file, VLATest's unchanged.
+
+    Beside each scene is whether it failed or passed there; None where that is not known.
+    """
     if source.suffix in SCENE_FILES:
         if run is not None:
             problem = f"--run {run}: {source} is a file of scenes, not a store"
             raise UsageError(problem, hint="leave out --run")
-        return read_scene_file(source, load_catalogue(), "original").scenes()
+        scenes = read_scene_file(source, load_catalogue(), "original").scenes()
+        told = {} if is_vlatest(source) else load_verdicts(source)
+        return {scene: told.get(scene.digest) for scene in scenes}
     with Store.open(source) as store:
         if chosen == "failed":
-            return list(dict.fromkeys(finding.scene for finding in store.findings(run)))
+            return dict.fromkeys((finding.scene for finding in store.findings(run)), chosen)
         runs = [stored.id for stored in store.runs()] if run is None else [run]
-        trials = (trial for number in runs for trial in store.trials(number))
-        scenes = (trial.scene for trial in trials if chosen in ("all", trial.outcome.verdict.name.lower()))
-        return list(dict.fromkeys(scenes))
+        verdicts: dict[Scene, str | None] = {}
+        for trial in chain.from_iterable(map(store.trials, runs)):
+            verdict = trial.outcome.verdict.name.lower()
+            if chosen == "all" or verdict == chosen:
+                before = verdicts.get(trial.scene)
+                judged = trial.outcome.verdict >= Verdict.PASSED
+                verdicts[trial.scene] = verdict if judged and before != "failed" else before
+        return verdicts
 
 
-def write_file(out: Path, scenes: Sequence[Scene], layout: str) -> Exported:
-    """Write scenes to one file, in the layout ``vlafuzz`` or ``vlatest``."""
+def write_file(out: Path, scenes: Mapping[Scene, str | None], layout: str) -> Exported:
+    """Write scenes to one file, in the layout ``vlafuzz``, with their verdicts, or ``vlatest``."""
     left_out: Mapping[str, int] = {}
     with writing(out):
         if layout == "vlafuzz":
-            write_scenes(out, scenes)
+            write_scenes(out, scenes, scenes)
         else:
             ours = (scene for scene in scenes if not as_original(scene))  # originals are written unchanged
             names = (placement.object for scene in ours for placement in scene.placements)
-            left_out = write_vlatest(out, scenes, load_catalogue(packs=packs_of(names)))
+            left_out = write_vlatest(out, list(scenes), load_catalogue(packs=packs_of(names)))
     return Exported(len(scenes) - sum(left_out.values()), left_out)
 
 
