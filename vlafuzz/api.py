@@ -24,7 +24,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import deadline
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
 from vlafuzz.regression.bisect import Bisection
@@ -65,6 +65,7 @@ def fuzz(
 
     Raises:
         UsageError: a name, number or file is wrong.
+        VlafuzzError: every rollout ended in an error.
     """
     until, own = deadline("time", time), None if isinstance(policy, str) else policy
     name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
@@ -72,6 +73,8 @@ def fuzz(
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
     certifying = looks_for_causes(planned.strategy) if certify is None else certify
     summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
+    if summary.unjudged and summary.first_error:
+        raise VlafuzzError(summary.unjudged, hint=f"the errors are in {summary.store}: store.trials()")
     if certifying:
         with Store.open(Path(summary.store), "write") as store, trusting(name):
             runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
