@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count, groupby, islice
 from typing import NamedTuple
@@ -12,13 +12,16 @@ from vlafuzz.deadline import Deadline
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.triage.known import certified
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.shared_runner import SharedRunner
-from vlafuzz.triage.triager import SceneRunner, Triager
+from vlafuzz.triage.triager import Triager
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
+FIRST_WAVE = 4  # findings that do not know each other's causes; each later wave is twice as large
 SAMPLE = 200  # rollouts that tell how long one takes
 
 
@@ -85,6 +88,7 @@ def triage(
     limit: int | None = None,
     allowance: Allowance | None = None,
     workers: int = 1,
+    thorough: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> int:
     """Triage every finding that was not triaged yet; each result is stored at once.
@@ -99,6 +103,8 @@ def triage(
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
+        thorough: shrink every finding by a search of its own, also where it has a cause that is certified
+            already, and locate its thresholds anew.
         watch: called after every finding.
 
     Returns:
@@ -116,35 +122,49 @@ def triage(
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     jobs = [
-        Job(runs[number], list(several), max_rollouts, store.passing(number), blamed)
-        for number, several in groupby(todo, lambda finding: finding.run)
+        Job(
+            runs[number],
+            some,
+            max_rollouts,
+            store.passing(number),
+            blamed,
+            None if thorough else _known(store, some),
+        )
+        for number, some in ((number, list(some)) for number, some in groupby(todo, lambda one: one.run))
     ]
     allowance = allowance or Allowance()
-    unjudged, rollouts = 0, 0
+    done_now, unjudged, rollouts = 0, 0, 0
     watch(Progress(0, len(todo), 0))
     if workers == 1:
         results = _here(runner, jobs, allowance)
     else:
         results = _in_processes(runner, jobs, workers, allowance)
-    for number, triaged in enumerate(results, start=1):
-        if triaged is None:
-            unjudged += not allowance.used_up
-        else:
+    for triaged in results:
+        if triaged:
             allowance.charge(triaged)
             store.settle(triaged)
             rollouts += triaged.policy_rollouts + triaged.expert_rollouts
-        watch(Progress(number, len(todo), rollouts))
+        elif allowance.used_up:
+            continue
+        unjudged += triaged is None
+        done_now += 1
+        watch(Progress(done_now, len(todo), rollouts))
     return unjudged
 
 
 class Job(NamedTuple):
-    """The findings of one run that are to be triaged; the last three fields are those of ``Triager``."""
+    """The findings of one run that are to be triaged; the fields after them are those of ``Triager``.
+
+    Attributes:
+        known: None where every finding is to be shrunk by a search of its own.
+    """
 
     run: Run
     findings: Sequence[Finding]
     max_rollouts: int | None
     passing: Sequence[Scene]
     blamed: Mapping[Scene, Sequence[str]]
+    known: Sequence[Triaged] | None
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
         until = deadline or Deadline()
@@ -152,8 +172,12 @@ class Job(NamedTuple):
 
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
-    """The job of some findings of a run, with what that run knows."""
-    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]))
+    """The job of some findings of a run, with what that run knows; they know nothing of each other."""
+    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None)
+
+
+Work = Callable[[Callable[[Finding], Triaged | None], Sequence[Finding]], Iterable[Triaged | None]]
+"""Calls a function for findings, several at a time or one by one."""
 
 
 def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
@@ -162,14 +186,9 @@ def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Tri
         with closing(make(job.run)) as runner:
             if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:
                 shared = SharedRunner(runner)
-                allowed = partial(_allowed, job.triager(shared, allowance.deadline), allowance)
-                yield from shared.side_by_side(allowed, job.findings)
-                continue
-            triager = job.triager(runner, allowance.deadline)
-            for finding in job.findings:
-                if allowance.used_up:
-                    return
-                yield triager.triage(finding)
+                yield from _in_waves(shared.side_by_side, job, shared, allowance)
+            else:
+                yield from _in_waves(map, job, runner, allowance)
 
 
 def _in_processes(
@@ -179,12 +198,33 @@ def _in_processes(
 
     Results come in the order in which they are done.
     """
+
+    def work(
+        function: Callable[[Finding], Triaged | None], findings: Sequence[Finding]
+    ) -> Iterator[Triaged | None]:
+        return (triaged for _, triaged in side_by_side(pool, workers, function, findings))
+
     with process_pool(workers) as pool:
         for job in jobs:
-            triager = job.triager(PooledRunner(pool, make, job.run), allowance.deadline)
-            allowed = partial(_allowed, triager, allowance)
-            for _, triaged in side_by_side(pool, workers, allowed, job.findings):
-                yield triaged
+            yield from _in_waves(work, job, PooledRunner(pool, make, job.run), allowance)
+
+
+def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -> Iterator[Triaged | None]:
+    """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
+
+    So results do not depend on how many findings are worked on at a time.
+    """
+    triager, known = job.triager(runner, allowance.deadline), job.known
+    left, size = job.findings, FIRST_WAVE
+    while left and not allowance.used_up:
+        wave, left, size = left[:size], left[size:], 2 * size
+        results = list[Triaged]()
+        for triaged in work(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
+            yield triaged
+            results += [triaged] if triaged else []
+        if known is not None:
+            in_order = [finding.key for finding in wave]
+            known = certified([*known, *sorted(results, key=lambda one: in_order.index(one.key))])
 
 
 def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | None:
@@ -239,6 +279,12 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
 def findings_in_order(store: Store, run: int) -> list[Finding]:
     """The findings of a run in the order of ``triage`` under a limit."""
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
+
+
+def _known(store: Store, findings: Sequence[Finding]) -> list[Triaged]:
+    """What triage has certified of the same policy and task."""
+    key, task = findings[0].policy_key, findings[0].scene.task
+    return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 
 def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, tuple[str, ...]]:
