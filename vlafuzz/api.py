@@ -38,6 +38,7 @@ from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredFinding, StoredResults
 from vlafuzz.triage import pipeline
+from vlafuzz.triage.jobs import Allowance
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.summary import TriageSummary, summarise
 
@@ -77,7 +78,7 @@ def fuzz(
         raise VlafuzzError(summary.unjudged, hint=f"the errors are in {summary.store}: store.trials()")
     if certifying:
         with Store.open(Path(summary.store), "write") as store, trusting(name):
-            runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
+            runner, allowance = partial(_runner, Path(summary.store), own), Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
 
@@ -169,7 +170,7 @@ def triage(
             partial(_runner, Path(store), policy),
             limit=limit,
             max_rollouts=max_rollouts,
-            allowance=pipeline.Allowance(rollouts, deadline("time", time)),
+            allowance=Allowance(rollouts, deadline("time", time)),
             watch=watch,
         )
         return summarise(opened)

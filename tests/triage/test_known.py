@@ -12,7 +12,8 @@ from tests.triage.triaging import DARK, TILTED, fill, scenes
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import FIRST_WAVE, triage
+from vlafuzz.triage.jobs import FIRST_WAVE
+from vlafuzz.triage.pipeline import triage
 
 
 def results(path: Path, failing: Sequence[Scene], runner: PlantedRunner, **options: bool) -> list[Triaged]:

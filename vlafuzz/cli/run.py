@@ -136,7 +136,7 @@ def command(
     from vlafuzz.cli.triage import print_causes
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about, looks_for_causes
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
 
     values = {
         "task": task,

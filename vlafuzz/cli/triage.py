@@ -20,7 +20,7 @@ from vlafuzz.text import duration, plural
 if TYPE_CHECKING:
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
     from vlafuzz.triage.summary import TriageSummary
 
 
@@ -72,7 +72,7 @@ def command(
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.report.causes import all_causes
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
 
     note_alone(store)
     allowance = Allowance(rollouts, until)

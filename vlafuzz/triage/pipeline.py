@@ -1,27 +1,19 @@
-"""triage: work through the findings of a store, here or in several processes."""
+"""triage, certify_causes: which findings of a store are triaged, in which order, and at what cost."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
-from vlafuzz.deadline import Deadline
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.triage.jobs import Allowance, Job, work_here, work_in_processes
 from vlafuzz.triage.known import certified
-from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
-from vlafuzz.triage.runner import SceneRunner
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.triage.shared_runner import SharedRunner
-from vlafuzz.triage.triager import Triager
+from vlafuzz.triage.pool import Make
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
-FIRST_WAVE = 4  # findings that do not know each other's causes; each later wave is twice as large
 SAMPLE = 200  # rollouts that tell how long one takes
 
 
@@ -51,32 +43,6 @@ def _at_once(store: Store, run: Run) -> float:
     if "://" not in run.manifest.policy or not run.seconds:
         return 0.0
     return sum(_seconds(store, run)) / run.seconds
-
-
-@dataclass
-class Allowance:
-    """What triage may take: once it is used up, no further finding is begun.
-
-    A finding is not begun either if less time is left than those before it took on average. What the deadline
-    interrupts all the same is left for the next triage.
-
-    Attributes:
-        rollouts: of the policy; None for no limit. ``spent``: by the findings that are done.
-    """
-
-    rollouts: int | None = None
-    deadline: Deadline = field(default_factory=Deadline)
-    spent: int = 0
-    _seconds: list[float] = field(default_factory=list)
-
-    def charge(self, triaged: Triaged) -> None:
-        self.spent += triaged.policy_rollouts
-        self._seconds.append(triaged.seconds)
-
-    @property
-    def used_up(self) -> bool:
-        takes = sum(self._seconds) / max(len(self._seconds), 1)
-        return self.deadline.left <= takes or (self.rollouts is not None and self.spent >= self.rollouts)
 
 
 def triage(
@@ -122,23 +88,18 @@ def triage(
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     jobs = [
-        Job(
-            runs[number],
-            some,
-            max_rollouts,
-            store.passing(number),
-            blamed,
-            None if thorough else _known(store, some),
-        )
-        for number, some in ((number, list(some)) for number, some in groupby(todo, lambda one: one.run))
+        Job(runs[number], list(some), max_rollouts, store.passing(number), blamed, None)
+        for number, some in groupby(todo, lambda finding: finding.run)
     ]
+    if not thorough:
+        jobs = [job._replace(known=_known(store, job)) for job in jobs]
     allowance = allowance or Allowance()
     done_now, unjudged, rollouts = 0, 0, 0
     watch(Progress(0, len(todo), 0))
     if workers == 1:
-        results = _here(runner, jobs, allowance)
+        results = work_here(runner, jobs, allowance)
     else:
-        results = _in_processes(runner, jobs, workers, allowance)
+        results = work_in_processes(runner, jobs, workers, allowance)
     for triaged in results:
         if triaged:
             allowance.charge(triaged)
@@ -152,83 +113,9 @@ def triage(
     return unjudged
 
 
-class Job(NamedTuple):
-    """The findings of one run that are to be triaged; the fields after them are those of ``Triager``.
-
-    Attributes:
-        known: None where every finding is to be shrunk by a search of its own.
-    """
-
-    run: Run
-    findings: Sequence[Finding]
-    max_rollouts: int | None
-    passing: Sequence[Scene]
-    blamed: Mapping[Scene, Sequence[str]]
-    known: Sequence[Triaged] | None
-
-    def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
-        until = deadline or Deadline()
-        return Triager(runner, self.max_rollouts, self.passing, self.blamed, deadline=until)
-
-
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     """The job of some findings of a run, with what that run knows; they know nothing of each other."""
     return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None)
-
-
-Work = Callable[[Callable[[Finding], Triaged | None], Sequence[Finding]], Iterable[Triaged | None]]
-"""Calls a function for findings, several at a time or one by one."""
-
-
-def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
-    """Triage in this process, run by run; behind a server, as many findings at a time as it takes scenes."""
-    for job in jobs:
-        with closing(make(job.run)) as runner:
-            if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:
-                shared = SharedRunner(runner)
-                yield from _in_waves(shared.side_by_side, job, shared, allowance)
-            else:
-                yield from _in_waves(map, job, runner, allowance)
-
-
-def _in_processes(
-    make: Make, jobs: Sequence[Job], workers: int, allowance: Allowance
-) -> Iterator[Triaged | None]:
-    """Triage as many findings at a time as there are workers, whose rollouts all workers share.
-
-    Results come in the order in which they are done.
-    """
-
-    def work(
-        function: Callable[[Finding], Triaged | None], findings: Sequence[Finding]
-    ) -> Iterator[Triaged | None]:
-        return (triaged for _, triaged in side_by_side(pool, workers, function, findings))
-
-    with process_pool(workers) as pool:
-        for job in jobs:
-            yield from _in_waves(work, job, PooledRunner(pool, make, job.run), allowance)
-
-
-def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -> Iterator[Triaged | None]:
-    """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
-
-    So results do not depend on how many findings are worked on at a time.
-    """
-    triager, known = job.triager(runner, allowance.deadline), job.known
-    left, size = job.findings, FIRST_WAVE
-    while left and not allowance.used_up:
-        wave, left, size = left[:size], left[size:], 2 * size
-        results = list[Triaged]()
-        for triaged in work(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
-            yield triaged
-            results += [triaged] if triaged else []
-        if known is not None:
-            in_order = [finding.key for finding in wave]
-            known = certified([*known, *sorted(results, key=lambda one: in_order.index(one.key))])
-
-
-def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | None:
-    return None if allowance.used_up else triager.triage(finding)
 
 
 def certify_causes(
@@ -281,9 +168,9 @@ def findings_in_order(store: Store, run: int) -> list[Finding]:
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
 
 
-def _known(store: Store, findings: Sequence[Finding]) -> list[Triaged]:
+def _known(store: Store, job: Job) -> list[Triaged]:
     """What triage has certified of the same policy and task."""
-    key, task = findings[0].policy_key, findings[0].scene.task
+    key, task = job.findings[0].policy_key, job.findings[0].scene.task
     return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 
