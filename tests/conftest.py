@@ -9,10 +9,14 @@ os.environ.setdefault("VLAFUZZ_WORKERS", "1")
 
 import functools
 
+import hypothesis
 import pytest
 
 import vlafuzz.sim.maniskill  # noqa: F401 - before SAPIEN is
 from vlafuzz import renderer
+
+hypothesis.settings.register_profile("whatever else runs here", deadline=None)
+hypothesis.settings.load_profile("whatever else runs here")
 
 probe = functools.cache(renderer.probe)
 

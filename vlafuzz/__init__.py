@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "bisect", "film", "fuzz", "open_store", "regress"]
+__all__ = ["__version__", "bisect", "demonstrate", "film", "fuzz", "open_store", "regress"]
 
 
 def __getattr__(name: str) -> Any:

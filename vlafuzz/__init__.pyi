@@ -1,4 +1,5 @@
 from vlafuzz.api import bisect as bisect
+from vlafuzz.api import demonstrate as demonstrate
 from vlafuzz.api import film as film
 from vlafuzz.api import fuzz as fuzz
 from vlafuzz.api import open_store as open_store

@@ -24,7 +24,8 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import deadline
-from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.errors import UsageError
+from vlafuzz.integrations.training import Written, write_demonstrations
 from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
 from vlafuzz.regression.bisect import Bisection
@@ -38,9 +39,9 @@ from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredFinding, StoredResults
 from vlafuzz.triage import pipeline
-from vlafuzz.triage.jobs import Allowance
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.summary import TriageSummary, summarise
+from vlafuzz.watch import SILENT, Watch
 
 
 def fuzz(
@@ -66,7 +67,6 @@ def fuzz(
 
     Raises:
         UsageError: a name, number or file is wrong.
-        VlafuzzError: every rollout ended in an error.
     """
     until, own = deadline("time", time), None if isinstance(policy, str) else policy
     name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
@@ -74,11 +74,9 @@ def fuzz(
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
     certifying = looks_for_causes(planned.strategy) if certify is None else certify
     summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
-    if summary.unjudged and summary.first_error:
-        raise VlafuzzError(summary.unjudged, hint=f"the errors are in {summary.store}: store.trials()")
     if certifying:
         with Store.open(Path(summary.store), "write") as store, trusting(name):
-            runner, allowance = partial(_runner, Path(summary.store), own), Allowance(deadline=until)
+            runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
 
@@ -170,7 +168,7 @@ def triage(
             partial(_runner, Path(store), policy),
             limit=limit,
             max_rollouts=max_rollouts,
-            allowance=Allowance(rollouts, deadline("time", time)),
+            allowance=pipeline.Allowance(rollouts, deadline("time", time)),
             watch=watch,
         )
         return summarise(opened)
@@ -189,6 +187,23 @@ def regress(corpus: Path | str, policy: str, baseline: str | None = None, **opti
     """
     folder = Path(corpus)
     return compare_policies(folder, read_corpus(folder), policy, baseline, **options)
+
+
+def demonstrate(
+    store: Path | str, out: Path | str, *, workers: int = 1, watch: Watch = SILENT, **options: Any
+) -> Written:
+    """Let the expert solve failing scenes, and write its solutions as a LeRobot dataset to train with.
+
+    Args:
+        store: a store, or the folder of a corpus.
+        out: a new folder; scenes that are held out are written beside it.
+        options: ``run``, ``which``, ``number``, ``per_scene``, ``hold_out``: see ``integrations.training``.
+
+    Raises:
+        PrerequisiteError: LeRobot is not installed, or nothing renders here.
+        UsageError: the failures are of several kinds of policies, or cannot be held out.
+    """
+    return write_demonstrations(Path(store), Path(out), workers=workers, watch=watch, **options)
 
 
 def bisect(

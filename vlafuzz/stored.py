@@ -45,7 +45,6 @@ class StoredRun:
     """A run.
 
     Attributes:
-        label: the name that the user gave the policy with ``--label``; empty without one.
         budget: in rollouts of the policy.
         status: ``running``, ``finished``, ``stopped``, ``interrupted`` or ``failed``.
         seconds: wall time; None while it runs.
@@ -55,7 +54,6 @@ class StoredRun:
     run: int
     task: str
     policy: str
-    label: str
     strategy: str
     seed: int
     budget: int
@@ -95,16 +93,13 @@ class StoredTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFinding:
-    """A failing scene, with what triage says of it; also what ``vlafuzz findings --json`` prints.
+    """A failing scene, with what triage says of it.
 
     Attributes:
         scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
-        run: the one that found it; None in a corpus.
-        label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
         operators: in which the scene differs from a passing one, the confounders' as one.
         conditions: the range that fails, or the value in the scene, by operator, in words with units.
-        necessary: operators without which the policy passes; ``sufficient``: those that are enough alone.
         rate: how often the policy fails around ``scene``; None if unknown.
         witness: who solves ``scene``.
         detail: the evidence, in a sentence.
@@ -113,18 +108,15 @@ class StoredFinding:
 
     scene: str
     found: str
-    run: int | None
+    run: int
     task: str
     policy: str
-    label: str
     instruction: str
     lost_stage: str
     evidence: str
     signature: str | None
     operators: tuple[str, ...]
     conditions: tuple[str, ...]
-    necessary: tuple[str, ...]
-    sufficient: tuple[str, ...]
     rate: Rate | None
     witness: Solver | None
     detail: str
@@ -183,7 +175,6 @@ def _run(store: Store, run: Run) -> StoredRun:
     return StoredRun(
         run=run.id,
         **{name: getattr(run.manifest, name) for name in names},
-        label=run.manifest.named,
         status=run.status,
         seconds=run.seconds,
         failed=failed,
@@ -217,29 +208,26 @@ def _findings(store: Store, run: int | None) -> Iterator[StoredFinding]:
         about = finding, manifests[finding.run], spaces.of(manifests[finding.run])
         row = triaged.get(finding.key)
         if row is None:
-            yield finding_of(card_of_finding(store.path, *about), finding.run)
+            yield _finding(card_of_finding(store.path, *about), finding.run, None)
         else:
-            yield finding_of(card_of_triaged(store.path, row, *about), finding.run)
+            card = card_of_triaged(store.path, row, *about)
+            yield _finding(card, finding.run, row.certified if card.bucket == "minimal" else row.rate)
 
 
-def finding_of(card: Card, run: int | None = None) -> StoredFinding:
-    """The row of a card that shows one finding."""
+def _finding(card: Card, run: int, rate: Rate | None) -> StoredFinding:
     return StoredFinding(
         scene=card.scene.digest,
         found=card.findings[0],
         run=run,
         task=card.scene.task,
         policy=card.run.policy,
-        label=card.run.named,
         instruction=card.scene.instruction,
         lost_stage=card.lost_stage,
         evidence=card.bucket,
         signature=card.signature or None,
         operators=card.operators,
         conditions=tuple(f"{part.operator}: {part.range}" for part in card.deviations),
-        necessary=card.causes.necessary,
-        sufficient=card.causes.sufficient,
-        rate=card.rate,
+        rate=rate,
         witness=card.witness.solver if card.witness else None,
         detail=card.detail,
         replay=card.replay,

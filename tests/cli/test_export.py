@@ -1,7 +1,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest
@@ -9,7 +8,7 @@ from tests.regression.test_export import CheckingRunner
 from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import load_scenes
-from vlafuzz.integrations.demonstrations import Demonstrations
+from vlafuzz.integrations.selection import Which, failures_of_store
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Trial
@@ -106,23 +105,26 @@ def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
     assert "--run 1: a.jsonl is a file of scenes" in capsys.readouterr().err
 
 
-def test_demonstrations_of_a_store_are_the_witnesses_of_what_is_left_of_its_findings(store: Path):
+@pytest.mark.parametrize(("which", "scenes"), [("failed", 1), ("minimal", 2)])
+def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_counterpart(
+    store: Path, which: Which, scenes: int
+):
     with Store.open(store) as opened:
-        left = {item.shrunk: item.witness for item in opened.triaged()}
-    findings = Demonstrations(store, run=1)
-    assert [proof.scene for proof in findings.proofs] == list(left)
-    for proof in findings.proofs:
-        assert np.array_equal(proof.witness.actions, left[proof.scene].actions)
-    assert (findings.robot, findings.hz) == ("panda", 5)
+        failures = failures_of_store(opened, 1, which)
+        triaged = {row.scene: row for row in opened.triaged()}
+    assert len(failures) == len(triaged) == 3
+    for failure in failures:
+        row = triaged[failure.scene]
+        minimal = (row.shrunk, *row.counterparts.values())
+        assert failure.scenes == (minimal if which == "minimal" else (failure.scene,))
+        assert len(failure.scenes) == scenes
+        assert row.signature in failure.causes
 
 
-def test_a_store_without_witnesses_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
+def test_a_store_without_failures_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("pyarrow")
     with Store.open(Path("b.db"), "write") as store:
-        store.add(
-            store.begin(manifest()),
-            Trial(proposal=0, scene=Planted([TILTED]).finding(0), outcome=failed(), severity=1.0),
-        )
+        store.begin(manifest())
     assert main(["export", "b.db", "--format", "lerobot", "--out", "shown"]) == 2
-    assert "no failure in it has a witness" in capsys.readouterr().err
+    assert "b.db: has no failing scene" in capsys.readouterr().err
     assert not Path("shown").exists()

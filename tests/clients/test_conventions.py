@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.clients.conventions import ROTATIONS, Convention
+from vlafuzz.clients.conventions import ROTATIONS, SCALED, Convention
 
 WRITTEN = {
     "axis_angle": lambda turn: turn.as_rotvec(),
@@ -72,3 +72,14 @@ def test_numbers_that_are_no_rotation_are_refused(rotation, value):
     width = 4 + ROTATIONS[rotation][0]
     with pytest.raises(ValueError, match=r"not finite|zero norm|no rotation"):
         Convention(True, False, rotation, 1.0, 1.0).moves(np.full((1, width), value), HAND)
+
+
+@pytest.mark.parametrize("rotation", ROTATIONS)
+@pytest.mark.parametrize(("pose", "tool"), [(False, False), (False, True), (True, False)])
+@given(angles=angles)
+def test_what_is_written_is_read_as_the_same_move(rotation, pose, tool, angles):
+    scale = 0.5 if rotation in SCALED else 1.0
+    convention = Convention(pose, tool, rotation, 0.05, scale)
+    turn = Rotation.from_euler("xyz", angles).as_rotvec()
+    moves = np.array([[0.01, -0.02, 0.03, *turn, -1.0], [0.0, 0.1, 0.0, 0.0, 0.0, 0.2, 1.0]])
+    assert convention.moves(convention.written(moves, HAND), HAND) == pytest.approx(moves, abs=1e-6)

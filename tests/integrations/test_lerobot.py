@@ -1,4 +1,4 @@
-"""Witnesses of failures as a LeRobot dataset.
+"""Demonstrations as a LeRobot dataset.
 
 lerobot cannot be installed beside our packages. For the test with its own loader, name the Python of another
 environment with lerobot 0.4.4: VLAFUZZ_LEROBOT=PATH/bin/python scripts/test -m slow
@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,11 +19,15 @@ from PIL import Image
 
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.integrations.demonstrations import Demonstration
-from vlafuzz.regression.folder import read_corpus
+from vlafuzz.integrations.expert_runner import Demonstration
+from vlafuzz.integrations.packed import packed
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
+NAMES = {
+    "observation.state": ["x", "y", "z", "rx", "ry", "rz", "opening"],
+    "action": ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],
+}
 FRAMES, STEPS = "data/chunk-000/file-{:03d}.parquet", (4, 3, 5)
 READ = """
 import json, sys
@@ -44,11 +49,21 @@ print(json.dumps(facts))
 """
 
 
+def read_by_lerobot(folder: Path) -> dict[str, Any]:
+    """What lerobot's own loader says about a dataset."""
+    assert LEROBOT is not None
+    offline = {**os.environ, "HF_HUB_OFFLINE": "1", "PYTHONPATH": ""}
+    command = [LEROBOT, "-c", READ, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, env=offline)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
 def shown(number: int, steps: int) -> Demonstration:
     rng = np.random.default_rng(number)
     return Demonstration(
         replace(nominal(), instruction=f"pick up thing {number % 2}"),
-        {"front": rng.integers(0, 256, (steps, 12, 16, 3), np.uint8)},
+        {"observation.images.front": rng.integers(0, 256, (steps, 12, 16, 3), np.uint8)},
         rng.normal(size=(steps, 7)).astype(np.float32),
         rng.normal(size=(steps, 7)).astype(np.float32),
     )
@@ -58,8 +73,8 @@ def shown(number: int, steps: int) -> Demonstration:
 def folder(tmp_path: Path) -> Path:
     from vlafuzz.integrations.lerobot import write_dataset
 
-    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert write_dataset(demos, tmp_path / "shown", 5, "panda") == len(STEPS)
+    demos = [packed(shown(number, steps)) for number, steps in enumerate(STEPS)]
+    assert write_dataset(demos, tmp_path / "shown", 5, "panda", NAMES) == len(STEPS)
     return tmp_path / "shown"
 
 
@@ -67,7 +82,9 @@ def test_every_frame_is_written_unchanged(folder: Path):
     frames = parquet.read_table(folder / FRAMES.format(0)).to_pylist()
     pictures = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert np.array_equal(pictures, np.concatenate([demo.images["front"] for demo in demos]))
+    assert np.array_equal(
+        pictures, np.concatenate([demo.images["observation.images.front"] for demo in demos])
+    )
     for key, wanted in (
         ("observation.state", [demo.states for demo in demos]),
         ("action", [demo.actions for demo in demos]),
@@ -109,7 +126,7 @@ def test_statistics_are_those_of_all_frames(folder: Path):
     stats = json.loads((folder / "meta/stats.json").read_text())
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
     actions = np.concatenate([demo.actions for demo in demos]).astype(np.float64)
-    pixels = np.concatenate([demo.images["front"].reshape(-1, 3) for demo in demos]) / 255
+    pixels = np.concatenate([demo.images["observation.images.front"].reshape(-1, 3) for demo in demos]) / 255
     for stat, values in ((stats["action"], actions), (stats["observation.images.front"], pixels)):
         wanted = {"min": values.min(0), "max": values.max(0), "mean": values.mean(0), "std": values.std(0)}
         wanted["q90"] = np.quantile(values, 0.9, axis=0)
@@ -123,7 +140,7 @@ def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytes
     from vlafuzz.integrations import lerobot
 
     monkeypatch.setattr(lerobot, "FILE_BYTES", 1)
-    lerobot.write_dataset([shown(number, 2) for number in range(3)], tmp_path, 5, "panda")
+    lerobot.write_dataset([packed(shown(number, 2)) for number in range(3)], tmp_path, 5, "panda", NAMES)
     assert [parquet.read_metadata(tmp_path / FRAMES.format(number)).num_rows for number in range(3)] == [
         2
     ] * 3
@@ -132,18 +149,15 @@ def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.render
-def test_witnesses_of_a_corpus_are_played_and_what_fails_is_left_out(
+def test_the_cases_of_a_corpus_are_demonstrated(
     corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     out = tmp_path / "shown"
-    assert main(["export", str(corpus), "--format", "lerobot", "--out", str(out)]) == 0
-    printed = capsys.readouterr().err
-    assert "1 demonstrations written" in printed
-    assert "left out: 1: its witness no longer solves it" in printed
+    command = ["export", str(corpus), "--format", "lerobot", "--out", str(out), "--workers", "1"]
+    assert main(command) == 0
+    assert "2 demonstrations written" in capsys.readouterr().err
     frames = parquet.read_table(out / FRAMES.format(0)).to_pylist()
-    witness = read_corpus(corpus).cases[0].witness.actions
-    assert np.array_equal([row["action"] for row in frames], witness[: len(frames)])
-    moved = np.array([row["observation.state"] for row in frames])
+    moved = np.array([row["observation.state"] for row in frames if row["episode_index"] == 0])
     assert moved[-1, 2] > moved[:, 2].min() + 0.01  # it was lifted
     seen = np.array(Image.open(io.BytesIO(frames[0]["observation.images.front"]["bytes"])))
     assert (seen.shape, seen.std() > 10) == ((224, 224, 3), True)
@@ -179,17 +193,12 @@ def test_a_package_that_is_missing(
 @pytest.mark.slow
 @pytest.mark.skipif(LEROBOT is None, reason="VLAFUZZ_LEROBOT names no Python with lerobot")
 def test_lerobots_own_loader_reads_it(folder: Path):
-    assert LEROBOT is not None
-    offline = {**os.environ, "HF_HUB_OFFLINE": "1", "PYTHONPATH": ""}
-    command = [LEROBOT, "-c", READ, str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, env=offline)
-    assert done.returncode == 0, done.stderr
-    read = json.loads(done.stdout)
+    read = read_by_lerobot(folder)
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
     actions = np.concatenate([demo.actions for demo in demos])
     assert (read["episodes"], read["frames"], read["fps"], read["shape"]) == (3, 12, 5, [3, 12, 16])
     assert read["state"] == demos[0].states[0].tolist()
     assert read["action"] == demos[0].actions[:2].tolist()
-    assert read["corner"] == demos[0].images["front"][0, 0, 0].tolist()
+    assert read["corner"] == demos[0].images["observation.images.front"][0, 0, 0].tolist()
     assert (read["task"], read["last"], read["padded"]) == ("pick up thing 0", [2, 4], [False, True])
     assert read["mean"] == pytest.approx(actions.mean(0), abs=1e-6)

@@ -10,8 +10,10 @@ import pytest
 from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from tests.sim.meddling import NOMINAL, evaluate, is_lifted, lets_go_at
-from vlafuzz.integrations.demonstrations import Demonstrations
+from vlafuzz.conditions.provenance import described
+from vlafuzz.integrations.expert_runner import ExpertRunner
 from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import ActionSpec, PolicySpec
 from vlafuzz.regression.folder import read_corpus, write_corpus
 
 
@@ -41,6 +43,9 @@ def test_a_corpus_environment_ends_with_the_success_of_its_run(folder: Path):
 
 
 @pytest.mark.render
-def test_a_witness_is_a_demonstration_where_it_succeeds_by_the_criteria_of_its_run(folder: Path):
-    (demonstration,) = Demonstrations(folder).play()
-    assert (demonstration is not None) == (folder.name == "published")
+def test_actions_are_a_demonstration_where_they_succeed_by_the_criteria_of_the_run(folder: Path):
+    corpus, spec = read_corpus(folder), PolicySpec("own", action=ActionSpec(relative_to="current"))
+    runner = ExpertRunner(replace(corpus.runs[0], spec=described(spec)))
+    shown = runner.record(corpus.cases[0].scene, corpus.cases[0].witness.actions)
+    runner.close()
+    assert (shown is not None) == (folder.name == "published")

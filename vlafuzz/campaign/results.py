@@ -26,7 +26,12 @@ Embed = Callable[[Scene], NDArray[np.float64]]
 
 
 def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
-    """The number of groups of near-duplicates among scenes.
+    """The number of groups of near-duplicates among scenes."""
+    return len(set(neighbourhoods(scenes, embed).values()))
+
+
+def neighbourhoods(scenes: Iterable[Scene], embed: Embed) -> dict[Scene, int]:
+    """The number of each scene's group of near-duplicates.
 
     As in BIRCH (Zhang et al. 1996), each scene joins the group with the nearest centre if the group's radius,
     the root mean square distance from its centre, stays within ``RADIUS``; else it begins a new one. A chain
@@ -35,21 +40,24 @@ def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
     # Sorted, so that the order of scenes does not matter.
     ordered = sorted(set(scenes), key=lambda scene: scene.digest)
     if len(ordered) < 2:
-        return len(ordered)
+        return dict.fromkeys(ordered, 0)
     points = np.stack([embed(scene) for scene in ordered])
     centres, sizes, squares = np.empty_like(points), np.zeros(len(points)), np.zeros(len(points))
+    groups: dict[Scene, int] = {}
     count = 0
-    for point in points:
+    for scene, point in zip(ordered, points, strict=True):
+        groups[scene] = count
         if count:
             near = int(((centres[:count] - point) ** 2).sum(axis=1).argmin())
             size, square = sizes[near] + 1, squares[near] + point @ point
             centre = centres[near] + (point - centres[near]) / size
             if square / size - centre @ centre <= RADIUS**2:
                 centres[near], sizes[near], squares[near] = centre, size, square
+                groups[scene] = near
                 continue
         centres[count], sizes[count], squares[count] = point, 1, point @ point
         count += 1
-    return count
+    return groups
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ import typer
 from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, stderr
 from vlafuzz.errors import UsageError, check_number
+from vlafuzz.text import plural
 
 
 class Wanted(StrEnum):
@@ -19,6 +20,14 @@ class Wanted(StrEnum):
     failed = "failed"
     passed = "passed"
     all = "all"
+
+
+class Shown(StrEnum):
+    """Scenes to demonstrate."""
+
+    failed = "failed"
+    minimal = "minimal"
+    random = "random"
 
 
 class Format(StrEnum):
@@ -58,7 +67,13 @@ def export(
             show_default="until it is clear that most do",
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(help="Processes that check the scenes of a corpus.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            help="Processes that check the scenes of a corpus, or demonstrate.",
+            show_default="1 for a corpus, else as many as there are cores",
+        ),
+    ] = None,
     trust: TrustFlag = False,
     format_: Annotated[
         Format,
@@ -66,6 +81,33 @@ def export(
             "--format", help="One JSON scene a line, a scene file of VLATest, or a data set of LeRobot."
         ),
     ] = Format.vlafuzz,
+    scenes: Annotated[
+        Shown | None,
+        typer.Option(
+            help="What lerobot's episodes show: failing scenes, minimal ones with the passing scenes beside, "
+            "or as many random ones to compare with.",
+            show_default="failed",
+        ),
+    ] = None,
+    demos: Annotated[
+        int | None,
+        typer.Option(help="Episodes of lerobot in all.", show_default="one a scene, or --demos-per-scene"),
+    ] = None,
+    demos_per_scene: Annotated[
+        int | None,
+        typer.Option(
+            help="Episodes of lerobot for each scene: the others with other grasps, slightly jittered.",
+            show_default="1",
+        ),
+    ] = None,
+    hold_out: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of the failures that lerobot's episodes leave out, whole causes. Their scenes are "
+            "written to OUT-held-out.jsonl, for `vlafuzz run --scenes`.",
+            show_default="0",
+        ),
+    ] = None,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder.
 
@@ -73,9 +115,16 @@ def export(
     counterparts, and only what holds is written. The policy's outcomes in random scenes, the controls, are
     recorded as well. `vlafuzz regress` and `vlafuzz report` read the folder.
 
-    With --format lerobot the expert's solutions of failed scenes are played once more and written as
-    episodes, with the pictures that the policy sees: demonstrations to train it with.
+    With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with
+    the pictures, state and actions of the policy: demonstrations to train it with. The store keeps the
+    solutions.
     """
+    wanted = {"scenes": scenes, "demos": demos, "demos-per-scene": demos_per_scene, "hold-out": hold_out}
+    given = {name: value for name, value in wanted.items() if value is not None}
+    if given and (format_ is not Format.lerobot or minimal):
+        name, value = next(iter(given.items()))
+        raise UsageError(f"--{name} {value}: only --format lerobot has it", hint="add that")
+    check_number("--workers", workers, 1)
     if minimal and (verdict is not Wanted.failed or format_ is not Format.vlafuzz):
         raise UsageError(
             "--minimal goes with neither --verdict nor --format",
@@ -85,32 +134,69 @@ def export(
         raise UsageError(f"--controls {controls}: only a corpus has controls", hint="add --minimal")
     if minimal:
         check_number("--controls", controls, 0)
-        check_number("--workers", workers, 1)
         if firm is not None and not 0.5 <= firm <= 1:
             raise UsageError(
                 f"--firm {firm:g}: not a share from 0.5 to 1", hint="--firm 0.9 leaves out the rest"
             )
-        _export_corpus(store, out, run, controls, firm, workers)
+        _export_corpus(store, out, run, controls, firm, workers or 1)
         return
-    from vlafuzz.formats.vlatest.original import as_original
-    from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_demonstrations, write_file
-
     if format_ is Format.lerobot:
         if verdict is not Wanted.failed:
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
-        with Bar() as bar:
-            exported = write_demonstrations(store, out, run, bar)
-        what = "demonstrations"
-    else:
-        scenes = scenes_of(store, run, verdict.value)
-        exported = write_file(out, scenes, format_.value)
-        if format_ is Format.vlatest and not all(map(as_original, scenes)):
-            Bar.note(
-                "note: positions are stretched from our box onto VLATest's, which undoes `import --frame fit`"
-            )
-        what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
+        _export_demonstrations(store, out, run, scenes, demos, demos_per_scene, hold_out, workers)
+        return
+    from vlafuzz.formats.vlatest.original import as_original
+    from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_file
+
+    chosen = scenes_of(store, run, verdict.value)
+    exported = write_file(out, chosen, format_.value)
+    if format_ is Format.vlatest and not all(map(as_original, chosen)):
+        Bar.note(
+            "note: positions are stretched from our box onto VLATest's, which undoes `import --frame fit`"
+        )
+    what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
     stderr().print(f"{exported.written} {what} written to {out}")
     _print_left_out(exported.left_out)
+
+
+def _export_demonstrations(
+    store: Path,
+    out: Path,
+    run: int | None,
+    scenes: Shown | None,
+    demos: int | None,
+    demos_per_scene: int | None,
+    hold_out: float | None,
+    workers: int | None,
+) -> None:
+    """Let the expert solve failing scenes, and write a data set for LeRobot."""
+    check_number("--demos", demos, 1)
+    check_number("--demos-per-scene", demos_per_scene, 1)
+    if demos is not None and demos_per_scene is not None:
+        problem = f"--demos {demos} and --demos-per-scene {demos_per_scene} exclude each other"
+        raise UsageError(problem, hint="give one of them")
+    if hold_out is not None and not 0 <= hold_out < 1:
+        raise UsageError(f"--hold-out {hold_out:g}: not a share from 0 to below 1", hint="--hold-out 0.2")
+    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.integrations.training import write_demonstrations
+
+    with Bar() as bar:
+        written = write_demonstrations(
+            store,
+            out,
+            run,
+            which=(scenes or Shown.failed).value,
+            number=demos,
+            per_scene=demos_per_scene or 1,
+            hold_out=hold_out or 0.0,
+            workers=workers or most_workers(),
+            watch=bar,
+        )
+    stderr().print(f"{plural(written.demonstrations, 'demonstration')} written to {out}", soft_wrap=True)
+    if written.held_out:
+        held = plural(written.held_out, "held-out scene")
+        stderr().print(f"{held} written to {written.held_out_file}", soft_wrap=True)
+    _print_left_out(written.left_out)
 
 
 def _export_corpus(

@@ -13,6 +13,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     ),
     "Which scenes": (
         *("strategy", "strategies", "seed", "operators", "vary", "study.alpha", "verdict", "evidence", "run"),
+        *("export.scenes", "hold_out"),
     ),
     "How long": (
         "budget",
@@ -22,6 +23,8 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         "max_rollouts",
         "limit",
         "comparisons",
+        "demos",
+        "demos_per_scene",
         "n",
     ),
     "How to judge": (
@@ -57,7 +60,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "export": (
         "vlafuzz export first.db --out failing.jsonl",
-        "vlafuzz export first.db --minimal --out my-corpus",
+        "vlafuzz export first.db --format lerobot --demos 400 --hold-out 0.2 --out demos",
     ),
     "compare": (
         "vlafuzz compare --policy pinhole --budget 100 --repeats 7",

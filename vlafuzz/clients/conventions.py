@@ -44,6 +44,23 @@ ROTATIONS: dict[str, tuple[int, Callable[[Array], Rotation]]] = {
 SCALED = tuple(name for name, (width, _) in ROTATIONS.items() if width == 3)
 
 
+def _columns(turns: Rotation) -> Array:
+    """``(n, 3, 2)``: the first two columns of the matrices."""
+    return np.asarray(turns.as_matrix()[:, :, :2])
+
+
+# How to write what ``ROTATIONS`` reads.
+_WRITTEN: dict[str, Callable[[Rotation], Array]] = {
+    "axis_angle": Rotation.as_rotvec,
+    "rpy": lambda turns: turns.as_euler("xyz"),
+    "euler_xyz": lambda turns: turns.as_euler("XYZ"),
+    "quaternion_xyzw": lambda turns: turns.as_quat(canonical=True),
+    "quaternion_wxyz": lambda turns: np.roll(turns.as_quat(canonical=True), 1, axis=1),
+    "rot6d": lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6),
+    "rot6d_interleaved": lambda turns: _columns(turns).reshape(-1, 6),
+}
+
+
 @dataclass(frozen=True)
 class Convention:
     """What the numbers of a model's action mean: a position, a rotation and the gripper.
@@ -93,6 +110,19 @@ class Convention:
         elif self.tool:
             shifts, turns = now.apply(shifts), now * turns * now.inv()
         return np.hstack([shifts, turns.as_rotvec(), actions[:, -1:]])
+
+    def written(self, moves: Array, hand: Array) -> Array:
+        """The inverse of ``moves``: ``(steps, 7)`` in metres and rotation vectors to ``(steps, n)``."""
+        now = Rotation.from_rotvec(hand[3:6])
+        shifts, turns = moves[:, :3], Rotation.from_rotvec(moves[:, 3:6])
+        if self.pose:
+            shifts, turns = shifts + hand[:3], turns * now
+        elif self.tool:
+            shifts, turns = now.apply(shifts, inverse=True), now.inv() * turns * now
+        numbers = _WRITTEN[self.rotation](turns)
+        if self.rotation in SCALED:
+            numbers = numbers / self.rotation_scale
+        return np.hstack([shifts / self.position_scale, numbers, moves[:, -1:]])
 
 
 def _two_fingers(state: State) -> State:

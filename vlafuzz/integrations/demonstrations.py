@@ -1,146 +1,168 @@
-"""Demonstrations: the expert's solutions of scenes in which a policy failed, as the policy would see them."""
+"""Demonstrations: the expert's solutions, kept in the store, and shown as a policy would see them."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vlafuzz.clients.remote import SIDE
-from vlafuzz.conditions.stored import stored_catalogue
-from vlafuzz.errors import CorpusError, UsageError
-from vlafuzz.evidence import Witness
-from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.clients.interface import interface_of
+from vlafuzz.conditions import place, provenance
+from vlafuzz.conditions.conditions import Role
+from vlafuzz.integrations.expert_runner import UNFAIR, ExpertRunner
+from vlafuzz.integrations.packed import Packed, packed
+from vlafuzz.integrations.selection import Wanted
 from vlafuzz.policies.expert import Expert
-from vlafuzz.regression.folder import is_corpus, read_corpus
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import make_evaluator
-from vlafuzz.store.records import Manifest
+from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
-from vlafuzz.triage.witness import Player
+from vlafuzz.triage.pool import process_pool
+from vlafuzz.watch import SILENT, Watch
 
-if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.evaluator import Episode, ManiSkillEvaluator
-
-
-class Proof(NamedTuple):
-    """A scene, its witness, and the run that found it."""
-
-    scene: Scene
-    witness: Witness
-    run: Manifest
+UNSOLVED = "the expert does not solve it"
+UNPLAYED = "a replay of the expert's actions does not solve it"
+IN_FLIGHT = 4  # scenes for each worker, so that what is recorded does not pile up
+Answer = Solution | str  # or why there is none
+Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]]
 
 
 @dataclass(frozen=True, eq=False)
-class Demonstration:
-    """A solution from the start to success, with one item per control step.
+class Solved:
+    """A scene, and the actions that solve it as the policy of its run would write them."""
 
-    Attributes:
-        images: by camera, uint8 ``(steps, height, width, 3)``, before the action.
-        states: float32 ``(steps, 7)``, as ``PolicySpec.state``.
-        actions: float32 ``(steps, 7)``, as ``Rollout.actions``, relative to the current hand pose.
-    """
-
-    scene: Scene
-    images: Mapping[str, NDArray[np.uint8]]
-    states: NDArray[np.float32]
-    actions: NDArray[np.float32]
+    wanted: Wanted
+    solution: Solution
 
 
+@dataclass
 class Demonstrations:
-    """The demonstrations of all witnessed failures in a store or an exported corpus.
-
-    The cameras are those of the runs' policy; for a policy without cameras, one of 224 x 224 pixels.
+    """Solves scenes and shows the solutions, in several processes.
 
     Args:
-        source: store, folder of a corpus, or the name of a shipped corpus.
-        run: only failures that this run of a store found.
+        store: open to write, where solutions are kept; None to keep none.
 
     Attributes:
-        hz: control steps per second.
-
-    Raises:
-        CorpusError: no failure has a witness.
-        UsageError: the failures are of several robots, or have several sets of cameras.
+        left_out: number of scenes that were tried in vain, by reason.
+        known: solutions that the store had already.
     """
 
-    def __init__(self, source: Path, run: int | None = None) -> None:
-        self.proofs = _of_corpus(source, run) if is_corpus(source) else _of_store(source, run)
-        if not self.proofs:
-            raise CorpusError(f"{source}: no failure in it has a witness", hint="`vlafuzz triage` finds them")
-        kinds = {(proof.scene.robot, _cameras(proof.run)) for proof in self.proofs}
-        if len(kinds) > 1:
-            message = f"{source}: has failures of {len(kinds)} robots or sets of cameras"
-            raise UsageError(message, hint="--run N takes the failures of one run")
-        ((self.robot, cameras),) = kinds
-        expert = Expert().spec
-        self.hz = rig(self.robot).control_hz or expert.action.hz
-        self._spec = PolicySpec("witness", action=expert.action, cameras=cameras, state=True)
+    store: Store | None = None
+    workers: int = 1
+    watch: Watch = SILENT
+    left_out: Counter[str] = field(default_factory=Counter)
+    known: int = 0
 
-    def play(self) -> Iterator[Demonstration | None]:
-        """One per proof, in order; None if the witness no longer solves the scene.
+    def solved(self, wanted: Iterator[Wanted], number: int, most: int) -> list[Solved]:
+        """The first ``number`` scenes that the expert solves, of ``most`` that it tries, in order."""
+        tried, solved = islice(wanted, most), list[Solved]()
+        with _crew(self.workers) as each:
+            while missing := list(islice(tried, number - len(solved))):
+                answers = self._answers(missing, each)
+                solved += filter(None, map(self._judged, missing, answers))
+        return solved
+
+    def shown(self, solved: Sequence[Solved]) -> Iterator[Packed]:
+        """What the policies would see and do, in order.
 
         Raises:
             PrerequisiteError: rendering does not work here.
         """
-        runs = {proof.run.catalogue_digest: proof.run for proof in self.proofs}
-        catalogue, player = stored_catalogue(*runs.values()), Player(self._spec)
-        player.spec = self._spec
-        evaluators: dict[str, ManiSkillEvaluator] = {}
-        with ExitStack() as stack:
-            for scene, witness, run in self.proofs:
-                key = f"{run.task}:{run.key(seeded=False)}"
-                if key not in evaluators:
-                    conditions = replace(run, repeats=1, stop_early=True)
-                    evaluator = make_evaluator(conditions, player, catalogue=catalogue)
-                    evaluators[key] = stack.enter_context(closing(evaluator))
-                yield self._played(evaluators[key].begin(scene, 0), scene, witness)
+        early: dict[int, Packed | None] = {}
+        following = 0
+        with _crew(self.workers) as each:
+            for done, (index, shown) in enumerate(each(_show, solved), start=1):
+                self.watch.progress("demonstrations recorded", done, len(solved))
+                early[index] = shown
+                while following in early:
+                    shown = early.pop(following)
+                    following += 1
+                    if shown is None:
+                        self.left_out[UNPLAYED] += 1
+                    else:
+                        yield shown
 
-    def _played(self, episode: Episode, scene: Scene, witness: Witness) -> Demonstration | None:
-        observations = []
-        for action in witness.actions.astype(np.float64):
-            if episode.over:
-                break
-            observations.append(episode.observe())
-            episode.advance(action)
-        if not episode.success:
-            return None
-        names = [camera.name for camera in self._spec.cameras]
-        return Demonstration(
-            scene,
-            {name: np.stack([seen.images[name] for seen in observations]) for name in names},
-            np.stack([seen.state for seen in observations if seen.state is not None]),
-            np.array(episode.actions, dtype=np.float32),
-        )
+    def _answers(self, wanted: Sequence[Wanted], each: Each) -> list[Answer]:
+        """The expert's answer to every scene; what the store does not know is kept there."""
+        keys = [_key(one.run) for one in wanted]
+        known = {key: self.store.solutions(key) if self.store else {} for key in set(keys)}
+        answers: list[Answer | None] = [
+            known[key].get(one.scene.digest) for key, one in zip(keys, wanted, strict=True)
+        ]
+        open_ = [index for index, answer in enumerate(answers) if answer is None]
+        self.known += len(answers) - len(open_)
+        for done, (number, answer) in enumerate(each(_solve, [wanted[index] for index in open_]), start=1):
+            index = open_[number]
+            answers[index] = answer
+            if self.store and isinstance(answer, Solution):
+                self.store.keep_solution(keys[index], wanted[index].scene, answer)
+            self.watch.progress("scenes tried by the expert", done, len(open_))
+        return [answer for answer in answers if answer is not None]
 
-
-def _of_corpus(folder: Path, run: int | None) -> list[Proof]:
-    if run is not None:
-        raise UsageError(f"--run {run}: {folder} is a corpus, not a store", hint="leave out --run")
-    corpus = read_corpus(folder)
-    return [Proof(case.scene, case.witness, corpus.runs[case.run]) for case in corpus.cases]
-
-
-def _of_store(store: Path, run: int | None) -> list[Proof]:
-    with Store.open(store) as opened:
-        manifests = {begun.id: begun.manifest for begun in opened.runs()}
-        runs = {row.key: manifests[row.run] for row in opened.findings(run)}
-        proofs: dict[Scene, Proof] = {}
-        for row in opened.triaged():
-            manifest = runs.get(row.key)
-            if manifest and row.witness:
-                scene = row.shrunk if row.bucket == "minimal" and row.shrunk else row.scene
-                proofs.setdefault(scene, Proof(scene, row.witness, manifest))
-    return list(proofs.values())
+    def _judged(self, wanted: Wanted, answer: Answer) -> Solved | None:
+        if isinstance(answer, Solution) and answer.attempt is not None:
+            return Solved(wanted, answer)
+        reason = answer if isinstance(answer, str) else UNSOLVED
+        if reason != UNFAIR or wanted.finding:  # random scenes are drawn until they are fair
+            self.left_out[reason] += 1
+        return None
 
 
-def _cameras(run: Manifest) -> tuple[CameraRequest, ...]:
-    cameras: Sequence[Mapping[str, object]] = json.loads(run.spec).get("cameras", ())
-    return tuple(CameraRequest(**camera) for camera in cameras) or (CameraRequest("front", SIDE, SIDE),)  # type: ignore[arg-type]
+def _key(run: Manifest) -> str:
+    """Identifies all that decides the expert's actions in a scene, beside the scene."""
+    here = {"versions": provenance.versions(), "place": place.here("expert", Expert().spec)}
+    text = json.dumps([run.task, run.values(Role.SIMULATION), interface_of(run.policy, run.spec).key, here])
+    return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
+
+
+@contextmanager
+def _crew(workers: int) -> Iterator[Each]:
+    """What calls a function for several items, and numbers the results as they are done."""
+    if workers > 1:
+        with process_pool(workers) as pool:
+            yield lambda function, items: _spread(pool, workers, function, items)
+        return
+    try:
+        yield lambda function, items: enumerate(map(function, items))
+    finally:
+        for runner in _runners.values():
+            runner.close()
+        _runners.clear()
+
+
+def _spread(
+    pool: ProcessPoolExecutor, workers: int, function: Callable[[Any], Any], items: Sequence[Any]
+) -> Iterator[tuple[int, Any]]:
+    running: dict[Future[Any], int] = {}
+    todo = iter(enumerate(items))
+    while True:
+        for index, item in islice(todo, IN_FLIGHT * workers - len(running)):
+            running[pool.submit(function, item)] = index
+        if not running:
+            return
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future.result()
+
+
+_runners: dict[str, ExpertRunner] = {}  # of this process, by the task and conditions of their runs
+
+
+def _runner(run: Manifest) -> ExpertRunner:
+    key = f"{run.task}:{run.key(seeded=False)}"
+    if key not in _runners:
+        _runners[key] = ExpertRunner(run)
+    return _runners[key]
+
+
+def _solve(wanted: Wanted) -> Answer:
+    return _runner(wanted.run).solve(wanted.scene, wanted.attempt)
+
+
+def _show(solved: Solved) -> Packed | None:
+    wanted = solved.wanted
+    shown = _runner(wanted.run).record(wanted.scene, solved.solution.actions, wanted.finding)
+    return packed(shown) if shown is not None else None

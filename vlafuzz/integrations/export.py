@@ -1,24 +1,20 @@
-"""Export scenes for other programs: as files of scenes, or as demonstrations to train with."""
+"""Export scenes for other programs, as files of scenes."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.files import writing
 from vlafuzz.formats.scene_lines import is_vlatest, load_verdicts, read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.write import write_vlatest
-from vlafuzz.integrations.demonstrations import Demonstration, Demonstrations
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.packs import packs_of
 from vlafuzz.outcome import Verdict
-from vlafuzz.regression.check import UNSOLVED
-from vlafuzz.regression.folder import whole
 from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store
-from vlafuzz.watch import SILENT, Watch
 
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 
@@ -69,32 +65,3 @@ def write_file(out: Path, scenes: Mapping[Scene, str | None], layout: str) -> Ex
             names = (placement.object for scene in ours for placement in scene.placements)
             left_out = write_vlatest(out, list(scenes), load_catalogue(packs=packs_of(names)))
     return Exported(len(scenes) - sum(left_out.values()), left_out)
-
-
-def write_demonstrations(source: Path, out: Path, run: int | None = None, watch: Watch = SILENT) -> Exported:
-    """Replay the witnesses of failures and write those that succeed as a LeRobot dataset.
-
-    Raises:
-        PrerequisiteError: LeRobot is not installed.
-        CorpusError: no witness solves its scene here.
-    """
-    try:
-        from vlafuzz.integrations.lerobot import write_dataset
-    except ModuleNotFoundError as error:
-        message = f"--format lerobot needs the package {error.name!r}"
-        raise PrerequisiteError(message, hint="pip install 'vlafuzz[lerobot]'") from None
-
-    demonstrations = Demonstrations(source, run)
-    total = len(demonstrations.proofs)
-
-    def solved() -> Iterator[Demonstration]:
-        for number, demonstration in enumerate(demonstrations.play(), start=1):
-            watch.progress("witnesses played", number, total)
-            if demonstration is not None:
-                yield demonstration
-
-    with whole(out) as folder:
-        written = write_dataset(solved(), folder, demonstrations.hz, demonstrations.robot)
-        if not written:
-            raise CorpusError(f"{source}: no witness solves its scene here", hint="`vlafuzz triage` it here")
-    return Exported(written, {UNSOLVED: total - written} if total > written else {})

@@ -7,10 +7,8 @@ and a summary in ``meta/info.json``.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +17,29 @@ import pandas
 import pyarrow
 import pyarrow.parquet
 from numpy.typing import NDArray
-from PIL import Image
 
-from vlafuzz.integrations.demonstrations import Demonstration
+from vlafuzz.integrations.packed import Levels, Packed, Stats, summary
 
 VERSION = "v3.0"
 FILE_BYTES = 100 << 20  # of images in a file, before the next file begins
 FILES = 1000  # in a folder
 PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 TASKS = "meta/tasks.parquet"
-STATE, ACTION, PICTURE = "observation.state", "action", "observation.images."
-NAMES = {
-    # metres, rotation vector in radians; opening: 1 for wide open; gripper: 1 opens, -1 closes
-    STATE: ["x", "y", "z", "rx", "ry", "rz", "opening"],
-    ACTION: ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],
-}
+STATE, ACTION = "observation.state", "action"
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 NUMBERS = {"timestamp": "float32"} | dict.fromkeys(_COUNTERS, "int64")
 Columns = dict[str, NDArray[Any]]
 
 
 class Dataset:
-    """Writes a dataset episode by episode into an empty or absent folder; ``close`` completes it."""
+    """Writes a dataset episode by episode into an empty or absent folder; ``close`` completes it.
 
-    def __init__(self, folder: Path, fps: int, robot: str) -> None:
-        self._folder, self._fps, self._robot = folder, fps, robot
+    Args:
+        names: of the numbers of ``STATE`` and ``ACTION``.
+    """
+
+    def __init__(self, folder: Path, fps: int, robot: str, names: Mapping[str, list[str]]) -> None:
+        self._folder, self._fps, self._robot, self._names = folder, fps, robot, names
         self._tasks: dict[str, int] = {}
         self._rows: list[dict[str, Any]] = []
         self._columns: list[Columns] = []
@@ -56,18 +52,16 @@ class Dataset:
     def episodes(self) -> int:
         return len(self._rows)
 
-    def add(self, shown: Demonstration) -> None:
+    def add(self, shown: Packed) -> None:
         task = self._tasks.setdefault(shown.scene.instruction, len(self._tasks))
         columns = self._numbered(shown, task)
-        pictures = {PICTURE + name: frames for name, frames in shown.images.items()}
-        levels = {key: Levels.of(frames) for key, frames in pictures.items()}
-        self._sizes = {key: frames.shape[1:] for key, frames in pictures.items()}
-        self._write({key: [_png(frame) for frame in frames] for key, frames in pictures.items()}, columns)
-        stats = {key: level.summary() for key, level in levels.items()}
+        self._sizes = dict(shown.sizes)
+        self._write(shown.pictures, columns)
+        stats = {key: level.summary() for key, level in shown.levels.items()}
         stats |= {key: summary(values) for key, values in columns.items()}
         self._rows.append(self._row(shown, len(shown.actions), stats))
         self._columns.append(columns)
-        for key, level in levels.items():
+        for key, level in shown.levels.items():
             self._levels[key] = self._levels[key] + level if key in self._levels else level
         self._frames += len(shown.actions)
 
@@ -86,7 +80,7 @@ class Dataset:
         for name, content in (("stats", stats), ("info", self._info())):
             (meta / f"{name}.json").write_text(json.dumps(content) + "\n", encoding="utf-8")
 
-    def _numbered(self, shown: Demonstration, task: int) -> Columns:
+    def _numbered(self, shown: Packed, task: int) -> Columns:
         """All columns but the images."""
         steps = np.arange(len(shown.actions))
         constant = {"episode_index": len(self._rows), "task_index": task}
@@ -116,12 +110,13 @@ class Dataset:
     def _place(self) -> dict[str, int]:
         return {"chunk_index": self._file // FILES, "file_index": self._file % FILES}
 
-    def _row(self, shown: Demonstration, length: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
+    def _row(self, shown: Packed, length: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
         return {
             "episode_index": len(self._rows),
             "tasks": [shown.scene.instruction],
             "length": length,
             "scene": shown.scene.digest,
+            "finding": shown.finding,
             **{f"data/{name}": number for name, number in self._place().items()},
             "dataset_from_index": self._frames,
             "dataset_to_index": self._frames + length,
@@ -135,7 +130,10 @@ class Dataset:
             key: {"dtype": "image", "shape": list(size), "names": ["height", "width", "channels"]}
             for key, size in self._sizes.items()
         }
-        vectors = {key: {"dtype": "float32", "shape": [7], "names": names} for key, names in NAMES.items()}
+        vectors = {
+            key: {"dtype": "float32", "shape": [len(names)], "names": names}
+            for key, names in self._names.items()
+        }
         numbers = {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in NUMBERS.items()}
         return {
             "codebase_version": VERSION,
@@ -154,20 +152,16 @@ class Dataset:
         }
 
 
-def write_dataset(shown: Iterable[Demonstration], folder: Path, fps: int, robot: str) -> int:
+def write_dataset(
+    shown: Iterable[Packed], folder: Path, fps: int, robot: str, names: Mapping[str, list[str]]
+) -> int:
     """Write a dataset, or nothing if there is no demonstration; returns the number of episodes."""
-    dataset = Dataset(folder, fps, robot)
+    dataset = Dataset(folder, fps, robot, names)
     for demonstration in shown:
         dataset.add(demonstration)
     if dataset.episodes:
         dataset.close()
     return dataset.episodes
-
-
-def _png(frame: NDArray[np.uint8]) -> bytes:
-    packed = io.BytesIO()
-    Image.fromarray(frame).save(packed, "PNG")
-    return packed.getvalue()
 
 
 def _image_column(pictures: list[bytes]) -> pyarrow.Array:
@@ -181,51 +175,3 @@ def _column(values: NDArray[Any]) -> pyarrow.Array:
         return pyarrow.array(values)
     flat = pyarrow.array(np.ascontiguousarray(values, dtype=np.float32).reshape(-1))
     return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-
-
-QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
-Stats = dict[str, Any]  # nested lists of numbers
-
-
-def summary(values: NDArray[Any]) -> Stats:
-    """Statistics of numbers ``(n,)`` or vectors ``(n, d)``, as lists of length 1 or d."""
-    table = values.reshape(len(values), -1).astype(np.float64)
-    stats = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0)}
-    stats |= zip(map(_named, QUANTILES), np.quantile(table, QUANTILES, axis=0), strict=True)
-    return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
-
-
-@dataclass(frozen=True, eq=False)
-class Levels:
-    """Histogram of the levels 0 to 255 by channel over some images: ``counts`` (3, 256)."""
-
-    counts: NDArray[np.int64]
-    pictures: int
-
-    @staticmethod
-    def of(pictures: NDArray[np.uint8]) -> Levels:
-        """The histogram of images ``(n, height, width, 3)``."""
-        channels = [np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)]
-        return Levels(np.array(channels), len(pictures))
-
-    def __add__(self, other: Levels) -> Levels:
-        return Levels(self.counts + other.counts, self.pictures + other.pictures)
-
-    def summary(self) -> Stats:
-        """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
-        levels, share = np.arange(256) / 255, self.counts / self.counts.sum(1, keepdims=True)
-        mean, below = share @ levels, np.cumsum(share, axis=1)
-        stats = {
-            "min": levels[(share > 0).argmax(1)],
-            "max": levels[255 - (share[:, ::-1] > 0).argmax(1)],
-            "mean": mean,
-            "std": np.sqrt(((levels - mean[:, None]) ** 2 * share).sum(1)),
-        }
-        for quantile in QUANTILES:
-            stats[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
-        lists = {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()}
-        return lists | {"count": [self.pictures]}
-
-
-def _named(quantile: float) -> str:
-    return f"q{100 * quantile:02.0f}"

@@ -102,6 +102,12 @@ def names_its_model(name: str) -> bool:
     return kind is None or _address(name, kind).options.version is not None
 
 
+def options_of(name: str) -> Any | None:
+    """The ``clients.remote.CommonOptions`` in the name of a policy behind a server or from a folder."""
+    kind = _server(name)
+    return None if kind is None else _address(name, kind).options
+
+
 def guesses(name: str, spec: PolicySpec) -> dict[str, str]:
     """For a policy behind a server or from a folder, see ``clients.remote.guesses``."""
     kind = _server(name)

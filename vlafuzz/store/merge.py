@@ -21,6 +21,7 @@ NUMBERS: dict[str, dict[str, str]] = {
     "triage": {},
     "attribution": {"run": "run"},
     "cause": {"run": "run"},
+    "solution": {},
 }
 # How far the evidence in each bucket goes.
 _RANK = (
@@ -30,6 +31,7 @@ _RANK = (
 _CONFLICT = {
     "scene": "ON CONFLICT DO NOTHING",
     "finding": "ON CONFLICT DO NOTHING",
+    "solution": "ON CONFLICT DO NOTHING",
     # Triaged in both stores: the one with more evidence is kept.
     "triage": "ON CONFLICT (scene, policy_key) DO UPDATE SET {all}"
     f" WHERE {_RANK.format('excluded')} > {_RANK.format('triage')}",

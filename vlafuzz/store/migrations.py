@@ -145,6 +145,18 @@ _CAUSES = (
     """,
 )
 
+# The expert's, as demonstrations; without an attempt where none solves the scene.
+_SOLUTION = """
+    CREATE TABLE solution (
+        scene TEXT NOT NULL REFERENCES scene,
+        "key" TEXT NOT NULL,
+        attempt INTEGER,
+        width INTEGER NOT NULL,
+        actions BLOB NOT NULL,
+        PRIMARY KEY (scene, "key")
+    ) STRICT
+    """
+
 RENAMED = (
     ("run", "subject", "policy"),
     ("run", "subject_key", "policy_key"),
@@ -198,6 +210,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
     # Unknown for earlier runs.
     ("ALTER TABLE attribution ADD COLUMN at_random TEXT NOT NULL DEFAULT '[]'",),
     (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
+    (_SOLUTION,),
 ]
 
 

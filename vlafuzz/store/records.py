@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
-from vlafuzz.evidence import Causes, Rate, Witness
+from vlafuzz.evidence import Actions, Causes, Rate, Witness
 from vlafuzz.outcome import Outcome
 from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
@@ -181,3 +181,16 @@ class Triaged:
     def key(self) -> tuple[str, str]:
         """See ``Finding.key``."""
         return self.scene.digest, self.policy_key
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What the expert did in a scene.
+
+    Attributes:
+        attempt: that solved it, by its number; None if none did.
+        actions: ``(steps, n)`` as a policy writes them, see ``clients.interface``; none if none solved it.
+    """
+
+    attempt: int | None
+    actions: Actions

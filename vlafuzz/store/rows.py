@@ -18,7 +18,7 @@ from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.reading import MIB, inflated, parse_json
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Solution, Triaged, Trial
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
@@ -242,6 +242,19 @@ def triage_row(triaged: Triaged) -> Row:
         "reference": triaged.reference.digest if triaged.reference else None,
         "seconds": number(triaged.seconds) or 0.0,
     }
+
+
+def solution_row(scene: Scene, key: str, solution: Solution) -> Row:
+    """Columns of ``solution``."""
+    actions = solution.actions
+    kept = {"attempt": solution.attempt, "width": actions.shape[1], "actions": pack(actions)}
+    return {"scene": scene.digest, "key": key} | kept
+
+
+def to_solution(row: sqlite3.Row) -> Solution:
+    """The inverse of ``solution_row``."""
+    _check_counts(row)
+    return Solution(row["attempt"], unpack(row["actions"], -1, max(row["width"], 1)))
 
 
 def _check_counts(row: sqlite3.Row) -> None:

@@ -26,6 +26,7 @@ from vlafuzz.store.records import (
     Finding,
     Manifest,
     Run,
+    Solution,
     Spent,
     Status,
     Triaged,
@@ -130,6 +131,12 @@ class Store:
             for rank, cause in enumerate(found.causes, start=1):
                 self._insert("cause", rows.cause_row(run, rank, cause))
 
+    def keep_solution(self, key: str, scene: Scene, solution: Solution) -> None:
+        """Store what the expert did in a scene, for demonstrations under conditions with this key."""
+        with self._transaction():
+            self._insert_scene(scene)
+            self._insert("solution", rows.solution_row(scene, key, solution), "OR REPLACE")
+
     def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
         """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
         query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
@@ -233,6 +240,12 @@ class Store:
         selected = self._select("SELECT * FROM triage ORDER BY rowid")
         with intact(self.path):
             return [rows.to_triaged(row, self._scene) for row in selected]
+
+    def solutions(self, key: str) -> dict[str, Solution]:
+        """What ``keep_solution`` stored under a key, by the scene's digest."""
+        with intact(self.path):
+            selected = self._select("SELECT * FROM solution WHERE key = ?", key)
+            return {row["scene"]: rows.to_solution(row) for row in selected}
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).

@@ -1,0 +1,72 @@
+"""How policies' pictures, states and actions are called in data to train them with."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vlafuzz.clients.interface import interface_of
+from vlafuzz.clients.profiled import Model
+from vlafuzz.conditions.provenance import described
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.policies.registry import options_of
+
+OWN = np.array([0.1, 0.2, 0.3, 3.0, 0.0, 0.0, 0.5], np.float32)
+
+
+def spec_of(name: str) -> str:
+    return described(Model(name, options_of(name)).spec)
+
+
+def test_a_policy_in_process_has_our_own_state_and_the_pictures_of_its_cameras():
+    spec = PolicySpec(
+        "own", cameras=(CameraRequest("front", 64, 48), CameraRequest("wrist", 32, 32, "wrist"))
+    )
+    interface = interface_of("mini", described(spec))
+    assert dict(interface.pictures) == {
+        "front": "observation.images.front",
+        "wrist": "observation.images.wrist",
+    }
+    assert interface.state_names == ["x", "y", "z", "rx", "ry", "rz", "opening"]
+    assert interface.action_names == ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
+    assert interface.spec.cameras == spec.cameras
+
+
+def test_a_policy_without_cameras_is_shown_a_usual_picture():
+    (camera,) = interface_of("pinhole", described(PolicySpec("pinhole", silhouettes=True))).spec.cameras
+    assert (camera.name, camera.width, camera.height) == ("front", 224, 224)
+
+
+def test_a_profile_says_how_state_and_actions_are_written():
+    name = "openpi:ws://gpu:8000?profile=libero"
+    interface = interface_of(name, spec_of(name))
+    assert interface.state(OWN) == pytest.approx([0.1, 0.2, 0.3, 3.0, 0, 0, 0.02, -0.02])
+    assert len(interface.state_names) == 8
+    moved = interface.written(np.array([0.05, 0, 0, 0, 0, 0.5, 1.0]), OWN)
+    assert moved == pytest.approx([1, 0, 0, 0, 0, 1, -1])  # of LIBERO's units; it closes above 0
+
+
+def test_poses_are_named_without_the_d_of_a_move():
+    name = "openpi:ws://gpu:8000?action=eef_pose&rotation=quaternion_wxyz&execute=1"
+    interface = interface_of(name, spec_of(name))
+    assert interface.action_names == ["x", "y", "z", "qw", "qx", "qy", "qz", "gripper"]
+    still = interface.written(np.array([0, 0, 0, 0, 0, 0, -1.0]), OWN)
+    assert still[:3] == pytest.approx(OWN[:3])
+    assert interface.answer(still, OWN) == pytest.approx([0, 0, 0, 0, 0, 0, -1], abs=1e-6)
+
+
+def test_a_policy_from_a_folder_keeps_its_own_names_of_pictures(tmp_path: Path):
+    spec = described(PolicySpec("own", cameras=(CameraRequest("front", 64, 64),)))
+    features = {"observation.images.top": {"type": "VISUAL"}, "observation.state": {"type": "STATE"}}
+    (tmp_path / "config.json").write_text(json.dumps({"input_features": features}))
+    alone = interface_of(f"lerobot:{tmp_path}", spec)
+    assert dict(alone.pictures) == {"front": "observation.images.top"}
+    named = interface_of(f"lerobot:{tmp_path}?profile=libero", spec)
+    assert dict(named.pictures) == {"front": "observation.images.image"}
+
+
+def test_a_spec_of_another_version_is_refused():
+    with pytest.raises(UsageError, match="own is described as another version does"):
+        interface_of("own", json.dumps({"action": {"warp": 9}}))
