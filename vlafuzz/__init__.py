@@ -3,16 +3,15 @@
 What is imported from here is described in ``vlafuzz.api``, which is loaded when it is first used.
 """
 
-from importlib import import_module
-from typing import Any
-
 __version__ = "0.1.0"
 __all__ = ["__version__", "bisect", "demonstrate", "film", "fuzz", "open_store", "regress"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
     return getattr(import_module("vlafuzz.api"), name)
 
 

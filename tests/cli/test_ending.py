@@ -75,6 +75,58 @@ def test_an_interruption_before_anything_is_stored_names_no_run_to_resume(
     assert "--resume" not in said
 
 
+def started(code: str, *arguments: str) -> subprocess.Popen[str]:
+    """The command as a process of its own, in which ``code`` runs first; Ctrl-C is not ignored."""
+    source = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {code}"
+    run = f"{source}\nimport sys; from vlafuzz.__main__ import main; sys.exit(main())"
+    command = [sys.executable, "-c", run, *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+INTERRUPTED_IN = {
+    "an import": "sys.meta_path.insert(0, Finder('typer'))",
+    "the import of a command": "sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))",
+    "code that is compiled": "sys.meta_path.insert(0, Finder('vlafuzz.cli.listings', 'exec(\"raised()\")'))",
+}
+FINDER = """
+import sys
+def raised():
+    signal.raise_signal(signal.{signal})
+class Finder:
+    def __init__(self, name, code="raised()"):
+        self.name, self.code = name, code
+    def find_spec(self, name, *_):
+        if name == self.name:
+            exec(self.code, globals())
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("where", INTERRUPTED_IN)
+def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
+    code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
+    with started(code, "operators") as process:
+        _, stderr = process.communicate()
+    assert (process.returncode, stderr) == (130, "error: interrupted\n")
+
+
+def test_an_interruption_that_is_swallowed_ends_the_command_all_the_same():
+    swallowing = """
+import time
+from vlafuzz.cli import ending, listings
+ending.GRACE = 0.1
+def swallow(*_):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except BaseException:
+        time.sleep(60)
+listings.load_operators = swallow
+"""
+    with started(swallowing, "operators") as process:
+        _, stderr = process.communicate()
+    assert (process.returncode, stderr) == (130, "\nended at once: finished trials are stored\n")
+
+
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr("vlafuzz.cli.listings.load_operators", lambda *_: signal.raise_signal(signal.SIGINT))
     assert main(["operators"]) == 130

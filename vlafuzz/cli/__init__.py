@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order
+from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
 from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 from vlafuzz.plugins import trusting
@@ -105,6 +105,8 @@ def _run(arguments: Sequence[str] | None) -> int:
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
         traceback.print_exc()
         return BUG
+    if ended == INTERRUPTED and heard():  # typer exits without a word
+        return _complain("interrupted", None, INTERRUPTED)
     return ended if isinstance(ended, int) else 0
 
 
@@ -174,11 +176,8 @@ def _with_stdout_for_data(command: Callable[..., Any]) -> Callable[..., Any]:
     def called(*given: Any, **named: Any) -> Any:
         from vlafuzz.cli.output import stdout_for_data
 
-        try:
-            with stdout_for_data():
-                return command(*given, **named)
-        except KeyboardInterrupt:  # typer would exit without a word
-            raise typer.Abort from None
+        with stdout_for_data():
+            return command(*given, **named)
 
     return called
 

@@ -2,20 +2,26 @@
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, TextIO
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn, TextIO
 
 from vlafuzz.files import reason
 
 CLOSED = 141  # exit code of a program whose reader is gone, as shells have it
 INTERRUPTED = 130
+GRACE = 4.0  # seconds in which an interruption is heard
+_waiting: list[threading.Timer] = []
 
 
 @contextmanager
 def ending_in_order() -> Iterator[None]:
-    """SIGTERM ends the command as Ctrl-C does, in order; a second one of either ends it at once."""
+    """SIGTERM ends the command as Ctrl-C does, in order; a second one of either ends it at once.
+
+    So does the first one if nothing has ``heard`` it after ``GRACE`` seconds: compiled code may swallow it.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # where signals cannot be handled
         return
@@ -24,6 +30,7 @@ def ending_in_order() -> Iterator[None]:
     try:
         yield
     finally:
+        heard()
         for number, handler in before.items():
             signal.signal(number, handler)
 
@@ -31,15 +38,38 @@ def ending_in_order() -> Iterator[None]:
 def _interrupt(*_: Any) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end_at_once)
+    timer = threading.Timer(GRACE, _end_at_once)
+    timer.daemon = True
+    _waiting.append(timer)
+    timer.start()
     raise KeyboardInterrupt
 
 
+def heard() -> bool:
+    """The command ends in order, and may take its time; whether nobody had heard an interruption before."""
+    unheard = bool(_waiting)
+    while _waiting:
+        _waiting.pop().cancel()
+    return unheard
+
+
 def _end_at_once(*_: Any) -> None:
+    leave("\nended at once: finished trials are stored")
+
+
+def leave(words: str = "") -> NoReturn:
+    """End the process and all that it started, at once, as interrupted."""
     from multiprocessing import active_children
 
     for child in active_children():
         child.kill()
-    os.write(2, b"\nended at once: finished trials are stored\n")
+    if server := sys.modules.get("multiprocessing.forkserver"):
+        with suppress(OSError, TypeError):  # it may not run
+            os.kill(server._forkserver._forkserver_pid, signal.SIGKILL)
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+    if words:
+        os.write(2, f"{words}\n".encode())
     os._exit(INTERRUPTED)
 
 

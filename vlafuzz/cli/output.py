@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
-from vlafuzz.cli.ending import Checked
+from vlafuzz.cli.ending import Checked, heard
 from vlafuzz.cli.heartbeat import Heartbeat
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.text import csv_table
@@ -178,6 +178,7 @@ def interruptible(note: str | Callable[[], str]) -> Iterator[Bar]:
         try:
             yield bar
         except KeyboardInterrupt:
+            heard()
             bar.clear()
             bar.note(note if isinstance(note, str) else note())
             raise typer.Exit(INTERRUPTED) from None
