@@ -1,5 +1,6 @@
 """Fuzzing and triage from Python, with a policy that is an object."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from tests.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz import api
 from vlafuzz.api import causes, fuzz, triage
 from vlafuzz.campaign import launch
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.expert import Expert
 from vlafuzz.regression.folder import write_corpus
@@ -45,6 +46,17 @@ def test_an_object_is_fuzzed_and_its_causes_are_found(tmp_path: Path):
     assert (finding.bucket, finding.signature) == ("minimal", "pick-up|grasp|light:dark")
     assert finding.causes[0].startswith("light: fails from intensity × 0.48")
     assert (seen[-1].done, AfraidOfTheDark.closed) == (1, 0)
+
+
+class Crashing(Idle):
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        raise RuntimeError("no weights")
+
+
+def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
+    with pytest.raises(VlafuzzError, match=r"all \d+ rollouts .* first: .*no weights") as caught:
+        fuzz(Crashing(), strategy="random", budget=3, store=tmp_path / "a.db")
+    assert "a.db" in str(caught.value.hint)
 
 
 def test_a_run_that_looks_for_causes_certifies_and_gives_them(

@@ -24,7 +24,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.deadline import deadline
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.integrations.training import Written, write_demonstrations
 from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
@@ -39,6 +39,7 @@ from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredFinding, StoredResults
 from vlafuzz.triage import pipeline
+from vlafuzz.triage.jobs import Allowance
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.summary import TriageSummary, summarise
 from vlafuzz.watch import SILENT, Watch
@@ -67,6 +68,7 @@ def fuzz(
 
     Raises:
         UsageError: a name, number or file is wrong.
+        VlafuzzError: every rollout ended in an error.
     """
     until, own = deadline("time", time), None if isinstance(policy, str) else policy
     name = policy if isinstance(policy, str) else f"{OBJECT}{policy.spec.name}"
@@ -74,9 +76,11 @@ def fuzz(
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
     certifying = looks_for_causes(planned.strategy) if certify is None else certify
     summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
+    if summary.unjudged and summary.first_error:
+        raise VlafuzzError(summary.unjudged, hint=f"the errors are in {summary.store}: store.trials()")
     if certifying:
         with Store.open(Path(summary.store), "write") as store, trusting(name):
-            runner, allowance = partial(_runner, Path(summary.store), own), pipeline.Allowance(deadline=until)
+            runner, allowance = partial(_runner, Path(summary.store), own), Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
 
@@ -168,7 +172,7 @@ def triage(
             partial(_runner, Path(store), policy),
             limit=limit,
             max_rollouts=max_rollouts,
-            allowance=pipeline.Allowance(rollouts, deadline("time", time)),
+            allowance=Allowance(rollouts, deadline("time", time)),
             watch=watch,
         )
         return summarise(opened)

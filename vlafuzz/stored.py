@@ -45,6 +45,7 @@ class StoredRun:
     """A run.
 
     Attributes:
+        label: the name that the user gave the policy with ``--label``; empty without one.
         budget: in rollouts of the policy.
         status: ``running``, ``finished``, ``stopped``, ``interrupted`` or ``failed``.
         seconds: wall time; None while it runs.
@@ -54,6 +55,7 @@ class StoredRun:
     run: int
     task: str
     policy: str
+    label: str
     strategy: str
     seed: int
     budget: int
@@ -93,13 +95,16 @@ class StoredTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFinding:
-    """A failing scene, with what triage says of it.
+    """A failing scene, with what triage says of it; also what ``vlafuzz findings --json`` prints.
 
     Attributes:
         scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
+        run: the one that found it; None in a corpus.
+        label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
         operators: in which the scene differs from a passing one, the confounders' as one.
         conditions: the range that fails, or the value in the scene, by operator, in words with units.
+        necessary: operators without which the policy passes; ``sufficient``: those that are enough alone.
         rate: how often the policy fails around ``scene``; None if unknown.
         witness: who solves ``scene``.
         detail: the evidence, in a sentence.
@@ -108,15 +113,18 @@ class StoredFinding:
 
     scene: str
     found: str
-    run: int
+    run: int | None
     task: str
     policy: str
+    label: str
     instruction: str
     lost_stage: str
     evidence: str
     signature: str | None
     operators: tuple[str, ...]
     conditions: tuple[str, ...]
+    necessary: tuple[str, ...]
+    sufficient: tuple[str, ...]
     rate: Rate | None
     witness: Solver | None
     detail: str
@@ -175,6 +183,7 @@ def _run(store: Store, run: Run) -> StoredRun:
     return StoredRun(
         run=run.id,
         **{name: getattr(run.manifest, name) for name in names},
+        label=run.manifest.named,
         status=run.status,
         seconds=run.seconds,
         failed=failed,
@@ -208,26 +217,29 @@ def _findings(store: Store, run: int | None) -> Iterator[StoredFinding]:
         about = finding, manifests[finding.run], spaces.of(manifests[finding.run])
         row = triaged.get(finding.key)
         if row is None:
-            yield _finding(card_of_finding(store.path, *about), finding.run, None)
+            yield finding_of(card_of_finding(store.path, *about), finding.run)
         else:
-            card = card_of_triaged(store.path, row, *about)
-            yield _finding(card, finding.run, row.certified if card.bucket == "minimal" else row.rate)
+            yield finding_of(card_of_triaged(store.path, row, *about), finding.run)
 
 
-def _finding(card: Card, run: int, rate: Rate | None) -> StoredFinding:
+def finding_of(card: Card, run: int | None = None) -> StoredFinding:
+    """The row of a card that shows one finding."""
     return StoredFinding(
         scene=card.scene.digest,
         found=card.findings[0],
         run=run,
         task=card.scene.task,
         policy=card.run.policy,
+        label=card.run.named,
         instruction=card.scene.instruction,
         lost_stage=card.lost_stage,
         evidence=card.bucket,
         signature=card.signature or None,
         operators=card.operators,
         conditions=tuple(f"{part.operator}: {part.range}" for part in card.deviations),
-        rate=rate,
+        necessary=card.causes.necessary,
+        sufficient=card.causes.sufficient,
+        rate=card.rate,
         witness=card.witness.solver if card.witness else None,
         detail=card.detail,
         replay=card.replay,

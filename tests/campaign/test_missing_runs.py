@@ -108,7 +108,7 @@ def test_progress_counts_the_rollouts_of_all_runs(store: Store):
 def test_a_run_that_judges_no_scene_is_an_error(store: Store, monkeypatch: pytest.MonkeyPatch):
     broken = Always(Outcome.error("no light"))
     monkeypatch.setattr(launch, "make_executor", lambda planned: LocalExecutor(broken))
-    with pytest.raises(VlafuzzError, match="no scene could be judged: no light"):
+    with pytest.raises(VlafuzzError, match=r"no scene could be judged: .*no light"):
         do_missing(store, [wanted(1)], SILENT)
 
 

@@ -1,10 +1,12 @@
 """vlafuzz findings."""
 
 import json
+from dataclasses import asdict
 
 import pytest
 
 from tests.report.stores import store as made_up
+from vlafuzz.api import open_store
 from vlafuzz.cli import main
 
 
@@ -24,8 +26,16 @@ def test_each_finding_has_its_cause_evidence_and_id(store, capsys):
     assert all(one["operators"] and one["signature"] and "rollouts" in one["detail"] for one in minimal)
     assert main(["findings", str(store)]) == 0
     shown = capsys.readouterr().out
-    assert minimal[0]["id"][:12] in shown
-    assert f"see the first: vlafuzz replay {store} {minimal[0]['id'][:12]}" in shown
+    assert minimal[0]["scene"][:12] in shown
+    assert f"see the first: vlafuzz replay {store} {minimal[0]['scene'][:12]}" in shown
+
+
+def test_json_is_the_rows_of_python(store, capsys):
+    assert main(["findings", str(store), "--json"]) == 0
+    printed = {row["found"]: row for row in json.loads(capsys.readouterr().out)}
+    rows = open_store(store).findings()
+    assert printed == {row.found: json.loads(json.dumps(asdict(row))) for row in rows}
+    assert any(row["necessary"] and row["rate"] for row in printed.values())
 
 
 def test_what_to_do_next_is_said(store, capsys):
@@ -58,3 +68,4 @@ def test_a_corpus_has_findings_too(capsys):
     found = json.loads(capsys.readouterr().out)
     assert len(found) >= 20
     assert {one["witness"] for one in found} <= {"expert", "seeing"}
+    assert {one["run"] for one in found} == {None}

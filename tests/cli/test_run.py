@@ -173,7 +173,20 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
     assert "stopped: no rollout in" in shown.err
-    assert "error: no scene could be judged" in shown.err
+    assert "error: no scene could be judged: all " in shown.err
+    assert " rollouts ended in an error, first: ConnectionError: refused\n" in shown.err
+
+
+def test_a_label_is_named_before_the_policy(capsys: pytest.CaptureFixture[str]):
+    named = ("--label", "step-40000", "--budget", "10", "--store", "a.db")
+    assert main(["run", *IDLE, *named]) == 0
+    called = "step-40000 (python:tests.doubles:make_idle)"
+    assert f"run 1: pick-up, {called}, causes, seed 0" in capsys.readouterr().out
+    assert main(["findings", "a.db"]) == 0
+    assert f": {called} on pick-up" in capsys.readouterr().out
+    assert main(["findings", "a.db", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)[0]
+    assert (row["policy"], row["label"]) == ("python:tests.doubles:make_idle", "step-40000")
 
 
 def test_a_run_whose_policy_goes_away_says_how_to_go_on(

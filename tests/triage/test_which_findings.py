@@ -14,7 +14,8 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import Allowance, Progress, cause_findings, triage
+from vlafuzz.triage.jobs import Allowance
+from vlafuzz.triage.pipeline import Progress, cause_findings, triage
 
 
 @pytest.fixture

@@ -170,8 +170,9 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
     verdicts = summary.verdicts
     if verdicts["passed"] + verdicts["failed"] or (may_be_empty and not verdicts["error"]):
         return
+    why = f": {summary.stopped}" if summary.stopped and not summary.first_error else ""
     raise VlafuzzError(
-        f"no scene could be judged: {summary.last_error or summary.stopped}",
+        f"{summary.unjudged}{why}",
         hint="`vlafuzz doctor` checks this machine, with --policy the policy; then use another store",
     )
 

@@ -16,6 +16,7 @@ class Summary:
     """The result of a run. Scenes are counted once, however often they were proposed.
 
     Attributes:
+        label: the name that the user gave the policy with ``--label``; empty without one.
         rollouts: of the policy, in this run.
         duplicates: proposals answered with a stored outcome, of this run or an earlier one.
         earlier: distinct scenes answered by an earlier run.
@@ -26,7 +27,7 @@ class Summary:
         clusters: groups of near-duplicates among them; None where scenes have no embedding.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
-        last_error: the last ERROR, in a sentence.
+        first_error: the first ERROR, in a sentence; ``last_error``: the last one.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
             store.
@@ -35,6 +36,7 @@ class Summary:
     run: int
     task: str
     policy: str
+    label: str
     strategy: str
     seed: int
     budget: int
@@ -50,6 +52,7 @@ class Summary:
     clusters: int | None
     progress_mean: float | None
     first_failure: str | None
+    first_error: str | None
     last_error: str | None
     stopped: str | None
     checkup: str
@@ -58,9 +61,19 @@ class Summary:
     store_seconds: float
     store: str
 
+    @property
+    def unjudged(self) -> str | None:
+        """Why no scene passed or failed, in a sentence; None where one did."""
+        if self.verdicts["passed"] + self.verdicts["failed"]:
+            return None
+        if not (errors := self.verdicts["error"]):
+            return "no scene could be judged"
+        which = "the only rollout" if errors == 1 else f"all {errors} rollouts"
+        return f"no scene could be judged: {which} ended in an error, first: {self.first_error}"
+
 
 _OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "checkup")
-_OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "last_error", "stopped")
+_OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_error", "last_error", "stopped")
 
 
 class Stopwatch:
@@ -104,6 +117,7 @@ class Tally:
         self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
         self._began = time.perf_counter() - before.seconds
         self.rollouts = self.proposals = self.duplicates = self.earlier = 0
+        self.first_error: str | None = None
         self.last_error: str | None = None
         self.stopped: str | None = None
         self.causes: int | None = None
@@ -130,6 +144,7 @@ class Tally:
         reached = self._reached.setdefault(reached, reached)
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
         if outcome.verdict is Verdict.ERROR:
+            self.first_error = self.first_error or outcome.detail
             self.last_error = outcome.detail
         if trial.cell is not None:
             self._cells.add(trial.cell)
@@ -164,6 +179,7 @@ class Tally:
         verdicts = sorted(Verdict, reverse=True)
         return Summary(
             **{name: getattr(manifest, name) for name in _OF_MANIFEST},
+            label=manifest.named,
             **{name: getattr(self, name) for name in _OF_TALLY},
             verdicts={verdict.name.lower(): self.verdicts[verdict] for verdict in verdicts},
             invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.report.causes import CauseList
     from vlafuzz.report.effects import Effects
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
 
 
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.

@@ -1,6 +1,7 @@
 """``vlafuzz findings``."""
 
 import shlex
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +10,7 @@ import typer
 from vlafuzz.cli.output import print_json, print_list, stdout
 from vlafuzz.errors import UsageError
 from vlafuzz.plugins import trust_flag
-from vlafuzz.report.view import BUCKETS, Card
+from vlafuzz.report.view import BUCKETS, Card, View
 from vlafuzz.text import plural
 
 FEW = 3  # operators of an untriaged finding that are shown with their values
@@ -34,7 +35,7 @@ def command(
     view = view_of(source)
     cards = [card for card in view.cards if evidence in (None, card.bucket)]
     if json:
-        print_json([_document(card) for card in cards])
+        print_json(_rows(source, view, evidence))
         return
     shown = cards[: limit or None]
     if shown:
@@ -63,28 +64,13 @@ def _lines(card: Card) -> list[str]:
     return [*(values or [card.title]), f"{evidence} · {card.scene.digest[:_DIGITS]}"]
 
 
-def _document(card: Card) -> dict[str, Any]:
-    return {
-        "id": card.scene.digest,
-        "task": card.scene.task,
-        "instruction": " / ".join(card.scene.instructions),
-        "policy": card.run.policy,
-        "evidence": card.bucket,
-        "detail": card.detail,
-        "signature": card.signature or None,
-        "lost_stage": card.lost_stage,
-        "operators": [
-            {
-                "operator": part.operator,
-                "value": part.value,
-                "nominal": part.reference,
-                "fails": part.fails_from,
-            }
-            for part in card.deviations
-        ],
-        "necessary": list(card.causes.necessary),
-        "sufficient": list(card.causes.sufficient),
-        "witness": card.witness.solver if card.witness else None,
-        "findings": list(card.findings),
-        "replay": card.replay,
-    }
+def _rows(source: Path, view: View, evidence: str | None) -> list[dict[str, Any]]:
+    """The findings as ``StoredFinding``, one each, in the order of the cards that show them."""
+    from vlafuzz.stored import StoredResults, finding_of
+
+    if source.is_file():
+        ranks = {digest: rank for rank, card in enumerate(view.cards) for digest in card.findings}
+        rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found])
+    else:
+        rows = [finding_of(card) for card in view.cards]
+    return [asdict(row) for row in rows if evidence in (None, row.evidence)]

@@ -136,7 +136,7 @@ def command(
     from vlafuzz.cli.triage import print_causes
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about, looks_for_causes
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
 
     values = {
         "task": task,
@@ -204,8 +204,8 @@ def _end(summary: Summary, fail_on_finding: bool) -> None:
     """Say whether the run ended early, with the exit code of its result."""
     if summary.stopped:
         Bar.note(f"stopped: {summary.stopped}")
-    if not summary.verdicts["passed"] + summary.verdicts["failed"]:
-        raise VlafuzzError("no scene could be judged", hint=_why_not(summary))
+    if summary.unjudged:
+        raise VlafuzzError(summary.unjudged, hint=_why_not(summary))
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
 
@@ -214,7 +214,8 @@ def _why_not(summary: Summary) -> str:
     if not summary.proposals:
         return "give it more --time"
     if summary.verdicts["error"] or not summary.invalid:
-        return "`vlafuzz doctor` checks this machine"
+        doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
+        return f"`vlafuzz doctor` checks this machine, `{doctor}` the policy"
     checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
     export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
     return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"

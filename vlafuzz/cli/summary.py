@@ -93,7 +93,8 @@ def print_summary(
     Args:
         probability: that the policy fails in a random scene, if the strategy estimates it.
     """
-    title = f"run {summary.run}: {summary.task}, {summary.policy}, {summary.strategy}, seed {summary.seed}"
+    policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
+    title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
     table = Table(show_header=False, title=title, title_justify="left")
     table.add_column(style="bold")
     table.add_column()

@@ -20,7 +20,7 @@ from vlafuzz.text import duration, plural
 if TYPE_CHECKING:
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
     from vlafuzz.triage.summary import TriageSummary
 
 
@@ -44,6 +44,13 @@ def command(
         ),
     ] = None,
     time: TimeFlag = None,
+    thorough: Annotated[
+        bool,
+        typer.Option(
+            "--thorough",
+            help="Shrink every finding to its smallest values, also those of a cause certified before.",
+        ),
+    ] = False,
     workers: WorkersFlag = None,
     trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -53,6 +60,7 @@ def command(
     Every finding is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
     them. Findings that were triaged before are left as they are. Those that show the commonest causes come
     first, so that --limit, --rollouts and --time leave out what matters least; the next triage goes on.
+    A finding that a cause certified before explains is certified with the values that it was found with.
     """
     from vlafuzz.deadline import deadline
 
@@ -64,11 +72,13 @@ def command(
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.report.causes import all_causes
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Allowance
+    from vlafuzz.triage.jobs import Allowance
 
     note_alone(store)
     allowance = Allowance(rollouts, until)
-    result = triage_store(store, max_rollouts, limit, workers, allowance=allowance, show=not json)
+    result = triage_store(
+        store, max_rollouts, limit, workers, allowance=allowance, thorough=thorough, show=not json
+    )
     with Store.open(store) as opened:
         found = all_causes(opened)
     if json:
@@ -96,12 +106,14 @@ def triage_store(
     *,
     allowance: Allowance | None = None,
     causes_of: int | None = None,
+    thorough: bool = False,
     show: bool,
 ) -> dict[str, Any]:
     """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed.
 
     Args:
         causes_of: a run: only the findings that show its commonest causes.
+        thorough: see ``pipeline.triage``.
     """
     from vlafuzz.store.store import Store
 
@@ -112,7 +124,7 @@ def triage_store(
     if causes_of is None:
         note = f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
     with interruptible(note) as bar:
-        summary, unjudged = _triage(store, max_rollouts, limit, workers, allowance, causes_of, bar)
+        summary, unjudged = _triage(store, max_rollouts, limit, workers, allowance, causes_of, thorough, bar)
     if show:
         _print(summary)
     if unjudged:
@@ -134,6 +146,7 @@ def _triage(
     workers: int | None,
     allowance: Allowance | None,
     causes_of: int | None,
+    thorough: bool,
     bar: Bar,
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
@@ -163,6 +176,7 @@ def _triage(
                 limit=limit,
                 allowance=allowance,
                 workers=workers,
+                thorough=thorough,
                 watch=watch,
             )
         else:

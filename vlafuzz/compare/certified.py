@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import Job, findings_in_order, job_of
+from vlafuzz.triage.jobs import Job
+from vlafuzz.triage.pipeline import findings_in_order, job_of
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
-from vlafuzz.triage.triager import SceneRunner
+from vlafuzz.triage.runner import SceneRunner
 
 Known = dict[tuple[str, str], Triaged | None]
 """Results of triage by the finding's key; None where a finding could not be judged."""

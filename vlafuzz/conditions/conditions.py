@@ -118,8 +118,18 @@ class Conditions:
 
     @property
     def model(self) -> str:
-        """The policy with its label, if it has one."""
-        return f"{self.policy} ({self.label})" if self.label else self.policy
+        """The policy as people read it; runs that stand alone are told apart."""
+        return f"{self.policy} ({self.label})" if self.alone else self.called
+
+    @property
+    def called(self) -> str:
+        """The policy as people read it: the label that the user gave it, if any, before its name."""
+        return f"{self.named} ({self.policy})" if self.named else self.policy
+
+    @property
+    def named(self) -> str:
+        """The label that the user gave the policy; empty without one."""
+        return "" if self.alone else self.label
 
     @property
     def alone(self) -> bool:

@@ -11,7 +11,8 @@ from vlafuzz.scene import Scene
 from vlafuzz.store.records import Triaged
 from vlafuzz.triage.oracle import MOST, Answer
 from vlafuzz.triage.path import nominal
-from vlafuzz.triage.triager import SceneRunner, repeat
+from vlafuzz.triage.runner import SceneRunner
+from vlafuzz.triage.triager import repeat
 
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"

@@ -7,7 +7,7 @@ from vlafuzz.regression.corpus import Control
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import load_jitter
-from vlafuzz.triage.triager import SceneRunner
+from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.watch import Watch
 
 CONTROLS = 200

@@ -15,7 +15,7 @@ from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Triaged
 from vlafuzz.triage.outward import outward
 from vlafuzz.triage.path import GROUPS
-from vlafuzz.triage.triager import SceneRunner
+from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.triage.witness import prove
 
 ROLLOUTS = 20  # exactly in a scene and around it, of which a share has to hold

@@ -22,7 +22,7 @@ from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import Interval, newcombe
 from vlafuzz.store.records import Manifest
-from vlafuzz.triage.triager import PolicyRunner
+from vlafuzz.triage.runner import PolicyRunner
 
 REPEATS = 3  # of each scene that is no control
 PATIENCE = 10  # give up after so many pairs if none of them could be judged

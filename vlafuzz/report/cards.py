@@ -76,6 +76,7 @@ def card_of_triaged(
         counterpart_rates=triaged.counterpart_rates if minimal else {},
         reference=reference,
         witness=triaged.witness,
+        rate=_rate(triaged),
         detail=_evidence(triaged),
         replay=_replay(store, scene, run.policy),
     )
@@ -97,6 +98,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
         counterpart_rates=case.counterpart_rates,
         reference=case.reference,
         witness=case.witness,
+        rate=case.certified,
         detail=f"fails {_around(case.certified)}"
         if case.certified
         else _repeats(case.failures, case.repeats),
@@ -107,13 +109,17 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -
 
 def _evidence(triaged: Triaged) -> str:
     """How often the card's scene fails, and what else triage says of it."""
-    rate = triaged.certified if triaged.bucket == "minimal" else triaged.rate
+    rate = _rate(triaged)
     if rate is None:
         return triaged.detail or _repeats(triaged.failures, triaged.repeats)
     if triaged.bucket == "edge":
         return f"fails exactly as it is, but {_around(rate)}"
     more = f"; {triaged.detail}" if triaged.detail and triaged.bucket != "flaky" else ""
     return f"fails {_around(rate)}{more}"
+
+
+def _rate(triaged: Triaged) -> Rate | None:
+    return triaged.certified if triaged.bucket == "minimal" else triaged.rate
 
 
 def _around(rate: Rate) -> str:

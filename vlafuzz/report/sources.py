@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 
 from vlafuzz.conditions.place import by_place, in_words
+from vlafuzz.outcome import Verdict
 from vlafuzz.plugins import trust_flag
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
@@ -83,7 +84,12 @@ def _effects(store: Store, runs: Sequence[Run]) -> Iterator[Table]:
 def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:
     failed = counts.failed
     if not failed.of:
-        return "No scene was judged."
+        errors = counts.verdicts[Verdict.ERROR]
+        return (
+            f"No scene was judged: {plural(errors, 'rollout')} ended in errors."
+            if errors
+            else "No scene was judged."
+        )
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
     share = f"{failed.count} of {failed.of} judged scenes failed"
@@ -126,7 +132,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
 
 def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
     return [
-        ("Policy", named(run.policy for run in runs)),
+        ("Policy", named(run.called for run in runs)),
         ("Task", named(run.task for run in runs)),
         ("Strategy", named(run.strategy for run in runs)),
         ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),

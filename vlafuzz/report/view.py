@@ -143,6 +143,7 @@ class Card:
         operators: those in which the scene differs from its reference; the confounder operators count as one.
         reference: the passing scene that it is compared with; None for the nominal one.
         counterpart_rates: how often the policy fails around the scene without an operator, by operator.
+        rate: how often the policy fails around the scene; None if unknown.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
         picture: PNG, shown if there are no films.
@@ -160,6 +161,7 @@ class Card:
     counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
     reference: Scene | None = None
     witness: Witness | None = None
+    rate: Rate | None = None
     detail: str
     replay: str
     picture: bytes | None = None
@@ -251,7 +253,7 @@ class View:
 def title_of(runs: Sequence[Manifest]) -> str:
     if not runs:
         return "no run yet"
-    return f"{named(run.policy for run in runs)} on {named(run.task for run in runs)}"
+    return f"{named(run.called for run in runs)} on {named(run.task for run in runs)}"
 
 
 def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:

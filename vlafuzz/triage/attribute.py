@@ -10,12 +10,16 @@ from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
 from vlafuzz.triage.thresholds import locate
 
 
-def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace) -> Causes:
-    """The causes of a shrunk failure, from the oracle that it was shrunk with."""
+def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace, *, located: bool = False) -> Causes:
+    """The causes of a shrunk failure, from the oracle that it was shrunk with.
+
+    Args:
+        located: the thresholds of this cause are known, and left out here.
+    """
     left = shrunk.operators
     alone = {name: _alone(space, shrunk, name) for name in left}
     failing = oracle.fails(list(alone.values()))
-    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.firm else []
+    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.firm and not located else []
     thresholds = [_threshold(shrunk, name, oracle, space) for name in numeric]
     return Causes(
         tuple(shrunk.counterparts),

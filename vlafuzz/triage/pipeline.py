@@ -1,21 +1,16 @@
-"""triage: work through the findings of a store, here or in several processes."""
+"""triage, certify_causes: which findings of a store are triaged, in which order, and at what cost."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
-from vlafuzz.deadline import Deadline
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.triage.shared_runner import SharedRunner
-from vlafuzz.triage.triager import SceneRunner, Triager
+from vlafuzz.triage.jobs import Allowance, Job, work_here, work_in_processes
+from vlafuzz.triage.known import certified
+from vlafuzz.triage.pool import Make
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
@@ -50,32 +45,6 @@ def _at_once(store: Store, run: Run) -> float:
     return sum(_seconds(store, run)) / run.seconds
 
 
-@dataclass
-class Allowance:
-    """What triage may take: once it is used up, no further finding is begun.
-
-    A finding is not begun either if less time is left than those before it took on average. What the deadline
-    interrupts all the same is left for the next triage.
-
-    Attributes:
-        rollouts: of the policy; None for no limit. ``spent``: by the findings that are done.
-    """
-
-    rollouts: int | None = None
-    deadline: Deadline = field(default_factory=Deadline)
-    spent: int = 0
-    _seconds: list[float] = field(default_factory=list)
-
-    def charge(self, triaged: Triaged) -> None:
-        self.spent += triaged.policy_rollouts
-        self._seconds.append(triaged.seconds)
-
-    @property
-    def used_up(self) -> bool:
-        takes = sum(self._seconds) / max(len(self._seconds), 1)
-        return self.deadline.left <= takes or (self.rollouts is not None and self.spent >= self.rollouts)
-
-
 def triage(
     store: Store,
     runner: Make,
@@ -85,6 +54,7 @@ def triage(
     limit: int | None = None,
     allowance: Allowance | None = None,
     workers: int = 1,
+    thorough: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> int:
     """Triage every finding that was not triaged yet; each result is stored at once.
@@ -99,6 +69,8 @@ def triage(
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
+        thorough: shrink every finding by a search of its own, also where it has a cause that is certified
+            already, and locate its thresholds anew.
         watch: called after every finding.
 
     Returns:
@@ -116,79 +88,34 @@ def triage(
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     jobs = [
-        Job(runs[number], list(several), max_rollouts, store.passing(number), blamed)
-        for number, several in groupby(todo, lambda finding: finding.run)
+        Job(runs[number], list(some), max_rollouts, store.passing(number), blamed, None)
+        for number, some in groupby(todo, lambda finding: finding.run)
     ]
+    if not thorough:
+        jobs = [job._replace(known=_known(store, job)) for job in jobs]
     allowance = allowance or Allowance()
-    unjudged, rollouts = 0, 0
+    done_now, unjudged, rollouts = 0, 0, 0
     watch(Progress(0, len(todo), 0))
     if workers == 1:
-        results = _here(runner, jobs, allowance)
+        results = work_here(runner, jobs, allowance)
     else:
-        results = _in_processes(runner, jobs, workers, allowance)
-    for number, triaged in enumerate(results, start=1):
-        if triaged is None:
-            unjudged += not allowance.used_up
-        else:
+        results = work_in_processes(runner, jobs, workers, allowance)
+    for triaged in results:
+        if triaged:
             allowance.charge(triaged)
             store.settle(triaged)
             rollouts += triaged.policy_rollouts + triaged.expert_rollouts
-        watch(Progress(number, len(todo), rollouts))
+        elif allowance.used_up:
+            continue
+        unjudged += triaged is None
+        done_now += 1
+        watch(Progress(done_now, len(todo), rollouts))
     return unjudged
 
 
-class Job(NamedTuple):
-    """The findings of one run that are to be triaged; the last three fields are those of ``Triager``."""
-
-    run: Run
-    findings: Sequence[Finding]
-    max_rollouts: int | None
-    passing: Sequence[Scene]
-    blamed: Mapping[Scene, Sequence[str]]
-
-    def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
-        until = deadline or Deadline()
-        return Triager(runner, self.max_rollouts, self.passing, self.blamed, deadline=until)
-
-
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
-    """The job of some findings of a run, with what that run knows."""
-    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]))
-
-
-def _here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
-    """Triage in this process, run by run; behind a server, as many findings at a time as it takes scenes."""
-    for job in jobs:
-        with closing(make(job.run)) as runner:
-            if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:
-                shared = SharedRunner(runner)
-                allowed = partial(_allowed, job.triager(shared, allowance.deadline), allowance)
-                yield from shared.side_by_side(allowed, job.findings)
-                continue
-            triager = job.triager(runner, allowance.deadline)
-            for finding in job.findings:
-                if allowance.used_up:
-                    return
-                yield triager.triage(finding)
-
-
-def _in_processes(
-    make: Make, jobs: Sequence[Job], workers: int, allowance: Allowance
-) -> Iterator[Triaged | None]:
-    """Triage as many findings at a time as there are workers, whose rollouts all workers share.
-
-    Results come in the order in which they are done.
-    """
-    with process_pool(workers) as pool:
-        for job in jobs:
-            triager = job.triager(PooledRunner(pool, make, job.run), allowance.deadline)
-            allowed = partial(_allowed, triager, allowance)
-            for _, triaged in side_by_side(pool, workers, allowed, job.findings):
-                yield triaged
-
-
-def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | None:
-    return None if allowance.used_up else triager.triage(finding)
+    """The job of some findings of a run, with what that run knows; they know nothing of each other."""
+    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None)
 
 
 def certify_causes(
@@ -239,6 +166,12 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
 def findings_in_order(store: Store, run: int) -> list[Finding]:
     """The findings of a run in the order of ``triage`` under a limit."""
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
+
+
+def _known(store: Store, job: Job) -> list[Triaged]:
+    """What triage has certified of the same policy and task."""
+    key, task = job.findings[0].policy_key, job.findings[0].scene.task
+    return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 
 def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, tuple[str, ...]]:

@@ -15,7 +15,7 @@ from vlafuzz.execute import forks
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
-from vlafuzz.triage.triager import SceneRunner
+from vlafuzz.triage.runner import SceneRunner
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -37,6 +37,15 @@ def shrink(scene: Scene, oracle: Oracle, space: SearchSpace, reference: Scene | 
     return shrinker.way
 
 
+def drop_confounders(
+    scene: Scene, oracle: Oracle, space: SearchSpace, reference: Scene | None = None
+) -> Scene:
+    """The failing scene without the confounders that do not matter."""
+    shrinker = _Shrinker(space, oracle, reference, [scene])
+    shrinker.drop_confounders()
+    return shrinker.best
+
+
 @dataclass
 class _Shrinker:
     space: SearchSpace
@@ -55,13 +64,16 @@ class _Shrinker:
             self._unblock()
         while True:
             before = self.best
-            self._drop(range(len(self.best.confounders)), self._without_confounders)
+            self.drop_confounders()
             self._drop_values()
             for name in self._left():
                 for gene in self._free(GROUPS[name]):
                     self._lessen(gene)
             if not self._drop_operators() and (self.best == before or not self._is_blocked()):
                 return
+
+    def drop_confounders(self) -> None:
+        self._drop(range(len(self.best.confounders)), self._without_confounders)
 
     def _drop_operators(self) -> bool:
         return self._drop(

@@ -3,21 +3,21 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 from vlafuzz.deadline import Deadline
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Actions, Rate, Solver
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.evidence import Rate
+from vlafuzz.outcome import Verdict
 from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import certify
+from vlafuzz.triage.certify import Shrunk, certify
 from vlafuzz.triage.directions import directed
+from vlafuzz.triage.known import by_known_cause
 from vlafuzz.triage.oracle import (
     LEAD,
     MOST,
@@ -32,6 +32,7 @@ from vlafuzz.triage.oracle import (
 from vlafuzz.triage.outward import outward
 from vlafuzz.triage.path import GROUPS, deviating
 from vlafuzz.triage.reference import find_reference
+from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Search, prove
 
@@ -40,39 +41,6 @@ MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
 FIRMLY = 5  # failures more than passes in a scene farther out that is triaged in place of a finding
 _OF_FINDING = ("scene", "repeats", "failures", "rate", "deviating", "policy_rollouts", "expert_rollouts")
 TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
-
-
-class PolicyRunner(Protocol):
-    """Rolls out a policy under the conditions of a run. Nothing raises for what a scene does."""
-
-    deterministic: bool
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        """One rollout in each scene, with the runner's seed plus the scene's number."""
-
-    def close(self) -> None:
-        """Release simulator and policies."""
-
-
-class SceneRunner(PolicyRunner, Protocol):
-    """Runs policy and expert in the scenes of one run.
-
-    Attributes:
-        space: the search space with the operators of the run.
-        stages: the names of the task's stages.
-    """
-
-    space: SearchSpace
-    stages: tuple[str, ...]
-
-    def renew(self) -> None:
-        """Give the next scene an environment that has seen no other."""
-
-    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
-        """One rollout of the expert or the seeing expert, in its n-th attempt."""
-
-    def play(self, scene: Scene, actions: Actions) -> Outcome:
-        """The outcome when the robot executes these actions."""
 
 
 class _BrokenError(Exception):
@@ -89,6 +57,8 @@ class Triager:
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
             out, if it can be.
         rolled: verdicts by scene's digest and number, which findings share; only ``roll`` changes it.
+        known: certified findings, one of each signature. A finding that their operators explain keeps its own
+            values of these, and thresholds of a known signature are not located again.
         deadline: after which a finding is given up.
     """
 
@@ -97,6 +67,7 @@ class Triager:
     passing: Sequence[Scene] = ()
     blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
     rolled: dict[tuple[str, int], Judged] = field(default_factory=dict)
+    known: Sequence[Triaged] = field(default=(), kw_only=True)
     deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
     def triage(self, finding: Finding) -> Triaged | None:
@@ -233,26 +204,37 @@ class Triager:
             name = signature(triaged.scene.task, lost, ())
             triaged = replace(triaged, bucket="base", shrunk=nominal, lost_stage=lost, signature=name)
             return replace(triaged, detail="even the nominal scene of the same objects fails")
-        way = shrink(triaged.scene, oracle, space, reference.scene)
-        oracle.budget = confirmed + round(most * TO_CERTIFY)
-        shrunk = certify(way, oracle, space, reference)
+        shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
+        if shrunk is None:
+            way = shrink(triaged.scene, oracle, space, reference.scene)
+            oracle.budget = confirmed + round(most * TO_CERTIFY)
+            shrunk = certify(way, oracle, space, reference)
+        else:
+            triaged = replace(triaged, detail="known operators suffice, with the values that were found")
         rates = dict(shrunk.rates)
         if shrunk.minimal and TargetType.name in self.blamed.get(triaged.scene, ()):
             others = space.reset(shrunk.scene, [TargetType.name])
             rates[TargetType.name] = oracle.certify([others], reference.stages, most=MOST)[0].rate
         oracle.budget = confirmed + most
+        return self._attribute(triaged, replace(shrunk, rates=rates), oracle)
+
+    def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle) -> Triaged:
+        """Name the cause of a shrunk failure, and look for thresholds that are not known yet."""
+        space = self.runner.space
         operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
+        name = signature(triaged.scene.task, shrunk.lost, operators)
+        located = any(name == one.signature and one.causes.thresholds for one in self.known)
         triaged = replace(
             triaged,
             shrunk=shrunk.scene,
             lost_stage=shrunk.lost,
             operators=shrunk.operators,
-            causes=attribute(shrunk, oracle, space),
+            causes=attribute(shrunk, oracle, space, located=located),
             certified=shrunk.rate,
             counterparts=shrunk.counterparts,
-            counterpart_rates=rates,
+            counterpart_rates=shrunk.rates,
             reference=shrunk.reference,
-            signature=signature(triaged.scene.task, shrunk.lost, operators),
+            signature=name,
         )
         if not shrunk.minimal:
             return replace(triaged, detail=shrunk.problem)

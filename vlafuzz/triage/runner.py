@@ -1,0 +1,42 @@
+"""PolicyRunner, SceneRunner: what triage asks to roll out policy and expert."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from vlafuzz.evidence import Actions, Solver
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+
+
+class PolicyRunner(Protocol):
+    """Rolls out a policy under the conditions of a run. Nothing raises for what a scene does."""
+
+    deterministic: bool
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        """One rollout in each scene, with the runner's seed plus the scene's number."""
+
+    def close(self) -> None:
+        """Release simulator and policies."""
+
+
+class SceneRunner(PolicyRunner, Protocol):
+    """Runs policy and expert in the scenes of one run.
+
+    Attributes:
+        space: the search space with the operators of the run.
+        stages: the names of the task's stages.
+    """
+
+    space: SearchSpace
+    stages: tuple[str, ...]
+
+    def renew(self) -> None:
+        """Give the next scene an environment that has seen no other."""
+
+    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        """One rollout of the expert or the seeing expert, in its n-th attempt."""
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """The outcome when the robot executes these actions."""
