@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -56,6 +57,11 @@ def duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def size(number: int) -> str:
+    """Bytes as ``48 kB`` or ``1.2 MB``."""
+    return f"{number / 1e6:.1f} MB" if number >= 1e6 else f"{math.ceil(number / 1e3)} kB"
 
 
 def csv_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -27,7 +27,7 @@ def test_each_finding_has_its_cause_evidence_and_id(store, capsys):
     assert main(["findings", str(store)]) == 0
     shown = capsys.readouterr().out
     assert minimal[0]["scene"][:12] in shown
-    assert f"see the first: vlafuzz replay {store} {minimal[0]['scene'][:12]}" in shown
+    assert f"see number 1: vlafuzz replay {store} {minimal[0]['scene'][:12]}" in shown
 
 
 def test_json_is_the_rows_of_python(store, capsys):

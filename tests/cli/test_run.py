@@ -333,3 +333,9 @@ def test_triage_follows_a_run_when_so_wished(
     assert printed["findings"] == printed["triage"]["triaged"] > 0
     assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--triage"]) == 0
     assert "distinct signatures after" in capsys.readouterr().out
+
+
+def test_one_failure_has_its_cause(capsys: pytest.CaptureFixture[str], folder: Path):
+    write_scenes(folder / "dark.jsonl", [scene(light=0.3)])
+    assert main(["run", *IDLE, "--scenes", "dark.jsonl", "--store", "a.db"]) == 0
+    assert "1 failure; `vlafuzz triage a.db --trust` finds its cause\n" in capsys.readouterr().out

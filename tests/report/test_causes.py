@@ -74,7 +74,7 @@ def test_before_triage_causes_are_listed_as_the_strategy_found_them(store: Store
     assert [cause.failures for cause in found.causes] == [5, 4, 2]
     assert {cause.bucket for cause in found.causes} == {"observed"}
     assert found.causes[1].conditions[0].startswith("light: × 0.")
-    assert found.sentences == ("unexplained failures: 3",)
+    assert found.sentences == ("unexplained failures: 3, variants tried to explain them not counted",)
 
 
 def test_causes_with_one_certified_signature_are_one(store: Store):
@@ -86,7 +86,7 @@ def test_causes_with_one_certified_signature_are_one(store: Store):
     assert dark.conditions[0].startswith("light (dark): fails from intensity × 0.")
     assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 5, "seeing")
     more = f"{found.rollouts} more rollouts certified 3 of 3 causes, 2 of them distinct"
-    assert found.sentences == (more, "unexplained failures: 3")
+    assert found.sentences == (more, "unexplained failures: 3, variants tried to explain them not counted")
 
 
 def test_a_certified_cause_names_its_minimal_scene(store: Store):

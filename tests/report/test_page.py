@@ -112,3 +112,10 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
     ):
         with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {reason}"):
             check_place(place)
+
+
+def test_a_witness_is_explained_only_where_one_is_filmed(tmp_path: Path):
+    for triaged, expected in ((0, False), (3, True)):
+        shown = view(store(tmp_path / f"{triaged}.db", triaged=triaged))
+        page = render(filmed(shown, MadeUpFilms(), 50, lambda *_: None))
+        assert ("Right, where there is one: the witness" in page) is expected

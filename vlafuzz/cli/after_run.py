@@ -46,7 +46,8 @@ def hint_at_triage(summary: Summary, policy: str) -> None:
     if summary.findings:
         command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
         failures = plural(summary.findings, "failure")
-        stdout().print(f"{failures}; `{command}` finds their causes", soft_wrap=True)
+        whose = "its cause" if summary.findings == 1 else "their causes"
+        stdout().print(f"{failures}; `{command}` finds {whose}", soft_wrap=True)
 
 
 def hint_at_rest(plan: Plan, found: CauseList | None) -> None:

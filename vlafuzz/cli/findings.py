@@ -45,7 +45,7 @@ def command(
     if len(shown) < len(cards):
         stdout().print(f"{len(cards) - len(shown)} more: --limit 0 shows all of them")
     if shown:
-        stdout().print(f"see the first: {shown[0].replay}", soft_wrap=True)
+        stdout().print(f"see number 1: {shown[0].replay}", soft_wrap=True)
     for text, line in view.todo:
         stdout().print(f"{text} {line}", soft_wrap=True)
     if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():

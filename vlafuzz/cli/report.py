@@ -13,6 +13,7 @@ import typer
 from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, interruptible
 from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.text import size
 
 if TYPE_CHECKING:
     from vlafuzz.report.view import View
@@ -47,7 +48,7 @@ def command(
         view = _with_films(source, view, 50 if limit is None else limit)
     page = render(view)
     write_page(out, page)
-    Bar.note(f"written: {out} ({len(page.encode()) / 1e6:.1f} MB)")
+    Bar.note(f"written: {out} ({size(len(page.encode()))})")
 
 
 def view_of(source: Path) -> View:

@@ -112,7 +112,8 @@ class CauseList:
             same = "" if distinct == self.certified else f", {distinct} of them distinct"
             of = plural(self.found, "cause")
             found.append(f"{plural(self.rollouts, 'more rollout')} certified {self.certified} of {of}{same}")
-        found.append(f"unexplained failures: {self.unexplained}")
+        tried = ", variants tried to explain them not counted" if self.unexplained else ""
+        found.append(f"unexplained failures: {self.unexplained}{tried}")
         if self.probability:
             found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
         return tuple(found)

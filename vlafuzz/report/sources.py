@@ -114,7 +114,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     facts = [
         *_of_runs(manifests),
         ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
-        ("Distinct cells before triage", str(summary.distinct_cells)),
+        ("Failure cells before triage", str(summary.distinct_cells)),
     ]
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
     facts.insert(1, ("Policy checkup", checkups))

@@ -240,6 +240,11 @@ class View:
         return any(card.failure or card.solution for card in self.cards)
 
     @property
+    def solved(self) -> bool:
+        """Whether there is a film of a witness."""
+        return any(card.solution for card in self.cards)
+
+    @property
     def filters(self) -> tuple[Filter, ...]:
         cards = self.cards
         return (
