@@ -74,9 +74,22 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
     assert captured.out.count(" without light") > 20
 
 
-def test_one_that_solves_the_failures_is_fine(capsys: pytest.CaptureFixture[str]):
+def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys: pytest.CaptureFixture[str]):
     assert regress("expert") == 0
-    assert "fixed: the baseline fails" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "fixed: the baseline fails" in printed
+    assert "failures are fixed: 30 of 30 failing scenes fixed" in printed
+    assert "0 of 30 passing scenes beside them broken (p = 1)" in printed
+
+
+def test_what_is_fixed_is_in_every_output(capsys: pytest.CaptureFixture[str]):
+    assert regress("expert", "--json", "--junit", "a.xml", "--summary", "a.md") == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (30, 30, True)
+    assert (printed["broken"]["changed"], printed["broken"]["of"], printed["broken"]["p_value"]) == (0, 30, 1)
+    assert printed["changes"] in Path("a.md").read_text()
+    properties = Xml.parse("a.xml").getroot().iter("property")
+    assert printed["changes"] in {each.get("value") for each in properties}
 
 
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):

@@ -119,5 +119,7 @@ def _print(compared: Comparison, corpus: Corpus) -> None:
         print_rows(rows, title=title)
     if between := difference(compared):
         stdout().print(between, soft_wrap=True)
+    if compared.changes:
+        stdout().print(compared.changes, soft_wrap=True)
     stopped = f"stopped after {compared.tried} controls: " if compared.stopped == "worse" else ""
     stdout().print(f"{stopped}{compared.verdict}", soft_wrap=True)

@@ -39,7 +39,7 @@ def _suite(comparison: Comparison, group: Group) -> Xml.Element:
     cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
     suite = Xml.Element("testsuite", _counts(cases), name=group)
     properties = Xml.SubElement(suite, "properties")
-    for name in ("policy", "baseline", "verdict"):
+    for name in ("policy", "baseline", "verdict", "changes"):
         Xml.SubElement(properties, "property", name=name, value=_clean(getattr(comparison, name)))
     suite.extend(cases)
     return suite

@@ -30,7 +30,7 @@ def write_summary(comparison: Comparison, corpus: Corpus, path: Path, still: byt
 
 def _page(comparison: Comparison, corpus: Corpus, picture: str | None) -> str:
     sign = "❌" if comparison.alarm else "✅" if comparison.tells else "❔"
-    parts = [f"## {sign} {_cell(comparison.verdict)}", difference(comparison)]
+    parts = [f"## {sign} {_cell(comparison.verdict)}", _cell(comparison.changes), difference(comparison)]
     if picture is not None:
         parts.append(f"![a scene in which only the policy fails]({picture})")
     for title, rows in tables(comparison, corpus).items():

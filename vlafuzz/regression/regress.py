@@ -7,7 +7,7 @@ recorded outcomes of the baseline are as good as new ones.
 
 The other scenes of a corpus were selected by outcomes of its own policy, which failed in the failing ones and
 passed in their counterparts. There any other policy regresses to its mean: of equal skill, it passes some of
-the former and fails some of the latter. They are run and shown, but never raise an alarm.
+the former and fails some of the latter. They say what is fixed and broken there, but never raise an alarm.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +16,7 @@ from itertools import islice
 from typing import Literal, NamedTuple, Protocol
 
 from vlafuzz.outcome import Verdict
+from vlafuzz.regression.changes import Change, broken, fixed
 from vlafuzz.regression.controls import REGRESS, number_of
 from vlafuzz.regression.e_process import SignTest
 from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
@@ -98,6 +99,7 @@ class Comparison:
             raise an alarm.
         p_value: valid at any stopping time.
         stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; or ``done``.
+        recorded: whether the baseline's outcomes are those of the corpus, instead of rollouts of now.
     """
 
     policy: str
@@ -108,6 +110,7 @@ class Comparison:
     p_value: float
     stopped: Stopped
     compared: tuple[Compared, ...]
+    recorded: bool = False
 
     @property
     def alarm(self) -> bool:
@@ -142,6 +145,29 @@ class Comparison:
     def lost(self) -> float:
         """Policy's minus baseline's failure rate over the judged controls."""
         return self.controls.baseline.share - self.controls.policy.share
+
+    @property
+    def fixed(self) -> Change:
+        """Failing scenes that pass now."""
+        return fixed(self.compared, self.alpha, recorded=self.recorded)
+
+    @property
+    def broken(self) -> Change:
+        """Passing scenes beside them that fail now."""
+        return broken(self.compared, self.alpha, recorded=self.recorded)
+
+    @property
+    def changes(self) -> str:
+        """What is fixed and what is broken, in one sentence; empty where none of these scenes was judged."""
+        fixed, broken = self.fixed, self.broken
+        if not fixed.of + broken.of:
+            return ""
+        claims = ["failures are fixed"] * fixed.shown + ["passing scenes are broken"] * broken.shown
+        claim = " and ".join(claims) or "nothing is shown to be fixed or broken"
+        counts = f"{fixed.changed} of {fixed.of} failing scenes fixed ({fixed})"
+        return (
+            f"{claim}: {counts}, {broken.changed} of {broken.of} passing scenes beside them broken ({broken})"
+        )
 
     def of(self, group: Group) -> list[Compared]:
         return [compared for compared in self.compared if compared.probe.group == group]
@@ -208,6 +234,7 @@ def compare(
         p_value=test.p_value,
         stopped=stopped,
         compared=tuple(Compared(probe, tuple(done)) for probe, done in zip(probes, pairs, strict=True)),
+        recorded=isinstance(baseline, Recorded),
     )
 
 

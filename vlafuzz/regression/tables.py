@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from vlafuzz.regression.bisect import Bisection
+from vlafuzz.regression.changes import Change
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.pairs import Compared, Group
 from vlafuzz.regression.regress import Comparison
@@ -90,10 +91,17 @@ def document(compared: Comparison, corpus: Corpus) -> dict[str, Any]:
         **{name: getattr(compared, name) for name in names},
         "controls": compared.tried,
         "judged": compared.controls.policy.of,
+        "fixed": _change(compared.fixed),
+        "broken": _change(compared.broken),
+        "changes": compared.changes,
         "difference": between and {"of_failure_rates": compared.lost, **between._asdict()},
         "groups": {group: _group(compared, group) for group in _GROUPS},
         "scenes": [_scene(scene) | {"standing": scene.standing} for scene in compared.compared],
     }
+
+
+def _change(change: Change) -> dict[str, Any]:
+    return {**asdict(change), "shown": change.shown}
 
 
 def _group(compared: Comparison, group: Group) -> dict[str, Any]:
