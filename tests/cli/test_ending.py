@@ -101,10 +101,27 @@ class Finder:
 """
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("where", INTERRUPTED_IN)
+@pytest.mark.parametrize(
+    ("where", "number"), zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)
+)
 def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
     code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
+    with started(code, "operators") as process:
+        _, stderr = process.communicate()
+    assert (process.returncode, stderr) == (130, "error: interrupted\n")
+
+
+def test_an_import_that_swallows_an_interruption_does_not_keep_it_from_the_command():
+    code = FINDER.replace("{signal}", "SIGINT").replace("exec(self.code, globals())", "attempt()")
+    code += """
+import time
+def attempt():
+    try:
+        raised()
+    except BaseException:
+        time.sleep(60)
+sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))
+"""
     with started(code, "operators") as process:
         _, stderr = process.communicate()
     assert (process.returncode, stderr) == (130, "error: interrupted\n")

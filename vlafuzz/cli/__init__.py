@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
+from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
 from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 from vlafuzz.plugins import trusting
@@ -105,7 +105,8 @@ def _run(arguments: Sequence[str] | None) -> int:
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
         traceback.print_exc()
         return BUG
-    if ended == INTERRUPTED and heard():  # typer exits without a word
+    silent = ended == INTERRUPTED or is_late()  # typer exits without a word
+    if heard() and silent:
         return _complain("interrupted", None, INTERRUPTED)
     return ended if isinstance(ended, int) else 0
 
