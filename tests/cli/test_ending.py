@@ -102,7 +102,7 @@ class Finder:
 
 
 @pytest.mark.parametrize(
-    ("where", "number"), zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)
+    ("where", "number"), [*zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)]
 )
 def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
     code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
