@@ -29,8 +29,9 @@ from vlafuzz.integrations.training import Written, write_demonstrations
 from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.policies.base import Policy
 from vlafuzz.regression.bisect import Bisection
+from vlafuzz.regression.diff import Difference
 from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.policies import bisect_checkpoints, compare_policies
+from vlafuzz.regression.policies import bisect_checkpoints, compare_policies, diff_policies
 from vlafuzz.regression.regress import Comparison
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.search.base import looks_for_causes
@@ -208,6 +209,30 @@ def demonstrate(
         UsageError: the failures are of several kinds of policies, or cannot be held out.
     """
     return write_demonstrations(Path(store), Path(out), workers=workers, watch=watch, **options)
+
+
+def diff(
+    a: Path | str,
+    b: Path | str,
+    policy_a: str | None = None,
+    policy_b: str | None = None,
+    *,
+    trust: bool = False,
+    **options: Any,
+) -> Difference:
+    """Compare two policies by the certified causes of two stores or corpora: fixed, remaining, new.
+
+    Args:
+        policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
+        trust: load the code of a ``python:`` policy that a store names.
+        options: ``run_a``, ``run_b``, ``alpha`` and ``watch``, see ``regression.policies``.
+
+    Raises:
+        StoreError: one has no certified cause.
+        UsageError: both are of the same policy, or of different tasks.
+    """
+    with trusting(*[EVERYTHING] * trust):
+        return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
 
 
 def bisect(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from vlafuzz.evidence import Threshold, Values
+from vlafuzz.evidence import Causes, Threshold, Values
 from vlafuzz.scene import amount, in_words
 
 BASE = "base"  # in a signature: even the nominal scene fails
@@ -20,6 +20,12 @@ def signature(task: str, lost: str, operators: Iterable[str]) -> str:
 def describe(threshold: Threshold) -> str:
     """The operator and its failing range: ``light: fails from intensity × 6.25 (× 5.9 to × 6.6) on``."""
     return f"{threshold.operator}: {failing_range(threshold)}"
+
+
+def titled(operators: Iterable[str], causes: Causes) -> str:
+    """Operators in a few words, with their thresholds where these are known."""
+    thresholds = {threshold.operator: describe(threshold) for threshold in causes.thresholds}
+    return "; ".join(thresholds.get(name, name) for name in operators)
 
 
 def failing_range(threshold: Threshold) -> str:

@@ -36,6 +36,7 @@ COMMANDS = {
     "import": ("vlafuzz.cli.scenes:app", "Import scenes of other formats."),
     "export": ("vlafuzz.cli.export:export", "Write the failing scenes of a store to a file."),
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
+    "diff": ("vlafuzz.cli.diff:command", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
     "watch": ("vlafuzz.cli.watch:command", "Follow a run on a page in the browser."),
     "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),

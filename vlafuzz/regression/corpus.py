@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vlafuzz.evidence import Causes, Rate, Witness
-from vlafuzz.phrasing import describe
+from vlafuzz.phrasing import titled
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
@@ -73,8 +73,7 @@ class Case(Facts):
     @property
     def title(self) -> str:
         """The operators in a few words, with their thresholds where these are known."""
-        thresholds = {threshold.operator: describe(threshold) for threshold in self.causes.thresholds}
-        return "; ".join(thresholds.get(name, name) for name in self.operators)
+        return titled(self.operators, self.causes)
 
 
 @dataclass(frozen=True)

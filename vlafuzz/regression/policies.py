@@ -2,15 +2,18 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
+from vlafuzz.errors import UsageError
 from vlafuzz.plugins import check_trusted
-from vlafuzz.regression import bisect, regress
+from vlafuzz.regression import bisect, diff, regress
 from vlafuzz.regression.answers import Answers
 from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.diff import Difference
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
 from vlafuzz.renderer import probe_once
@@ -47,6 +50,57 @@ def compare_policies(
         return regress.compare(
             scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, watch=progress
         )
+
+
+def diff_policies(
+    a: Path,
+    b: Path,
+    policy_a: str | None = None,
+    policy_b: str | None = None,
+    *,
+    run_a: int | None = None,
+    run_b: int | None = None,
+    alpha: float = 0.05,
+    watch: Watch = SILENT,
+) -> Difference:
+    """Compare two policies by the certified causes of two stores or corpora; see ``diff.diff``.
+
+    Args:
+        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
+
+    Raises:
+        UsageError: both are the same policy, on different tasks, or one has several.
+        StoreError: one has no certified cause.
+    """
+    first, second = diff.known(a, run_a), diff.known(b, run_b)
+    names = policy_a or first.policy, policy_b or second.policy
+    if names[0] == names[1]:
+        hint = "name another one: --policy-a, --policy-b"
+        raise UsageError(f"{a} and {b} are both of the policy {names[0]}", hint=hint)
+    if first.runs[0].task != second.runs[0].task:
+        tasks = f"{first.runs[0].task} and {second.runs[0].task}"
+        raise UsageError(f"{a} and {b} are of different tasks, {tasks}", hint="give stores of one task")
+    for name, own in zip(names, (policy_a, policy_b), strict=True):
+        if own is None:
+            check_trusted(name)
+    rollouts = sum(regress.most_rollouts(one.probes, None) for one in (first, second))
+    watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
+    with ExitStack() as stack:
+        sides = [
+            stack.enter_context(closing(Rerun(name, tested.runs, partial(_runner, tested.source, name))))
+            for name, tested in zip(names, (second, first), strict=True)
+        ]
+        return diff.diff(
+            first,
+            second,
+            *sides,
+            alpha=alpha,
+            watch=lambda done, most: watch.progress("rollouts where the other policy fails", done, most),
+        )
+
+
+def _runner(source: Path, policy: str, run: Manifest) -> scene_runner.SimulatorSceneRunner:
+    return scene_runner.SimulatorSceneRunner(source, run, policy)
 
 
 def bisect_checkpoints(

@@ -6,6 +6,7 @@ from typing import Any
 from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.changes import Change
 from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.diff import ORDER, Difference
 from vlafuzz.regression.pairs import Compared, Group
 from vlafuzz.regression.regress import Comparison
 from vlafuzz.text import Row, points
@@ -108,6 +109,28 @@ def _group(compared: Comparison, group: Group) -> dict[str, Any]:
     scenes = compared.of(group)
     standings = {name: _count(scenes, name) for name in _STANDINGS}
     return {"scenes": len(scenes), **asdict(compared.tally(group)), "standings": standings}
+
+
+def difference_rows(result: Difference) -> list[Row]:
+    """One row for each cause."""
+    return [
+        {
+            "cause": change.title,
+            "standing": change.standing,
+            "passes now": f"{change.passes} of {change.scenes}",
+            "scene": change.scene[:12],
+            "signature": change.signature,
+        }
+        for change in result.causes
+    ]
+
+
+def difference_document(result: Difference) -> dict[str, Any]:
+    """The JSON of ``diff --json``."""
+    tests = {name: _change(getattr(result, name)) for name in ("fixed", "broken", "new")}
+    counts = {standing: len(result.of(standing)) for standing in ORDER}
+    names = {"first": result.first, "second": result.second, "verdict": result.verdict}
+    return {**names, "counts": counts, **tests, "causes": [asdict(change) for change in result.causes]}
 
 
 def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:

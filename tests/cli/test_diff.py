@@ -1,0 +1,152 @@
+"""``vlafuzz diff``: two policies by the causes of their failures."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, scene
+from tests.regression.corpora import case, make_corpus
+from tests.regression.sides import RuleRunner
+from tests.regression.test_export import CheckingRunner
+from tests.triage.planted import CONDITIONS, Planted
+from vlafuzz.cli import main
+from vlafuzz.regression.corpus import Case
+from vlafuzz.regression.diff import known
+from vlafuzz.regression.folder import write_corpus
+from vlafuzz.scene import Scene
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+from vlafuzz.triage import scene_runner as runner
+
+TILTED = CONDITIONS["camera-orientation"][0]
+
+
+def bright(number: int) -> Case:
+    return bright_scene(case(number), scene(light=16, x=-0.04 + 0.001 * number))
+
+
+def bright_scene(planted: Case, failing: Scene) -> Case:
+    return replace(planted, scene=failing, signature="pick-up|grasp|light:bright")
+
+
+def aside(number: int) -> Case:
+    """Fails where the target is far out, which both policies do."""
+    planted = case(number)
+    return replace(planted, scene=scene(x=0.1 + 0.001 * number), signature="pick-up|grasp|target-position:x")
+
+
+def fails(*conditions) -> object:
+    return lambda shown: not any(condition(shown) for condition in conditions)
+
+
+def dark(shown: Scene) -> bool:
+    return shown.light.intensity < 0.5
+
+
+def dazzled(shown: Scene) -> bool:
+    return shown.light.intensity > 3
+
+
+def far(shown: Scene) -> bool:
+    return shown.targets[0].x > 0.08
+
+
+RULES = {"idle": fails(dark, far), "pinhole": fails(dazzled, far), "expert": fails()}
+
+
+@pytest.fixture(autouse=True)
+def corpora(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of idle, which fails in the dark, and of pinhole, which is dazzled; both fail far out."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(RULES))
+    monkeypatch.setattr(
+        runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(RULES[policy], run)
+    )
+    for name, policy, cases in (
+        ("old", "idle", [*map(case, range(4)), *map(aside, range(2))]),
+        ("new", "pinhole", [*map(bright, range(4)), *map(aside, range(2))]),
+    ):
+        corpus = replace(make_corpus(*cases), runs=[manifest(policy=policy)])
+        write_corpus(corpus, tmp_path / name)
+
+
+def diff(*arguments: str, capsys: pytest.CaptureFixture[str]) -> dict:
+    assert main(["diff", *arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_causes_are_fixed_remaining_or_new(capsys: pytest.CaptureFixture[str]):
+    printed = diff("old", "new", capsys=capsys)
+    assert {each["signature"].split("|")[-1]: each["standing"] for each in printed["causes"]} == {
+        "light:bright": "new",
+        "target-position:x": "remaining",
+        "light:dark": "fixed",
+    }
+    assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (4, 6, True)
+    assert (printed["new"]["changed"], printed["new"]["of"], printed["broken"]["changed"]) == (4, 6, 0)
+
+
+def test_the_other_way_round_what_was_fixed_is_new(capsys: pytest.CaptureFixture[str]):
+    printed = diff("new", "old", capsys=capsys)
+    standings = {each["signature"].split("|")[-1]: each["standing"] for each in printed["causes"]}
+    assert (standings["light:dark"], standings["light:bright"]) == ("new", "fixed")
+
+
+def test_a_policy_may_have_another_name_now(capsys: pytest.CaptureFixture[str]):
+    printed = diff("old", "new", "--policy-b", "expert", capsys=capsys)
+    assert (printed["first"], printed["second"]) == ("idle", "expert")
+    assert printed["fixed"]["changed"] == printed["fixed"]["of"] == 6
+
+
+def test_the_table_names_the_causes_and_a_sentence_counts_them(capsys: pytest.CaptureFixture[str]):
+    assert main(["diff", "old", "new"]) == 0
+    printed = capsys.readouterr()
+    assert "causes of idle in pinhole: 1 fixed (p = 0.00" in printed.out
+    assert "1 remaining, 1 new (p = 0.00" in printed.out
+    assert "light: fails from intensity" in " ".join(printed.out.split())
+    assert "6 and 6 certified failures" in printed.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["old", "old"], "old and old are both of the policy idle"),
+        (["old", "new", "--policy-b", "nobody"], "unknown policy 'nobody'"),
+        (["old", "new", "--alpha", "2"], "--alpha: expected a probability"),
+        (["old", "missing.db"], "missing.db: no such store"),
+        (["old", "new", "--run-a", "1"], "old is a corpus, not a store"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["diff", *arguments]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_tasks_are_not_mixed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    other = replace(make_corpus(case()), runs=[manifest(policy="pinhole", task="put-on")])
+    write_corpus(other, tmp_path / "other")
+    assert main(["diff", "old", "other"]) == 2
+    assert "are of different tasks, pick-up and put-on" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_causes_of_a_store_are_its_minimal_findings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([TILTED]))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        run = opened.begin(manifest())
+        for seed in range(3):
+            failing = Planted([TILTED]).finding(seed)
+            opened.add(run, Trial(proposal=seed, scene=failing, outcome=failed(), severity=1.0))
+    assert main(["diff", "a.db", "new"]) == 2
+    assert "a.db: has no certified cause" in capsys.readouterr().err
+    assert main(["triage", "a.db"]) == 0
+    found = known(Path("a.db"))
+    with Store.open(tmp_path / "a.db") as opened:
+        rows = opened.triaged()
+    assert {signature for signature, _ in found.causes.values()} == {"pick-up|grasp|camera-orientation:+yaw"}
+    assert set(found.causes) == {row.shrunk for row in rows}
+    beside = {probe.scene for probe in found.probes if probe.group == "counterpart"}
+    assert beside == {scene for row in rows for scene in row.counterparts.values()}

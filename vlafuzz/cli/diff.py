@@ -1,0 +1,52 @@
+"""``vlafuzz diff``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vlafuzz.cli.flags import TrustFlag
+from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.errors import UsageError
+
+
+def command(
+    a: Annotated[Path, typer.Argument(help="A store or a corpus of the first policy.")],
+    b: Annotated[Path, typer.Argument(help="A store or a corpus of the second policy.")],
+    policy_a: Annotated[
+        str | None, typer.Option(help="The first policy, if it has another name now.", show_default="as in A")
+    ] = None,
+    policy_b: Annotated[
+        str | None,
+        typer.Option(help="The second policy, if it has another name now.", show_default="as in B"),
+    ] = None,
+    run_a: Annotated[int | None, typer.Option(help="Only this run of A.", show_default="all runs")] = None,
+    run_b: Annotated[int | None, typer.Option(help="Only this run of B.", show_default="all runs")] = None,
+    alpha: Annotated[float, typer.Option(help="Probability of a false claim of a test, at most.")] = 0.05,
+    trust: TrustFlag = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Compare two policies by the causes of their failures: which are fixed, which remain, which are new.
+
+    The second policy is rolled out where the first one is certified to fail, and in the passing scenes beside
+    these; then the first one where the second one is certified to fail. Each scene has three jittered
+    rollouts, and counts by what the policy mostly does.
+    """
+    from vlafuzz.policies.registry import check_policy_name
+
+    if not 0 < alpha < 1:
+        raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
+    for name in filter(None, (policy_a, policy_b)):
+        check_policy_name(name)
+    from vlafuzz.regression.policies import diff_policies
+    from vlafuzz.regression.tables import difference_document, difference_rows
+
+    with Bar() as bar:
+        result = diff_policies(a, b, policy_a, policy_b, run_a=run_a, run_b=run_b, alpha=alpha, watch=bar)
+    if json:
+        print_json(difference_document(result))
+        return
+    print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
+    stdout().print(result.verdict, soft_wrap=True)
