@@ -4,6 +4,8 @@ import sys
 import pytest
 
 from vlafuzz import renderer
+from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.errors import PrerequisiteError
 
 
 @pytest.mark.render
@@ -37,3 +39,40 @@ def test_whatever_the_child_does_is_a_line(child: str, problem: str, monkeypatch
 def test_importing_it_loads_no_simulator():
     code = "import sys, vlafuzz.renderer; print('sapien' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
+
+
+class Device:
+    """SAPIEN's."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+@pytest.mark.parametrize(("driver", "chosen"), [(True, "cuda"), (False, "cpu")])
+def test_a_gpu_without_a_vulkan_driver_leaves_rendering_to_the_processor(
+    monkeypatch: pytest.MonkeyPatch, driver: bool, chosen: str
+):
+    """As in a container that has CUDA, but none of the driver's graphics."""
+    import sapien
+
+    def system(device: Device) -> None:
+        if not driver and device.name == "cuda":
+            raise RuntimeError('Failed to find a supported physical device "cuda:0"')
+
+    monkeypatch.setattr(sapien, "Device", Device)
+    monkeypatch.setattr(sapien.render, "RenderSystem", system)
+    assert renderer.rendering_device().name == chosen
+
+
+def test_a_crash_names_the_variable_that_hides_the_gpu(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(renderer, "_CHILD", "import os; os.abort()")
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    assert "CUDA_VISIBLE_DEVICES is empty" in str(renderer.probe())
+
+
+def test_a_policy_that_sees_is_not_run_where_nothing_can_be_drawn(monkeypatch: pytest.MonkeyPatch):
+    """Every rollout of it would end in an error."""
+    monkeypatch.setattr(renderer, "probe_once", lambda: renderer.Renderer(None, None, "no device"))
+    with pytest.raises(PrerequisiteError, match="pictures need a renderer: rendering does not work: no device"):
+        plan(RunConfig(policy="mini", budget=5))
+    assert plan(RunConfig(policy="frozen", budget=5))

@@ -69,7 +69,9 @@ def probe(timeout: float = 120.0) -> Renderer:
     if answers:
         return Renderer(**json.loads(answers[-1]))
     if child.returncode < 0:
-        return Renderer(None, None, f"the driver crashed with signal {-child.returncode}")
+        hidden = os.environ.get("CUDA_VISIBLE_DEVICES") == ""
+        perhaps = ", as NVIDIA's may where CUDA_VISIBLE_DEVICES is empty" if hidden else ""
+        return Renderer(None, None, f"the driver crashed with signal {-child.returncode}{perhaps}")
     last = (child.stderr.strip() or "no output").splitlines()[-1]
     return Renderer(None, None, f"exit code {child.returncode}: {last}")
 
@@ -99,7 +101,7 @@ def check_renderer() -> None:
     Raises:
         PrerequisiteError: they cannot.
     """
-    renderer = probe()
+    renderer = probe_once()
     if not renderer.works:
         raise PrerequisiteError(
             f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install"
@@ -110,7 +112,7 @@ def _draw() -> None:
     """Main function of the child process; prints a ``Renderer`` as JSON."""
     seen, problem = VulkanDevice(None, None), None
     try:
-        chosen = _sapien_device()
+        chosen = rendering_device()
         listed = vulkan_devices()
         first = listed[0] if listed else seen
         seen = next((device for device in listed if device.device == chosen.name), first)
@@ -125,14 +127,16 @@ def _draw() -> None:
     os._exit(0)  # without unloading the driver, which may crash
 
 
-def _sapien_device() -> Any:
-    """The device that ManiSkill chooses."""
+def rendering_device() -> Any:
+    """SAPIEN's device: the GPU where CUDA finds one and Vulkan has a driver for it, else what Vulkan has."""
     import sapien
 
     try:
-        return sapien.Device("cuda")
+        device = sapien.Device("cuda")
+        sapien.render.RenderSystem(device)
     except RuntimeError:
         return sapien.Device("cpu")
+    return device
 
 
 def _picture(device: Any) -> Any:

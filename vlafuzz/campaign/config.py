@@ -22,7 +22,7 @@ from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import check_policy_name, is_shared, names_its_model
-from vlafuzz.renderer import probe_once
+from vlafuzz.renderer import check_renderer, probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.scene import Scene
@@ -122,6 +122,7 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
 
     Raises:
         UsageError: a name, number or file is wrong.
+        PrerequisiteError: the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)
@@ -137,6 +138,8 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
     policy = policy or policy_at(place, policy_name)
+    if policy.spec.cameras and place.kind != "ray":
+        check_renderer()
     batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
     if config.label is None:

@@ -16,7 +16,7 @@ from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.triage.shared_runner import SharedRunner
 from vlafuzz.triage.triager import Triager
 
-FIRST_WAVE = 4  # findings that do not know each other's causes; each later wave is twice as large
+WAVE = 4  # findings that do not know each other's causes
 
 Work = Callable[[Callable[[Finding], Triaged | None], Sequence[Finding]], Iterable[Triaged | None]]
 """Calls a function for findings, several at a time or one by one."""
@@ -102,9 +102,9 @@ def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -
     So results do not depend on how many findings are worked on at a time.
     """
     triager, known = job.triager(runner, allowance.deadline), job.known
-    left, size = job.findings, FIRST_WAVE
+    left = job.findings
     while left and not allowance.used_up:
-        wave, left, size = left[:size], left[size:], 2 * size
+        wave, left = left[:WAVE], left[WAVE:]
         results = list[Triaged]()
         for triaged in work(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
             yield triaged

@@ -1,4 +1,4 @@
-"""Known causes: a failure with the operators of a certified cause needs no search of its own."""
+"""Known causes: a failure with the values of a certified cause needs no search of its own."""
 
 from collections.abc import Iterable, Sequence
 
@@ -8,9 +8,11 @@ from vlafuzz.store.records import Triaged
 from vlafuzz.triage.certify import Shrunk, certify_one
 from vlafuzz.triage.directions import directed
 from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, deviating
+from vlafuzz.triage.path import CONFOUNDERS, GROUPS, deviating, free_genes
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import drop_confounders
+
+_RESET = {operator for several in GROUPS.values() for operator in several}  # all but the targets' types
 
 
 def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:
@@ -27,14 +29,14 @@ def by_known_cause(
 ) -> Shrunk | None:
     """The evidence that a failing scene has a known cause.
 
-    That is the scene with the operators of that cause alone, as far from the reference as they were found: it
-    mostly fails, and without any one of them it mostly passes, by rollouts of its own.
+    That is the scene with the values alone that the cause is about, as far from the reference as they were
+    found: it mostly fails, and without any one of the operators it mostly passes, by rollouts of its own.
 
     Args:
         known: certified findings.
 
     Returns:
-        None where no known cause deviates in the same direction, or its operators do not explain the failure.
+        None where the scene deviates as no known cause does, or that does not explain the failure.
     """
     tried = list(dict.fromkeys(filter(None, (_alike(scene, one, space, reference) for one in known))))
     failing = [one for one, fails in zip(tried, oracle.fails(tried), strict=True) if fails]
@@ -47,12 +49,26 @@ def by_known_cause(
 
 
 def _alike(scene: Scene, known: Triaged, space: SearchSpace, reference: Reference) -> Scene | None:
-    """The scene with the operators of a known cause alone; None where they are not off in its directions."""
-    others = [each for name, several in GROUPS.items() if name not in known.operators for each in several]
-    alone = space.reset(scene, others, reference.scene)
+    """The scene with the values of a known cause alone; None where they are not off in its directions."""
     assert known.shrunk is not None
+    kept = _values_of(known.shrunk, known, space)
+    start = space.nominal_values if reference.scene is None else space.values(reference.scene)
+    others = {
+        gene.path: start[gene.path]
+        for gene in space.genes
+        if gene.path not in kept and gene.operator in _RESET
+    }
+    alone = space.composer.compose(space.values(scene) | others)
     same = _directions(space, alone, reference.scene) == _directions(space, known.shrunk, known.reference)
     return alone if same else None
+
+
+def _values_of(shrunk: Scene, known: Triaged, space: SearchSpace) -> set[str]:
+    """The paths of the values that a cause is about: of a displacement and of confounders all."""
+    operators = [each for name in known.operators for each in GROUPS[name]]
+    whole = {gene.operator for gene in space.genes if gene.neutral} | set(GROUPS[CONFOUNDERS])
+    free = {gene.path for gene in free_genes(space, shrunk, operators, known.reference)}
+    return free | {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
 
 
 def _directions(space: SearchSpace, scene: Scene, reference: Scene | None) -> list[str]:

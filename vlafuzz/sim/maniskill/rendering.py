@@ -12,6 +12,7 @@ import sapien
 from mani_skill.render.shaders import ShaderConfig
 
 from vlafuzz import assets
+from vlafuzz.renderer import rendering_device
 from vlafuzz.rigs.rig import Lights
 
 # The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
@@ -38,13 +39,9 @@ def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
 
 
 def render_backend() -> str:
-    """ManiSkill's name of the rendering device: a GPU if there is one, else the CPU."""
+    """ManiSkill's name of the rendering device."""
     os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
-    try:
-        sapien.Device("cuda")
-    except RuntimeError:
-        return "sapien_cpu"
-    return "sapien_cuda"
+    return "sapien_cuda" if rendering_device().is_cuda() else "sapien_cpu"
 
 
 def use_shaders() -> ShaderConfig:
