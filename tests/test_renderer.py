@@ -73,6 +73,6 @@ def test_a_crash_names_the_variable_that_hides_the_gpu(monkeypatch: pytest.Monke
 def test_a_policy_that_sees_is_not_run_where_nothing_can_be_drawn(monkeypatch: pytest.MonkeyPatch):
     """Every rollout of it would end in an error."""
     monkeypatch.setattr(renderer, "probe_once", lambda: renderer.Renderer(None, None, "no device"))
-    with pytest.raises(PrerequisiteError, match="pictures need a renderer: rendering does not work: no device"):
+    with pytest.raises(PrerequisiteError, match="pictures need a renderer"):
         plan(RunConfig(policy="mini", budget=5))
     assert plan(RunConfig(policy="frozen", budget=5))
