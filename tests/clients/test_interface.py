@@ -70,3 +70,14 @@ def test_a_policy_from_a_folder_keeps_its_own_names_of_pictures(tmp_path: Path):
 def test_a_spec_of_another_version_is_refused():
     with pytest.raises(UsageError, match="own is described as another version does"):
         interface_of("own", json.dumps({"action": {"warp": 9}}))
+
+
+@pytest.mark.parametrize("config", ["[]", '{"input_features": [1]}', "{", '{"input_features": {}}'])
+def test_a_config_that_is_none_is_a_sentence_or_ignored(tmp_path: Path, config: str):
+    spec = described(PolicySpec("own", cameras=(CameraRequest("front", 64, 64),)))
+    (tmp_path / "config.json").write_text(config)
+    if config == '{"input_features": {}}':
+        assert dict(interface_of(f"lerobot:{tmp_path}", spec).pictures)["front"].endswith("front")
+    else:
+        with pytest.raises(UsageError, match=r"config\.json"):
+            interface_of(f"lerobot:{tmp_path}", spec)

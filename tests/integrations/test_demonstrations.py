@@ -16,7 +16,7 @@ from vlafuzz.cli import main
 from vlafuzz.clients.profiled import Model
 from vlafuzz.conditions.provenance import described
 from vlafuzz.formats.scene_lines import load_scenes
-from vlafuzz.integrations.demonstrations import Demonstrations
+from vlafuzz.integrations.demonstrations import Demonstrations, _key
 from vlafuzz.integrations.expert_runner import ExpertRunner
 from vlafuzz.integrations.selection import around, failures_of_store
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
@@ -122,6 +122,15 @@ def test_solutions_for_another_kind_of_actions_are_others(tmp_path: Path):
         demonstrations = Demonstrations(store)
         demonstrations.solved(around(finer), 1, 1)
     assert demonstrations.known == 0
+
+
+def test_a_stored_solution_of_another_width_is_none(tmp_path: Path):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
+    with Store.open(path, "write") as store:
+        store.keep_solution(_key(tiny_pictures()), CAN, Solution(0, np.ones((4, 9), np.float32)))
+        demonstrations = Demonstrations(store)
+        (found,) = demonstrations.solved(around(failures_of_store(store, None, "failed")), 1, 1)
+    assert (demonstrations.known, found.solution.actions.shape[1]) == (0, 7)
 
 
 def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from vlafuzz.clients.conventions import LAYOUTS, OWN, Convention
 from vlafuzz.clients.profiled import ProfiledOptions
@@ -17,7 +18,7 @@ from vlafuzz.clients.remote import SIDE
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.registry import options_of
-from vlafuzz.reading import read_json
+from vlafuzz.reading import read_json, validated
 
 PICTURES = "observation.images."
 _GRIPPER = {
@@ -42,6 +43,12 @@ _STATES = {  # opening: 1 for wide open
     "eef_pos3_rpy3_pad1_gripper1": (*_PLACE, "roll", "pitch", "yaw", "pad", "opening"),
 }
 Written = NDArray[np.float32]
+
+
+class _Config(BaseModel):
+    """Of a policy that lerobot saved: what it takes, by name."""
+
+    input_features: dict[str, Any] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +156,9 @@ def _only_picture(config: Path) -> str | None:
     """The picture in lerobot's config of a policy that takes one; None for others, or where it is gone."""
     if not config.is_file():
         return None
-    features = read_json(config, UsageError, hint="name the folder that lerobot saved").get(
-        "input_features", {}
-    )
+    hint = "name the folder that lerobot saved"
+    features = validated(
+        _Config, read_json(config, UsageError, hint), config, UsageError, hint
+    ).input_features
     names = [name.removeprefix(PICTURES) for name in features if name.startswith(PICTURES)]
     return names[0] if len(names) == 1 else None

@@ -91,7 +91,7 @@ class Demonstrations:
         keys = [_key(one.run) for one in wanted]
         known = {key: self.store.solutions(key) if self.store else {} for key in set(keys)}
         answers: list[Answer | None] = [
-            known[key].get(one.scene.digest) for key, one in zip(keys, wanted, strict=True)
+            _fitting(known[key].get(one.scene.digest), one.run) for key, one in zip(keys, wanted, strict=True)
         ]
         open_ = [index for index, answer in enumerate(answers) if answer is None]
         self.known += len(answers) - len(open_)
@@ -110,6 +110,13 @@ class Demonstrations:
         if reason != UNFAIR or wanted.finding:  # random scenes are drawn until they are fair
             self.left_out[reason] += 1
         return None
+
+
+def _fitting(solution: Solution | None, run: Manifest) -> Solution | None:
+    """A stored solution, unless its actions have another number of values than those of the run's policy."""
+    if solution is None or solution.actions.shape[1] != len(interface_of(run.policy, run.spec).action_names):
+        return None
+    return solution
 
 
 def _key(run: Manifest) -> str:
