@@ -62,7 +62,9 @@ class Recording:
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]
             cv2.rectangle(frame, (1, 1), (width - 2, height - 2), _RED, 3)
-            cv2.putText(frame, says, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _RED, 2, cv2.LINE_AA)
+            (long, high), _ = cv2.getTextSize(says, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 2)
+            cv2.rectangle(frame, (1, 1), (long + 18, high + 18), _RED, cv2.FILLED)
+            cv2.putText(frame, says, (10, high + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _INK, 2, cv2.LINE_AA)
             self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
