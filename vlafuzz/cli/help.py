@@ -16,20 +16,12 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("export.scenes", "hold_out", "run_a", "run_b"),
     ),
     "How long": (
-        "budget",
-        "time",
-        "rollouts",
-        "triage_rollouts",
-        "max_rollouts",
-        "limit",
-        "comparisons",
-        "demos",
-        "demos_per_scene",
-        "n",
+        *("budget", "time", "rollouts", "triage_rollouts", "max_rollouts", "limit", "comparisons"),
+        *("demos", "demos_per_scene", "n"),
     ),
     "How to judge": (
         *("repeats", "criteria", "placement", "stop_early", "alpha", "error", "whole", "firm"),
-        *("static", "frame", "min_distance"),
+        *("static", "frame", "min_distance", "thorough"),
     ),
     "What else to do": (
         *("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),

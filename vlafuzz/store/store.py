@@ -1,9 +1,7 @@
 """Store: runs, trials and findings in one SQLite file, with one writer."""
 
 import json
-import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
@@ -32,16 +30,13 @@ from vlafuzz.store.records import (
     Triaged,
     Trial,
 )
+from vlafuzz.store.sqlite_file import SqliteFile
 
 _SHOWN = 5  # digests, when a prefix fits several
 
 
-class Store:
+class Store(SqliteFile):
     """An open store. Whatever a method has written is on the disk when it returns."""
-
-    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None) -> None:
-        self.path, self._connection, self._lock = path, connection, lock
-        connection.row_factory = sqlite3.Row
 
     @classmethod
     def open(cls, path: Path, mode: Literal["read", "write"] = "read") -> Self:
@@ -280,33 +275,13 @@ class Store:
         with intact(self.path):
             return rows.to_scene(matches[0])
 
-    # SQL
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        assert self._lock is not None, "open the store to write"
-        with explained(self.path):
-            self._connection.execute("BEGIN IMMEDIATE")
-            with self._connection:
-                yield
-
     def _insert_scene(self, scene: Scene) -> None:
         self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
-
-    def _insert(self, table: str, row: rows.Row, conflict: str = "") -> int:
-        names = ", ".join(f'"{name}"' for name in row)
-        marks = ", ".join(f":{name}" for name in row)
-        done = self._connection.execute(f"INSERT {conflict} INTO {table} ({names}) VALUES ({marks})", row)
-        return int(done.lastrowid or 0)
 
     def _finding_row(self, run: int, trial: int, kept: Trial) -> rows.Row:
         (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()
         scene = kept.scene.digest
         return {"scene": scene, "policy_key": key, "run": run, "trial": trial, "cell": kept.cell or ""}
-
-    def _select(self, query: str, *values: str | int) -> list[sqlite3.Row]:
-        with explained(self.path):
-            return self._connection.execute(query, values).fetchall()
 
     def _scene(self, digest: str) -> Scene:
         for row in self._select("SELECT * FROM scene WHERE digest = ?", digest):
