@@ -291,6 +291,7 @@ def set_back(path: Path, version: int, *statements: str) -> None:
     later += [f"ALTER TABLE triage DROP COLUMN {name}" for name in _LATER_OF_TRIAGE]
     former = (f"ALTER TABLE {table} RENAME COLUMN {new} TO {old}" for table, old, new in migrations.RENAMED)
     dropped = (
+        "DROP TABLE repeat",
         "DROP TABLE solution",
         "DROP TABLE cause",
         "DROP TABLE attribution",

@@ -6,10 +6,11 @@ from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Pl
 from vlafuzz.evidence import Causes, Rate
 from vlafuzz.outcome import Verdict
 from vlafuzz.phrasing import describe
+from vlafuzz.store.records import Judged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk
 from vlafuzz.triage.directions import directed
-from vlafuzz.triage.oracle import Judged, Oracle
+from vlafuzz.triage.oracle import Oracle
 
 
 def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:

@@ -16,10 +16,11 @@ from vlafuzz.policies.base import ActionChunk
 from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.space.jitter import load_jitter
+from vlafuzz.store.records import Judged
 from vlafuzz.store.store import Store
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import certify
-from vlafuzz.triage.oracle import Judged, Oracle
+from vlafuzz.triage.oracle import Oracle
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.triage.witness import Player

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from tests.triage.planted import CONDITIONS, SPACE, STAGES, Planted, fair
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Camera
+from vlafuzz.store.records import Judged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import certify
-from vlafuzz.triage.oracle import Judged
 from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink

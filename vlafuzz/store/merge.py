@@ -22,6 +22,7 @@ NUMBERS: dict[str, dict[str, str]] = {
     "attribution": {"run": "run"},
     "cause": {"run": "run"},
     "solution": {},
+    "repeat": {"run": "run"},
 }
 # How far the evidence in each bucket goes.
 _RANK = (

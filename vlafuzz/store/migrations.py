@@ -157,6 +157,20 @@ _SOLUTION = """
     ) STRICT
     """
 
+# Rollouts of a triage that was interrupted, for the next one that is made in the same way.
+_REPEAT = """
+    CREATE TABLE repeat (
+        run INTEGER NOT NULL REFERENCES run,
+        made TEXT NOT NULL,
+        scene TEXT NOT NULL,
+        number INTEGER NOT NULL,
+        verdict TEXT NOT NULL,
+        lost TEXT,
+        rollouts INTEGER NOT NULL,
+        PRIMARY KEY (run, made, scene, number)
+    ) STRICT
+    """
+
 RENAMED = (
     ("run", "subject", "policy"),
     ("run", "subject_key", "policy_key"),
@@ -211,6 +225,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
     ("ALTER TABLE attribution ADD COLUMN at_random TEXT NOT NULL DEFAULT '[]'",),
     (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
     (_SOLUTION,),
+    (_REPEAT,),
 ]
 
 

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
 from vlafuzz.evidence import Actions, Causes, Rate, Witness
-from vlafuzz.outcome import Outcome
+from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Genome
@@ -194,3 +194,28 @@ class Solution:
 
     attempt: int | None
     actions: Actions
+
+
+class Judged(NamedTuple):
+    """The verdict of one rollout.
+
+    Attributes:
+        lost: the stage that was lost, if it failed.
+        rollouts: that it took: none where the scene is not fair.
+        unanswered: the policy did not answer.
+    """
+
+    verdict: Verdict
+    lost: str | None = None
+    rollouts: int = 0
+    unanswered: bool = False
+
+    @staticmethod
+    def of(outcome: Outcome) -> "Judged":
+        """The verdict of an outcome. A crash counts as a rollout."""
+        spent = max(len(outcome.rollouts), int(outcome.verdict is Verdict.ERROR))
+        return Judged(outcome.verdict, outcome.lost_stage, spent, outcome.unanswered)
+
+
+Repeats = dict[tuple[str, int], Judged]
+"""Rollouts of triage by the scene's digest and their number, which jitter and seed depend on."""

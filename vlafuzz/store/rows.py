@@ -18,7 +18,15 @@ from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.reading import MIB, inflated, parse_json
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Solution, Triaged, Trial
+from vlafuzz.store.records import (
+    Attribution,
+    Finding,
+    FoundCause,
+    Manifest,
+    Run,
+    Triaged,
+    Trial,
+)
 
 Row = dict[str, Any]
 _ACTION = 7  # numbers of an action
@@ -71,7 +79,7 @@ def run_row(manifest: Manifest) -> Row:
 
 def to_run(row: sqlite3.Row) -> Run:
     """The inverse of ``run_row``."""
-    _check_counts(row)
+    check_counts(row)
     values = dict(row)
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
@@ -244,20 +252,7 @@ def triage_row(triaged: Triaged) -> Row:
     }
 
 
-def solution_row(scene: Scene, key: str, solution: Solution) -> Row:
-    """Columns of ``solution``."""
-    actions = solution.actions
-    kept = {"attempt": solution.attempt, "width": actions.shape[1], "actions": pack(actions)}
-    return {"scene": scene.digest, "key": key} | kept
-
-
-def to_solution(row: sqlite3.Row) -> Solution:
-    """The inverse of ``solution_row``."""
-    _check_counts(row)
-    return Solution(row["attempt"], unpack(row["actions"], -1, max(row["width"], 1)))
-
-
-def _check_counts(row: sqlite3.Row) -> None:
+def check_counts(row: sqlite3.Row) -> None:
     """Raise a ValueError for a whole number below zero: there are only ids, seeds, flags and counts."""
     for name in row.keys():  # noqa: SIM118 - iterating a row gives values
         if isinstance(row[name], int) and row[name] < 0:
@@ -266,7 +261,7 @@ def _check_counts(row: sqlite3.Row) -> None:
 
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
-    _check_counts(row)
+    check_counts(row)
     if row["failures"] > row["repeats"]:
         raise ValueError(f"{row['failures']} failures in {row['repeats']} repeats")
     causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}

@@ -18,24 +18,23 @@ from vlafuzz.store.database import (
     intact,
     is_outdated,
 )
+from vlafuzz.store.kept_work import KeptWork
 from vlafuzz.store.records import (
     UNFINISHED,
     Attribution,
     Finding,
     Manifest,
     Run,
-    Solution,
     Spent,
     Status,
     Triaged,
     Trial,
 )
-from vlafuzz.store.sqlite_file import SqliteFile
 
 _SHOWN = 5  # digests, when a prefix fits several
 
 
-class Store(SqliteFile):
+class Store(KeptWork):
     """An open store. Whatever a method has written is on the disk when it returns."""
 
     @classmethod
@@ -125,12 +124,6 @@ class Store(SqliteFile):
             self._insert("attribution", rows.attribution_row(run, found))
             for rank, cause in enumerate(found.causes, start=1):
                 self._insert("cause", rows.cause_row(run, rank, cause))
-
-    def keep_solution(self, key: str, scene: Scene, solution: Solution) -> None:
-        """Store what the expert did in a scene, for demonstrations under conditions with this key."""
-        with self._transaction():
-            self._insert_scene(scene)
-            self._insert("solution", rows.solution_row(scene, key, solution), "OR REPLACE")
 
     def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
         """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
@@ -236,12 +229,6 @@ class Store(SqliteFile):
         with intact(self.path):
             return [rows.to_triaged(row, self._scene) for row in selected]
 
-    def solutions(self, key: str) -> dict[str, Solution]:
-        """What ``keep_solution`` stored under a key, by the scene's digest."""
-        with intact(self.path):
-            selected = self._select("SELECT * FROM solution WHERE key = ?", key)
-            return {row["scene"]: rows.to_solution(row) for row in selected}
-
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).
 
@@ -274,9 +261,6 @@ class Store(SqliteFile):
             raise StoreError(f"{self.path}: {prefix!r} fits several scenes", hint=hint)
         with intact(self.path):
             return rows.to_scene(matches[0])
-
-    def _insert_scene(self, scene: Scene) -> None:
-        self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
 
     def _finding_row(self, run: int, trial: int, kept: Trial) -> rows.Row:
         (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from vlafuzz.deadline import Deadline
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Finding, Run, Triaged
+from vlafuzz.store.records import Finding, Repeats, Run, Triaged
 from vlafuzz.triage.known import certified
 from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
 from vlafuzz.triage.runner import SceneRunner
@@ -53,6 +53,7 @@ class Job(NamedTuple):
 
     Attributes:
         known: None where every finding is to be shrunk by a search of its own.
+        repeats: rollouts of an interrupted triage, to which those of this one are added.
     """
 
     run: Run
@@ -61,10 +62,12 @@ class Job(NamedTuple):
     passing: Sequence[Scene]
     blamed: Mapping[Scene, Sequence[str]]
     known: Sequence[Triaged] | None
+    repeats: Repeats
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
         until = deadline or Deadline()
-        return Triager(runner, self.max_rollouts, self.passing, self.blamed, deadline=until)
+        about = runner, self.max_rollouts, self.passing, self.blamed
+        return Triager(*about, repeats=self.repeats, deadline=until)
 
 
 def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:

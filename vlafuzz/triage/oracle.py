@@ -9,9 +9,10 @@ from enum import Enum
 from typing import NamedTuple
 
 from vlafuzz.evidence import Rate
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space.jitter import Jitter
+from vlafuzz.store.records import Judged
 
 CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
 UNFAIR, MOST_UNFAIR = 12, 200  # unfair jittered scenes after which a scene is unfair, and is drawn no more
@@ -20,27 +21,6 @@ LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 
 MOST = 20  # rollouts to answer for a scene
 FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
 ONE_HALF = 0.5
-
-
-class Judged(NamedTuple):
-    """The verdict of one rollout.
-
-    Attributes:
-        lost: the stage that was lost, if it failed.
-        rollouts: that it took: none where the scene is not fair.
-        unanswered: the policy did not answer.
-    """
-
-    verdict: Verdict
-    lost: str | None = None
-    rollouts: int = 0
-    unanswered: bool = False
-
-    @staticmethod
-    def of(outcome: Outcome) -> Judged:
-        """The verdict of an outcome. A crash counts as a rollout."""
-        spent = max(len(outcome.rollouts), int(outcome.verdict is Verdict.ERROR))
-        return Judged(outcome.verdict, outcome.lost_stage, spent, outcome.unanswered)
 
 
 Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]

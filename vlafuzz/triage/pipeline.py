@@ -1,10 +1,12 @@
 """triage, certify_causes: which findings of a store are triaged, in which order, and at what cost."""
 
+import platform
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
+from vlafuzz.conditions.provenance import commit
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
@@ -59,6 +61,8 @@ def triage(
 ) -> int:
     """Triage every finding that was not triaged yet; each result is stored at once.
 
+    What an interruption leaves of a finding is stored, too: the next call on this machine goes on from there.
+
     Under a limit, findings that show causes come first, and the first finding of every other cell before the
     second of any, as it is more likely to have another cause.
 
@@ -80,7 +84,7 @@ def triage(
     Raises:
         SimulatorError: a worker died.
     """
-    done = {triaged.key for triaged in store.triaged()}
+    done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
     runs = {run.id: run for run in store.runs()}
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
     blamed = _blamed(store, runs)
@@ -88,7 +92,15 @@ def triage(
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
     jobs = [
-        Job(runs[number], list(some), max_rollouts, store.passing(number), blamed, None)
+        Job(
+            runs[number],
+            list(some),
+            max_rollouts,
+            store.passing(number),
+            blamed,
+            None,
+            store.repeats(number, made),
+        )
         for number, some in groupby(todo, lambda finding: finding.run)
     ]
     if not thorough:
@@ -100,22 +112,28 @@ def triage(
         results = work_here(runner, jobs, allowance)
     else:
         results = work_in_processes(runner, jobs, workers, allowance)
-    for triaged in results:
-        if triaged:
-            allowance.charge(triaged)
-            store.settle(triaged)
-            rollouts += triaged.policy_rollouts + triaged.expert_rollouts
-        elif allowance.used_up:
-            continue
-        unjudged += triaged is None
-        done_now += 1
-        watch(Progress(done_now, len(todo), rollouts))
+    try:
+        for triaged in results:
+            if triaged:
+                allowance.charge(triaged)
+                store.settle(triaged)
+                done.add(triaged.key)
+                rollouts += triaged.policy_rollouts + triaged.expert_rollouts
+            elif allowance.used_up:
+                continue
+            unjudged += triaged is None
+            done_now += 1
+            watch(Progress(done_now, len(todo), rollouts))
+    finally:
+        for job in jobs:
+            left = any(finding.key not in done for finding in job.findings)
+            store.keep_repeats(job.run.id, made, dict(job.repeats) if left else {})
     return unjudged
 
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     """The job of some findings of a run, with what that run knows; they know nothing of each other."""
-    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None)
+    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None, {})
 
 
 def certify_causes(

@@ -13,7 +13,7 @@ from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
 from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.space.operators import TargetType
-from vlafuzz.store.records import Finding, Triaged
+from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk, certify
 from vlafuzz.triage.directions import directed
@@ -26,7 +26,6 @@ from vlafuzz.triage.oracle import (
     UNFAIR,
     Answer,
     Certificate,
-    Judged,
     Oracle,
 )
 from vlafuzz.triage.outward import outward
@@ -56,7 +55,8 @@ class Triager:
         passing: scenes in which the policy has passed.
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
             out, if it can be.
-        rolled: verdicts by scene's digest and number, which findings share; only ``roll`` changes it.
+        rolled: verdicts that findings have taken and share; only ``roll`` changes it.
+        repeats: all rollouts so far, those of an interrupted triage included; only ``roll`` changes it.
         known: certified findings, one of each signature. A finding that their operators explain keeps its own
             values of these, and thresholds of a known signature are not located again.
         deadline: after which a finding is given up.
@@ -66,7 +66,8 @@ class Triager:
     max_rollouts: int | None = None
     passing: Sequence[Scene] = ()
     blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
-    rolled: dict[tuple[str, int], Judged] = field(default_factory=dict)
+    rolled: Repeats = field(default_factory=dict)
+    repeats: Repeats = field(default_factory=dict, kw_only=True)
     known: Sequence[Triaged] = field(default=(), kw_only=True)
     deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
@@ -87,17 +88,14 @@ class Triager:
         if self.deadline.passed:
             raise _BrokenError
         tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
-        fresh = [key for key in tries if key not in self.rolled]
-        outcomes = self.runner.evaluate([tries[key] for key in fresh], [number for _, number in fresh])
-        judged = dict(zip(fresh, map(Judged.of, outcomes), strict=True))
+        new = [key for key in tries if key not in self.rolled and key not in self.repeats]
+        outcomes = self.runner.evaluate([tries[key] for key in new], [number for _, number in new])
+        judged = dict(zip(new, map(Judged.of, outcomes), strict=True))
+        self.repeats |= {key: one for key, one in judged.items() if one.verdict is not Verdict.ERROR}
         if any(answer.unanswered for answer in judged.values()):
             raise _BrokenError
-        answers = [judged.get(key) or self.rolled[key] for key in tries]
-        self.rolled |= {
-            key: answer._replace(rollouts=0)
-            for key, answer in judged.items()
-            if answer.verdict is not Verdict.ERROR
-        }
+        answers = [self.rolled.get(key) or self.repeats.get(key) or judged[key] for key in tries]
+        self.rolled |= {key: self.repeats[key]._replace(rollouts=0) for key in tries if key in self.repeats}
         return answers
 
     def _triage(self, finding: Finding) -> Triaged:
