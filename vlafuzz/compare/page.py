@@ -12,7 +12,8 @@ from vlafuzz.compare.plots import plot
 from vlafuzz.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.files import write_whole
 from vlafuzz.report.page import render_sheet, write_page
-from vlafuzz.report.view import Picture, Sheet, Table
+from vlafuzz.report.sheet import Picture, Sheet
+from vlafuzz.report.view import Table
 from vlafuzz.statistics import Estimate
 from vlafuzz.text import Row, csv_table, interval, markdown_table, percent, plural
 

@@ -9,7 +9,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.files import is_stream, write_whole, writing
-from vlafuzz.report.view import BUCKETS, SOLVERS, Sheet, View
+from vlafuzz.report.sheet import Sheet
+from vlafuzz.report.view import BUCKETS, SOLVERS, View
 from vlafuzz.sim.base import FILM_SPEED
 from vlafuzz.text import interval, percent
 

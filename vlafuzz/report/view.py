@@ -285,32 +285,3 @@ def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[Opera
         OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
         for name, count in left.most_common()
     )
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A PNG; ``says`` is the alternative text."""
-
-    title: str
-    png: bytes
-    says: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sheet:
-    """The page.
-
-    Attributes:
-        source: the store or folder.
-        headline: the subject, in a sentence.
-        conclusions: in sentences.
-        todo: next steps, each a sentence and the command.
-    """
-
-    title: str
-    source: str
-    headline: str
-    conclusions: tuple[str, ...]
-    pictures: tuple[Picture, ...]
-    tables: tuple[Table, ...]
-    todo: tuple[tuple[str, str], ...] = ()
