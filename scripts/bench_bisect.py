@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from shutil import copy
 from tempfile import TemporaryDirectory
@@ -42,7 +43,7 @@ FRESH = 10_000  # the model of the outcomes was chosen with smaller seeds
 
 Booleans = NDArray[np.bool_]
 # Probability of passing by a number that is uniform over scenes, and its mean.
-KINDS: dict[str, tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], float]] = {
+KINDS: dict[str, tuple[Callable[[NDArray[np.float64]], NDArray[np.floating]], float]] = {
     "the same in all scenes, 0.5": (lambda u: 0.5 + 0 * u, 0.5),
     "0.3 to 0.7": (lambda u: 0.3 + 0.4 * u, 0.5),
     "anything": (lambda u: u, 0.5),
@@ -63,12 +64,18 @@ class Given:
         return Answer(Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
 
 
+def _of_kind(
+    kind: str, broken: int, rng: np.random.Generator, *, related: bool, growing: bool
+) -> list[Booleans]:
+    return made_up(kind, losses_from(broken, growing=growing), 200, rng, related=related)
+
+
 def made_up(
     kind: str, losses: Sequence[float], scenes: int, rng: np.random.Generator, *, related: bool
 ) -> list[Booleans]:
     """Outcomes of the baseline and of checkpoints that lose so much of the pass rate."""
     rate, mean = KINDS[kind]
-    first, rows = rng.random(scenes), []
+    first, rows = rng.random(scenes), list[Booleans]()
     for loss in (0.0, *losses):
         own = rng.random(scenes) < (OWN if related and rows else 1.0)
         passing = rate(np.where(own, rng.random(scenes), first)) if rows else rate(first)
@@ -141,9 +148,7 @@ def draws() -> Iterator[tuple[str, Callable[[int | None, np.random.Generator], l
                 )
                 yield (
                     name,
-                    lambda broken, rng, kind=kind, related=related, growing=growing: made_up(
-                        kind, losses_from(broken, growing=growing), 200, rng, related=related
-                    ),
+                    partial(_of_kind, kind, related=related, growing=growing),
                 )
     if OUTCOMES.is_file():
         outcomes = json.loads(OUTCOMES.read_text())
@@ -164,9 +169,8 @@ def record() -> None:
         with TemporaryDirectory() as folder:
             disturb(Path(folder), noise, seed)
             policy = Mini(Path(folder))
-            side = Rerun(
-                name, corpus.runs, lambda run, policy=policy: SimulatorSceneRunner(CORPUS, run, policy)
-            )
+            runner = partial(SimulatorSceneRunner, CORPUS, policy=policy)
+            side = Rerun(name, corpus.runs, runner)
             outcomes[name] = "".join(str(int(side.answer(probe, 0).passed)) for probe in scenes)
             side.close()
         print(f"{name}: passes {outcomes[name].count('1')} of {len(scenes)}", file=sys.stderr, flush=True)

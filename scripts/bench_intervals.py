@@ -78,7 +78,8 @@ def bootstrapped(ours: Vector, theirs: Vector, method: str) -> list[Estimate]:
     from scipy.stats import bootstrap
 
     def ratio(mine: Vector, other: Vector, axis: int = -1) -> Vector:
-        return mine.mean(axis=axis) / np.maximum(other.mean(axis=axis), 1e-9)
+        means = mine.mean(axis=axis), np.maximum(other.mean(axis=axis), 1e-9)
+        return np.asarray(means[0] / means[1], np.float64)
 
     known = bootstrap(
         (ours, theirs), ratio, paired=True, axis=-1, n_resamples=1000, batch=50, method=method, rng=1

@@ -49,7 +49,7 @@ from vlafuzz.policies.mini.policy import CAMERA, Mini
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import PROTOCOLS
-from vlafuzz.sim.base import Evaluator
+from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.space import SearchSpace, load_operators
 
 GOAL = 0.8  # of the rate without a server
@@ -139,7 +139,7 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
     return rates, spent
 
 
-def make_evaluator(name: str, policy: Policy | None = None) -> Evaluator:
+def make_evaluator(name: str, policy: Policy | None = None) -> SteppedEvaluator:
     from vlafuzz.conditions.conditions import Conditions
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 

@@ -59,16 +59,17 @@ def numbers(element: Element | None, key: str, default: str = "0 0 0") -> list[f
     return [round(float(part), 6) for part in text.split()]
 
 
-def corners(link: Element, folder: Path) -> Array:
+def points_of(link: Element, folder: Path) -> Array:
     """Points on the surface of all visual meshes of a link, vertices included."""
-    points = [np.zeros((0, 3))]
+    points: list[Array] = [np.zeros((0, 3))]
     for visual in link.iterfind("visual"):
         mesh, origin = visual.find("geometry/mesh"), visual.find("origin")
         if mesh is not None:
             turn = Rotation.from_euler("xyz", numbers(origin, "rpy")).as_matrix()
-            drawn = trimesh.load_scene(folder / mesh.attrib["filename"]).to_geometry()
-            drawn = np.concatenate([drawn.vertices, trimesh.sample.sample_surface(drawn, 4000, seed=0)[0]])
-            points.append(drawn * numbers(mesh, "scale", "1 1 1") @ turn.T + numbers(origin, "xyz"))
+            drawn: Any = trimesh.load_scene(folder / mesh.attrib["filename"]).to_geometry()
+            surface = trimesh.sample.sample_surface(drawn, 4000, seed=0)[0]
+            corners = np.concatenate([drawn.vertices, surface])
+            points.append(corners * numbers(mesh, "scale", "1 1 1") @ turn.T + numbers(origin, "xyz"))
     return np.concatenate(points)
 
 
@@ -98,7 +99,7 @@ def links(
                         kind: numbers(joint.find("axis"), "xyz"),
                         "joint": moving.index(joint.attrib["name"]),
                     }
-            points = corners(left.pop(name), urdf.parent)
+            points = points_of(left.pop(name), urdf.parent)
             order.append(name)
             yield row | (
                 {"bodies": [body.round(4).tolist() for body in solid(points)]} if len(points) else {}

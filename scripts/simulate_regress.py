@@ -17,8 +17,9 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -34,7 +35,9 @@ from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import wilson
+from vlafuzz.store.records import Run
 from vlafuzz.triage.path import nominal
+from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.watch import SILENT
 
 TEMPLATE = corpus_dir() / "mini-pick-up"
@@ -103,7 +106,7 @@ class Maker:
     space: SearchSpace
 
     def corpus(self, policy: Policy, seed: int) -> Corpus:
-        recorded = controls.record(policy, seed, controls.CONTROLS, SILENT)
+        recorded = controls.record(cast(SceneRunner, policy), seed, controls.CONTROLS, SILENT)
         return replace(self.template, cases=self._cases(policy, seed), controls=recorded)
 
     def _cases(self, policy: Policy, seed: int) -> list[Case]:
@@ -127,6 +130,10 @@ class Maker:
         return 2 * sum(policy.passes(jittered) for jittered in around) > REPEATS
 
 
+def _always(policy: Policy, run: Run) -> Policy:
+    return policy
+
+
 def simulate(kind: str, seed: int, maker: Maker) -> Counter[str]:
     """Alarms in one corpus, by comparison."""
     name = f"baseline {seed}, {kind}"
@@ -137,7 +144,7 @@ def simulate(kind: str, seed: int, maker: Maker) -> Counter[str]:
     alarms: Counter[str] = Counter()
     for related, loss in [(related, loss) for related in (None, name) for loss in (0.0, *LOSSES)]:
         new = Policy(kind, f"new {related} {loss} {name}", maker.space, related=related, loss=loss)
-        side = Rerun("new", corpus.runs, lambda run, new=new: new)
+        side = Rerun("new", corpus.runs, partial(_always, new))
         label = f"{'related' if related else 'independent'}, {100 * loss:.0f} points"
         alarms[label] += compare(scenes, side, recorded).alarm
         if not loss:

@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--size", type=int, default=224, help="height of a picture, pixels")
     options = parser.parse_args()
-    cells = []
+    cells: list[Image.Image] = []
     for task in TASKS:
         with closing(Stills(task, CATALOGUE, options.size)) as stills:
             chosen = islice(scenes(task, options.seed, seen=options.seen), options.n)
