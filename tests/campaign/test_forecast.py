@@ -102,6 +102,8 @@ def test_with_a_time_it_says_whether_certification_fits(planned: Plan):
     hopeless, fits = within(planned, 30, certify=True), within(planned, 240, certify=True)
     assert "22 to 64 of 300 rollouts of up to 80 steps, and probably no certified cause" in str(hopeless)
     assert "since one takes about 47 min" in str(hopeless)
+    assert "45 to 128 of 300 rollouts" in str(hopeless.best())  # all of the time is for the run
+    assert fits.best() is fits
     assert "of 300 rollouts of up to 80 steps, and about 2 certified causes; " in str(fits)
 
 

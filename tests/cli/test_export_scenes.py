@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from shutil import copy
 
 import pytest
 
@@ -24,10 +25,20 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store of two runs."""
+    path = tmp_path_factory.mktemp("made") / "a.db"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+        main(["run", *IDLE, "--budget", "30", "--store", str(path)])
+        main(["run", *IDLE, "--budget", "10", "--store", str(path), "--seed", "1"])
+    return path
+
+
 @pytest.fixture
-def store(capsys: pytest.CaptureFixture[str]) -> str:
-    main(["run", *IDLE, "--budget", "30", "--store", "a.db"])
-    main(["run", *IDLE, "--budget", "10", "--store", "a.db", "--seed", "1"])
+def store(made: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    copy(made, folder / "a.db")
     capsys.readouterr()
     return "a.db"
 

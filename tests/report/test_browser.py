@@ -12,7 +12,8 @@ import pytest
 from tests.report.stores import MadeUpFilms, store, view
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render, render_sheet
-from vlafuzz.report.view import Picture, Sheet, Table
+from vlafuzz.report.sheet import Picture, Sheet
+from vlafuzz.report.view import Table
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")

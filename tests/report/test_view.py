@@ -241,7 +241,7 @@ def test_runs_of_several_models_are_told_apart(tmp_path: Path):
             opened.add(opened.begin(replace(MANIFEST, label=label)), kept)
     shown = view(tmp_path / "a.db")
     assert [row.manifest.model for row in shown.run_rows] == ["step-1 (idle)", "step-2 (idle)"]
-    assert shown.title == "step-1 (idle), step-2 (idle) on pick-up"
+    assert shown.title == "step-1, step-2 on pick-up"
     assert any("The runs are of several models" in note for note in shown.notes)
     assert sum("Stages reached" in chart.title for chart in shown.charts) == 2
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from vlafuzz.campaign.config import Plan
 from vlafuzz.deadline import Deadline
@@ -96,6 +96,16 @@ class Forecast:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
         return self._certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
 
+    @property
+    def too_short(self) -> bool:
+        """Whether the time that is left after the run probably certifies no cause."""
+        rest = self.until.left - min(self.run, self.search.left)
+        return self.certify and rest < self._certifying(PER_CAUSE)
+
+    def best(self) -> Forecast:
+        """The same with all of the time for the run, where what is left after it would be of no use."""
+        return replace(self, search=self.until) if self.too_short else self
+
     def __str__(self) -> str:
         both = self.run + self.certification
         if self.run > self.search.left or both > self.until.left:
@@ -120,7 +130,7 @@ class Forecast:
         """How many causes certification gets done in the time that the run leaves it."""
         rest = self.until.left - min(self.run, self.search.left)
         one, most = self._certifying(PER_FINDING), affordable(self.plan.manifest.budget)
-        if rest < self._certifying(PER_CAUSE):
+        if self.too_short:
             return f"probably no certified cause, since one takes about {duration(one)}"
         return f"about {plural(min(max(int(rest / one), 1), most), 'certified cause')}"
 

@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from vlafuzz.deadline import Deadline
 from vlafuzz.text import duration
 
 EVERY = 30.0  # seconds
@@ -15,10 +16,13 @@ class Heartbeat:
     Args:
         write: prints a line.
         every: seconds.
+        until: when the work ends at the latest.
     """
 
-    def __init__(self, write: Callable[[str], None], every: float = EVERY) -> None:
-        self._write, self._every = write, every
+    def __init__(
+        self, write: Callable[[str], None], every: float = EVERY, until: Deadline | None = None
+    ) -> None:
+        self._write, self._every, self._until = write, every, until or Deadline()
         self._state: tuple[str, int, int | None, str] | None = None
         self._began, self._first = time.monotonic(), 0
         self._over = threading.Event()
@@ -50,7 +54,8 @@ class Heartbeat:
         of = f"{done} of {total}" if total else str(done)
         left = ""
         if total and self._first < done < total:
-            left = f", about {duration(spent * (total - done) / (done - self._first))} left"
+            seconds = spent * (total - done) / (done - self._first)
+            left = f", about {duration(max(min(seconds, self._until.left), 0.0))} left"
         return f"{description}: {of}{more}, {duration(spent)} so far{left}"
 
     def _beat(self) -> None:

@@ -121,7 +121,8 @@ def command(
 
     Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db. Scenes that a store knows
     are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy,
-    for example, is not run. With --time, half of it is for the run and what is left is for triage, if any.
+    for example, is not run. With --time, half of it is for the run and what is left is for triage, if any;
+    all of it is for the run where what is left would probably certify nothing.
     """
     from vlafuzz.deadline import deadline
 
@@ -129,7 +130,7 @@ def command(
     begin_early(policy, workers, executor)
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
-    from vlafuzz.campaign.forecast import NOBODY_WAITS, Forecast
+    from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.launch import SEARCH
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
@@ -171,9 +172,9 @@ def command(
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
     search = until.after(SEARCH) if triage or certifying else until
     forecast = Forecast(plan, speed, certifying, search, until) if speed else None
-    if forecast and forecast.run > NOBODY_WAITS:
-        Bar.note(str(forecast))
-    summary = _start(plan, forecast, search)
+    if forecast and not triage:
+        forecast = forecast.best()
+    summary = _start(plan, forecast, forecast.search if forecast else search)
     beside, effects = after_run.beside_random(summary), after_run.effects(summary)
     then = after_run.again(summary)
     if not json:
@@ -222,6 +223,7 @@ def _why_not(summary: Summary) -> str:
 
 
 def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
+    from vlafuzz.campaign.forecast import NOBODY_WAITS
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
@@ -233,7 +235,9 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
             return "interrupted: nothing is stored yet"
         return f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
 
-    with interruptible(note), RunBar(plan.manifest.budget, forecast) as bar:
+    if forecast and forecast.run > NOBODY_WAITS:
+        Bar.note(str(forecast))
+    with interruptible(note), RunBar(plan.manifest.budget, forecast, until) as bar:
         try:
             return start(plan, bar, until)
         except PolicyError as error:

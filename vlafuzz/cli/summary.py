@@ -20,6 +20,7 @@ from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.heartbeat import Heartbeat
 from vlafuzz.cli.output import Bar, stderr, stdout
+from vlafuzz.deadline import Deadline
 from vlafuzz.outcome import Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.search.base import UNGUIDED
@@ -33,7 +34,7 @@ class RunBar:
     A forecast that does not hold is corrected, once that can be said.
     """
 
-    def __init__(self, budget: int, forecast: Forecast | None = None) -> None:
+    def __init__(self, budget: int, forecast: Forecast | None = None, until: Deadline | None = None) -> None:
         self.rollouts, self._forecast = 0, forecast
         self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
         console = stderr()
@@ -49,7 +50,7 @@ class RunBar:
             disable=not console.is_terminal,
         )
         self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0, causes="")
-        self._heartbeat = None if console.is_terminal else Heartbeat(Bar.note)
+        self._heartbeat = None if console.is_terminal else Heartbeat(Bar.note, until=until)
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""

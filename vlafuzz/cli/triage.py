@@ -133,9 +133,8 @@ def triage_store(
     left = summary.findings - summary.triaged
     if left and causes_of is None and allowance and allowance.used_up:
         verb = "is" if left == 1 else "are"
-        Bar.note(
-            f"{plural(left, 'finding')} {verb} left: the limit is reached\nhint: continue with `{again}`"
-        )
+        over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
+        Bar.note(f"{plural(left, 'finding')} {verb} left: {over}\nhint: continue with `{again}`")
     return asdict(summary) | {"unjudged": unjudged}
 
 

@@ -127,6 +127,11 @@ class Conditions:
         return f"{self.named} ({self.policy})" if self.named else self.policy
 
     @property
+    def short(self) -> str:
+        """The policy where there is little room: the label, if any, in place of its name."""
+        return self.named or self.policy
+
+    @property
     def named(self) -> str:
         """The label that the user gave the policy; empty without one."""
         return "" if self.alone else self.label

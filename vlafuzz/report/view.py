@@ -258,7 +258,7 @@ class View:
 def title_of(runs: Sequence[Manifest]) -> str:
     if not runs:
         return "no run yet"
-    return f"{named(run.called for run in runs)} on {named(run.task for run in runs)}"
+    return f"{named(run.short for run in runs)} on {named(run.task for run in runs)}"
 
 
 def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:

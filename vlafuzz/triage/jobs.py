@@ -45,7 +45,12 @@ class Allowance:
     @property
     def used_up(self) -> bool:
         takes = sum(self._seconds) / max(len(self._seconds), 1)
-        return self.deadline.left <= takes or (self.rollouts is not None and self.spent >= self.rollouts)
+        return self.spent_all or self.deadline.left <= takes
+
+    @property
+    def spent_all(self) -> bool:
+        """Whether the rollouts are used up."""
+        return self.rollouts is not None and self.spent >= self.rollouts
 
 
 class Job(NamedTuple):
