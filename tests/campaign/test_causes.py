@@ -146,6 +146,16 @@ def test_shares_and_the_probability_are_kept_and_what_no_failure_shows_has_no_sc
     assert (wording.scene, wording.failures) == (None, 9)
 
 
+def test_no_bound_of_a_cause_exceeds_that_of_all_failures(tmp_path: Path):
+    class Bold(Knowing):
+        def causes(self) -> list[Cause]:
+            return [Cause(self._genome, ("light",), 2, Probability(0.6, 0.35, 0.7))]
+
+    space = TinySpace()
+    found, _ = run(tmp_path / "a.db", space=space, strategy=Bold([space.encode(scene(0.125))]))
+    assert found.causes[0].share == Probability(0.4, 0.3, 0.5)
+
+
 def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
     """The strategy repeats a scene as one beside it, which may be the one that failed."""
     dark = SPACE.nominal()

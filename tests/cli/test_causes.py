@@ -100,6 +100,8 @@ def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys: py
     shown = capsys.readouterr().out
     assert re.search(r"failures\W+\d+ among 120 guided scenes, which is not the policy's failure rate", shown)
     assert re.search(r"failure probability\W+[\d.]+% of random scenes, 95% interval [\d.]+–[\d.]+%", shown)
+    assert shown.count("failure probability") == 1
+    assert re.search(r"\d+ of \d+ random scenes failed\b", shown)  # counts: one figure, one interval
     assert "failure share" not in shown
     assert main([*RUN, "--strategy", "surrogate", "--budget", "10"]) == 0
     shown = capsys.readouterr().out

@@ -7,6 +7,7 @@ import numpy as np
 
 from vlafuzz.campaign.tally import Tally
 from vlafuzz.outcome import Verdict
+from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure
 from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
@@ -21,18 +22,28 @@ Failure = tuple[Scene, Genome]
 
 
 def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> Attribution:
-    """What a strategy has found out in a run; causes by their share of random scenes, else by failures."""
+    """What a strategy has found out in a run; causes by their share of random scenes, else by failures.
+
+    A cause's failures are some of all failures, so no bound of its share is above that of the probability.
+    """
+    overall = probability(strategy)
     failures = [
         (trial.scene, trial.genome)
         for trial in store.trials(run)
         if trial.outcome.verdict is Verdict.FAILED and trial.genome is not None
     ]
     found = [
-        FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, cause.share)
+        FoundCause(
+            _shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall)
+        )
         for cause in causes(strategy)
     ]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
-    return Attribution(tuple(found), unexplained(strategy), probability(strategy), at_random(strategy))
+    return Attribution(tuple(found), unexplained(strategy), overall, at_random(strategy))
+
+
+def _within(share: Probability | None, overall: Probability | None) -> Probability | None:
+    return Probability(*map(min, share, overall)) if share and overall else share
 
 
 def keeping_causes(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -191,7 +192,7 @@ def command(
         more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})
         print_json(after_run.document(summary, beside, effects, found, then) | more)
     elif found:
-        print_causes(found)
+        print_causes(replace(found, probability=None))  # which the summary has said
     elif not triage:
         after_run.hint_at_triage(summary, plan.manifest.policy)
     if not triage and (triaged is None or allowance.used_up):

@@ -162,9 +162,9 @@ def _beside(summary: Summary, beside: Beside) -> str:
         )
     if beside.difference is None or beside.low is None or beside.high is None:
         return "beside random: unknown, no scene of this run could be judged"
-    ours = Share.of_counts(beside.failed, beside.judged)
-    random = Share.of_counts(beside.random_failed, beside.random_judged)
-    shares = f"{ours} of {ours.of} scenes failed, of {random.of} random ones {random}"
+    ours, random = beside.failed / beside.judged, beside.random_failed / beside.random_judged
+    shares = f"{percent(ours)} of {beside.judged} scenes failed"
+    shares += f", of {beside.random_judged} random ones {percent(random)}"
     bounds = f"95% interval {points(beside.low)} to {points(beside.high)}"
     difference = f"{points(beside.difference)} points, {bounds}"
     return f"beside random: {shares}: {difference}" + ("" if beside.tells else ": too few to tell")

@@ -78,11 +78,11 @@ class Effects:
     @property
     def says(self) -> str:
         """The result in a sentence."""
-        scenes = plural(self.failed.of, "random scene")
+        failed = f"{self.failed.count} of {plural(self.failed.of, 'random scene')} failed"
         if not self.tested:
-            return f"Of {scenes} {self.failed} failed: at least {ENOUGH} are needed to compare values."
+            return f"{failed}: at least {ENOUGH} are needed to compare values."
         return (
-            f"Of {scenes} {self.failed} failed. {len(self.found)} of {self.tested} quantities make a "
+            f"{failed}. {len(self.found)} of {self.tested} quantities make a "
             f"difference beyond chance{f', the strongest {SHOWN} are shown' * (len(self.found) > SHOWN)}."
         )
 
