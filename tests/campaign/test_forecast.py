@@ -72,6 +72,15 @@ def test_certification_is_a_part_of_it(planned: Plan):
     assert "certifying their causes about 4.7 h" in str(forecast)
 
 
+@pytest.mark.parametrize("batched", [0.8, 4.0])
+def test_certification_rests_on_the_same_figures_before_and_after_the_run(planned: Plan, batched: float):
+    served = replace(planned, manifest=replace(planned.manifest, batch=16), place=Place(lanes=16))
+    forecast = Forecast(served, replace(SLOW, batched=batched), certify=True)
+    before = forecast.certifying(100)
+    assert forecast.certifying(100, forecast.run / 300) == pytest.approx(before)
+    assert forecast.certifying(100, 2 * forecast.run / 300) == pytest.approx(2 * before)
+
+
 def test_it_is_corrected_once_a_rollout_takes_another_time(planned: Plan):
     forecast = Forecast(planned, SLOW, certify=False)
     assert forecast.after(30.0) == ""

@@ -2,14 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.doubles import ClosedForm, Raising, scene
 from vlafuzz.campaign import launch
+from vlafuzz.campaign.forecast import Forecast, Speed
+from vlafuzz.campaign.resume import resume
 from vlafuzz.cli import main
 from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.plugins import EVERYTHING, trusting
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.store.store import Store
 
@@ -78,6 +82,19 @@ def test_the_same_command_with_resume_goes_on_with_it(monkeypatch: pytest.Monkey
     cut(monkeypatch, "--budget", "20", "--task", "put-on")
     run("--budget", "20", "--task", "put-on", "--resume")
     assert len(proposed("runs/put-on-python-tests.doubles-make_idle-0.db")) >= 20
+
+
+def test_only_what_is_left_is_foreseen(monkeypatch: pytest.MonkeyPatch):
+    cut(monkeypatch, "--budget", "20", "--store", "a.db", after=5)
+    with Store.open(Path("a.db")) as store:
+        done = sum(len(trial.outcome.rollouts) for trial in store.trials(1))
+    with trusting(EVERYTHING):
+        plan = resume({"store": Path("a.db")})
+    speed = Speed(answer=1.0, simulator=0.0)
+    rest, whole = (Forecast(part, speed, certify=False) for part in (plan, replace(plan, done=0)))
+    assert 0 < done == plan.done
+    assert rest.run == pytest.approx(whole.run * (20 - done) / 20)
+    assert f": the other {20 - done} rollouts of up to 80 steps take" in str(rest)
 
 
 def test_operators_come_from_the_store_though_their_file_is_gone(

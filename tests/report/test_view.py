@@ -140,6 +140,12 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     assert (shown.operators, shown.signatures) == ((), ())
 
 
+def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("vlafuzz.triage.pipeline.pace", lambda *_: 18.0)
+    ((sentence, _),) = view(store(tmp_path / "a.db", triaged=0)).todo
+    assert sentence.endswith("names their causes (about 3.0 h; --time bounds it):")
+
+
 def test_those_with_the_most_evidence_come_first(tmp_path: Path):
     shown = view(store(tmp_path / "a.db", triaged=2))
     assert [card.bucket for card in shown.cards] == ["minimal", "minimal", *["observed"] * 4]

@@ -98,6 +98,7 @@ class Plan:
     """A run that can be started, or with ``resume`` a stored one that can be resumed.
 
     ``triage_workers``: processes for triage of the run, each with a policy of its own, on this machine.
+    ``done``: rollouts of the stored part.
     """
 
     manifest: Manifest
@@ -111,6 +112,7 @@ class Plan:
     place: Place
     triage_workers: int
     resume: int | None = None
+    done: int = 0
 
 
 def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy | None = None) -> Plan:

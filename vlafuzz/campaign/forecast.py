@@ -86,21 +86,19 @@ class Forecast:
 
     @property
     def run(self) -> float:
-        """Seconds of the run, were there no deadline."""
-        place = self.plan.place
-        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
-        return self.plan.manifest.budget * self._answers * self._answer(place.workers, lanes)
+        """Seconds of what is left of the run, were there no deadline."""
+        return self.left * self._rollout
 
     @property
     def certification(self) -> float:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
-        return self._certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
+        return self.certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
 
     @property
     def too_short(self) -> bool:
         """Whether the time that is left after the run probably certifies no cause."""
         rest = self.until.left - min(self.run, self.search.left)
-        return self.certify and rest < self._certifying(PER_CAUSE)
+        return self.certify and rest < self.certifying(PER_CAUSE)
 
     def best(self) -> Forecast:
         """The same with all of the time for the run, where what is left after it would be of no use."""
@@ -118,18 +116,16 @@ class Forecast:
 
     def _in_time(self) -> str:
         """What the deadlines leave of the rollouts and of certification."""
-        budget, left = self.plan.manifest.budget, self.search.left
-        few, many = (
-            max(min(int(budget * left * USUAL / (share * self.run)), budget), 1) for share in (1.0, SHORT)
-        )
-        some = f"{few} to {many} of " if few < many else "" if few == budget else f"{few} of "
+        most = self.search.left / self._rollout
+        few, many = (max(min(int(most * USUAL / share), self.left), 1) for share in (1.0, SHORT))
+        some = f"{few} to {many} of " if few < many else "" if few == self.left else f"{few} of "
         rest = f", and {self._in_rest()}" if self.certify else ""
         return f"in {duration(self.until.left)} (--time): {some}{self._rollouts}{rest}; {self.speed.words}"
 
     def _in_rest(self) -> str:
         """How many causes certification gets done in the time that the run leaves it."""
         rest = self.until.left - min(self.run, self.search.left)
-        one, most = self._certifying(PER_FINDING), affordable(self.plan.manifest.budget)
+        one, most = self.certifying(PER_FINDING), affordable(self.plan.manifest.budget)
         if self.too_short:
             return f"probably no certified cause, since one takes about {duration(one)}"
         return f"about {plural(min(max(int(rest / one), 1), most), 'certified cause')}"
@@ -139,25 +135,42 @@ class Forecast:
 
         Empty if it is still about right.
         """
-        run = seconds * self.plan.manifest.budget
-        if 1 / RIGHT <= run / self.run <= RIGHT:
+        ratio = seconds / self._rollout
+        if 1 / RIGHT <= ratio <= RIGHT:
             return ""
         takes, in_time = f"a rollout takes {seconds:.2g} s", done + self.search.left / seconds
         if in_time < self.plan.manifest.budget:
             return f"rather about {plural(int(in_time), 'rollout')} before --time is over: {takes}"
-        both = run + self.certification * run / self.run
+        both = (self.run + self.certification) * ratio
         return f"rather about {duration(min(both, self.until.left))} in all: {takes}"
+
+    def certifying(self, rollouts: int, seconds: float | None = None) -> float:
+        """Seconds for so many rollouts of certification.
+
+        Args:
+            seconds: that a rollout of the run took, if that is known.
+        """
+        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
+        foreseen = rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
+        return foreseen * (seconds / self._rollout if seconds else 1)
+
+    @property
+    def left(self) -> int:
+        """Rollouts that are to be done: of a run that is resumed, the rest."""
+        return self.plan.manifest.budget - self.plan.done
 
     @property
     def _rollouts(self) -> str:
-        manifest = self.plan.manifest
-        steps = longest(self.plan.policy.spec, manifest.robot)
-        return f"{plural(manifest.budget, 'rollout')} of up to {steps} steps"
+        steps = longest(self.plan.policy.spec, self.plan.manifest.robot)
+        other = "the other " if self.plan.done else ""
+        return f"{other}{plural(self.left, 'rollout')} of up to {steps} steps"
 
-    def _certifying(self, rollouts: int) -> float:
-        """Seconds for so many rollouts of certification."""
-        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        return rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
+    @property
+    def _rollout(self) -> float:
+        """Seconds of the run per rollout."""
+        place = self.plan.place
+        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
+        return self._answers * self._answer(place.workers, lanes)
 
     @property
     def _answers(self) -> float:

@@ -206,7 +206,7 @@ class _Pace:
             runs = [one for one in self._runs if one.policy == run.policy]
             rollouts, triage = sum(one.budget for one in runs), sum(one.triage for one in runs)
             forecast = Forecast(plan, speed, certify=False)
-            seconds = forecast.run / plan.manifest.budget * (rollouts + triage)
+            seconds = forecast.run / forecast.left * (rollouts + triage)
             both = f"{rollouts} rollouts" + (f" and up to {triage} of triage" if triage else "")
             self._watch.note(f"{plural(len(runs), 'run')}, {both}: about {duration(seconds)}; {speed.words}")
 

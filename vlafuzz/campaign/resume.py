@@ -47,6 +47,8 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Store.open(path) as store:
         run = _unfinished(store, wanted)
+        own = (trial for trial in store.trials(run.id) if not trial.duplicate)
+        done = sum(len(trial.outcome.rollouts) for trial in own)
     check_trusted(run.manifest.policy, run.manifest.strategy)
     stored = {name: getattr(run.manifest, name) for name in Manifest.flags()}
     anew = {name: getattr(asked, name) for name in _ANEW}
@@ -56,7 +58,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     planned = plan(known, stored_operators(path, run.manifest))
     check_scene_file(path, run.id, run.manifest, planned.manifest)
     check_version(path, run, planned.manifest)
-    return replace(planned, manifest=run.manifest, resume=run.id)
+    return replace(planned, manifest=run.manifest, resume=run.id, done=done)
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:

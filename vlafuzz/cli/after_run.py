@@ -15,6 +15,7 @@ from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.results import Again, Beside
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.report.causes import CauseList
@@ -44,30 +45,47 @@ def document(
 
 def hint_at_triage(summary: Summary, policy: str) -> None:
     if summary.findings:
+        from vlafuzz.store.store import Store
+        from vlafuzz.triage.pipeline import hours
+
+        with Store.open(Path(summary.store)) as store:
+            takes = hours(store, summary.findings)
         command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
         failures = plural(summary.findings, "failure")
         whose = "its cause" if summary.findings == 1 else "their causes"
-        stdout().print(f"{failures}; `{command}` finds {whose}", soft_wrap=True)
+        stdout().print(f"{failures}; `{command}` finds {whose}{takes}", soft_wrap=True)
 
 
 def hint_at_rest(plan: Plan, found: CauseList | None) -> None:
     """How to certify as many causes as are missing after an interruption, or when the time is over."""
-    from vlafuzz.triage.pipeline import affordable
+    from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import affordable, hours
 
     missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
     if missing > 0:
         trust = trust_flag(plan.manifest.policy)
         command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
-        Bar.note(f"hint: continue with `{command}`")
+        with Store.open(plan.store) as store:
+            Bar.note(f"hint: continue with `{command}`{hours(store, missing)}")
 
 
 def triage_run(
-    plan: Plan, summary: Summary, allowance: Allowance, *, everything: bool, show: bool
+    plan: Plan,
+    summary: Summary,
+    allowance: Allowance,
+    forecast: Forecast | None = None,
+    *,
+    everything: bool,
+    show: bool,
 ) -> dict[str, Any] | None:
-    """Triage all findings of the store, or only those that show causes of the run; None if interrupted."""
+    """Triage all findings of the store, or only those that show causes of the run; None if interrupted.
+
+    Args:
+        forecast: that of the run, which is corrected by the time that its rollouts took.
+    """
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, expected
+    from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
 
     found = None if everything else causes(summary)
     if found and found.found:
@@ -75,7 +93,8 @@ def triage_run(
         some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
         count = plural(found.found, "cause")
         with Store.open(Path(summary.store)) as store:
-            one = expected(store, 1, plan.triage_workers)
+            seconds = pace(store, plan.triage_workers)
+        one = forecast.certifying(PER_FINDING, seconds) if forecast else PER_FINDING * seconds
         left = allowance.deadline.left
         if left < one * PER_CAUSE / PER_FINDING:
             needed = f"one takes about {duration(one)}, and of --time {duration(max(left, 0.0))} is left"
@@ -83,7 +102,7 @@ def triage_run(
             hint_at_rest(plan, found)
             return {}
         each = f"{PER_CAUSE} rollouts or more each, about {duration(one * min(most, found.found))}"
-        Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out")
+        Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out, --time bounds it")
     try:
         return triage_store(
             Path(summary.store),

@@ -186,7 +186,7 @@ def command(
     allowance = Allowance(deadline=until)
     triaged: dict[str, Any] | None = {}
     if triage or certifying:
-        triaged = after_run.triage_run(plan, summary, allowance, everything=triage, show=not json)
+        triaged = after_run.triage_run(plan, summary, allowance, forecast, everything=triage, show=not json)
     found = after_run.causes(summary)
     if json:
         more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})

@@ -25,7 +25,8 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.probability import Probability
 from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
-from vlafuzz.text import interval, percent, plural, points
+from vlafuzz.text import duration, interval, percent, plural, points
+from vlafuzz.triage.pipeline import SOON
 
 
 class RunBar:
@@ -159,6 +160,7 @@ def _beside(summary: Summary, beside: Beside) -> str:
         return (
             "beside random: unknown, the store has no random run of this policy, task and operators; "
             f"the same command with --strategy random {shlex.join(['--store', summary.store])} adds one"
+            + (f", in about {duration(summary.seconds)}" if summary.seconds > SOON else "")
         )
     if beside.difference is None or beside.low is None or beside.high is None:
         return "beside random: unknown, no scene of this run could be judged"

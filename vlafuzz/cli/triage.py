@@ -116,6 +116,7 @@ def triage_store(
         thorough: see ``pipeline.triage``.
     """
     from vlafuzz.store.store import Store
+    from vlafuzz.triage.pipeline import hours
 
     with Store.open(store) as opened:
         trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
@@ -134,7 +135,9 @@ def triage_store(
     if left and causes_of is None and allowance and allowance.used_up:
         verb = "is" if left == 1 else "are"
         over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
-        Bar.note(f"{plural(left, 'finding')} {verb} left: {over}\nhint: continue with `{again}`")
+        with Store.open(store) as opened:
+            takes = hours(opened, left)
+        Bar.note(f"{plural(left, 'finding')} {verb} left: {over}\nhint: continue with `{again}`{takes}")
     return asdict(summary) | {"unjudged": unjudged}
 
 
@@ -149,9 +152,8 @@ def _triage(
     bar: Bar,
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
-    from vlafuzz.execute.registry import default_workers
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Progress, certify_causes, triage
+    from vlafuzz.triage.pipeline import Progress, certify_causes, triage, usual_workers
     from vlafuzz.triage.scene_runner import runner_of_run
     from vlafuzz.triage.summary import summarise
 
@@ -164,7 +166,7 @@ def _triage(
     Store.open(store).close()  # to write, an empty file would be made a store
     with Store.open(store, "write") as opened:
         runner = partial(runner_of_run, store, note=Bar.note)
-        workers = workers or min(default_workers(run.manifest.policy) for run in opened.runs())
+        workers = workers or usual_workers(opened)
         if causes_of is None:
             _forecast(opened, limit, workers, allowance)
         if causes_of is None:

@@ -33,6 +33,7 @@ from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.tasks.tabletop import task
 from vlafuzz.text import duration, interval, named, percent, plural
+from vlafuzz.triage.pipeline import hours
 from vlafuzz.triage.summary import TriageSummary, summarise
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
@@ -49,7 +50,7 @@ def view_of_store(store: Store) -> View:
         source=str(store.path),
         headline=_headline(manifests, counts, summary),
         facts=_facts(runs, counts, summary),
-        todo=() if _explained(runs, causes) else _todo(store.path, summary, manifests),
+        todo=() if _explained(runs, causes) else _todo(store, summary, manifests),
         runs=manifests,
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
@@ -157,13 +158,14 @@ def _explained(runs: Sequence[Run], lists: Sequence[CauseList]) -> bool:
     return len(lists) == len(runs) and all(one.causes for one in lists) and "observed" not in buckets
 
 
-def _todo(store: Path, summary: TriageSummary, runs: Iterable[Manifest]) -> tuple[tuple[str, str], ...]:
+def _todo(store: Store, summary: TriageSummary, runs: Iterable[Manifest]) -> tuple[tuple[str, str], ...]:
     left = summary.findings - summary.triaged
     if not left:
         return ()
-    command = shlex.join(["vlafuzz", "triage", str(store), *trust_flag(*(run.policy for run in runs))])
+    command = shlex.join(["vlafuzz", "triage", str(store.path), *trust_flag(*(run.policy for run in runs))])
     untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
-    return ((f"{untriaged}. Triage confirms findings and names their causes:", command),)
+    takes = hours(store, left)
+    return ((f"{untriaged}. Triage confirms findings and names their causes{takes}:", command),)
 
 
 def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:

@@ -7,15 +7,18 @@ from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
 from vlafuzz.conditions.provenance import commit
+from vlafuzz.execute.registry import default_workers
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.text import duration
 from vlafuzz.triage.jobs import Allowance, Job, work_here, work_in_processes
 from vlafuzz.triage.known import certified
 from vlafuzz.triage.pool import Make
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
+SOON = 60.0  # seconds up to which nobody need be told
 SAMPLE = 200  # rollouts that tell how long one takes
 
 
@@ -29,11 +32,27 @@ class Progress(NamedTuple):
 
 def expected(store: Store, findings: int, workers: int) -> float:
     """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
+    return PER_FINDING * findings * pace(store, workers)
+
+
+def hours(store: Store, findings: int) -> str:
+    """How long triage of so many findings takes here, to follow a command; empty where it is soon done."""
+    seconds = expected(store, findings, usual_workers(store))
+    return f" (about {duration(seconds)}; --time bounds it)" if seconds > SOON else ""
+
+
+def usual_workers(store: Store) -> int:
+    """The number of processes for triage where nobody names one."""
+    return min((default_workers(run.manifest.policy) for run in store.runs()), default=1)
+
+
+def pace(store: Store, workers: int) -> float:
+    """Seconds per rollout in the newest runs; of a policy behind a server as many at a time as there."""
     runs = store.runs()
     newest_first = chain.from_iterable(_seconds(store, run) for run in reversed(runs))
     seconds = list(islice(newest_first, SAMPLE)) or [0.0]
-    at_once = max(workers, _at_once(store, runs[-1]) / 2 if runs else 0.0)
-    return PER_FINDING * findings * sum(seconds) / len(seconds) / at_once
+    at_once = max(workers, _at_once(store, runs[-1]) if runs else 0.0)
+    return sum(seconds) / len(seconds) / at_once
 
 
 def _seconds(store: Store, run: Run) -> Iterator[float]:
@@ -41,7 +60,7 @@ def _seconds(store: Store, run: Run) -> Iterator[float]:
 
 
 def _at_once(store: Store, run: Run) -> float:
-    """How many rollouts a run had at a time behind a server, of which triage fills about half; else none."""
+    """How many rollouts a run had at a time behind a server; else none."""
     if "://" not in run.manifest.policy or not run.seconds:
         return 0.0
     return sum(_seconds(store, run)) / run.seconds
