@@ -51,7 +51,7 @@ SEEDS = 10**6  # demonstrations have seeds from here on; smaller ones are for te
 class Demonstrator:
     """The expert with disturbed actions; records its observations and undisturbed actions."""
 
-    def __init__(self, driver: Path | None) -> None:
+    def __init__(self, driver: Path | None = None) -> None:
         self._expert = Expert(fluent=True)
         self._driver = Mini(driver) if driver else None
         front = CameraRequest("front", SIZE, SIZE)
@@ -116,6 +116,8 @@ def _note(seen: Observation, label: NDArray[np.float64]) -> dict[str, Any]:
         "label": label,
         "places": places,
         "pixels": pixels,
+        "targets": targets,
+        "text": known.scene.instruction,
     }
 
 
@@ -153,25 +155,26 @@ class Job:
             tried += outcome.verdict >= Verdict.PASSED
             if outcome.verdict is Verdict.PASSED and any(step["taught"] for step in demonstrator.steps):
                 kept += 1
-                steps += [step | {"text": scene.instruction, "episode": seed} for step in demonstrator.steps]
-        self._write(steps)
+                steps += [step | {"episode": seed} for step in demonstrator.steps]
+        write(steps, self.out / f"{self.task}-{self.number:02d}")
         return {"task": self.task, "tried": tried, "kept": kept, "frames": len(steps)}
 
-    def _write(self, steps: Sequence[dict[str, Any]]) -> None:
-        folder = self.out / f"{self.task}-{self.number:02d}"
-        folder.mkdir(parents=True, exist_ok=True)
-        np.save(folder / "frames.npy", np.stack([step["frame"] for step in steps]))
-        texts = sorted({step["text"] for step in steps})
-        index = {text: number for number, text in enumerate(texts)}
-        table: dict[str, Any] = {
-            key: np.stack([step[key] for step in steps]).astype(np.float32)
-            for key in ("state", "label", "gripper", "taught", "places", "pixels")
-        }
-        table["texts"] = np.array(texts)
-        table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
-        table["targets"] = np.full(len(steps), TASKS[self.task].targets, dtype=np.int8)
-        table["episode"] = np.array([step["episode"] for step in steps])
-        np.savez(folder / "steps.npz", **table)
+
+def write(steps: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Write the steps of several demonstrations of one task as arrays."""
+    folder.mkdir(parents=True, exist_ok=True)
+    np.save(folder / "frames.npy", np.stack([step["frame"] for step in steps]))
+    texts = sorted({step["text"] for step in steps})
+    index = {text: number for number, text in enumerate(texts)}
+    table: dict[str, Any] = {
+        key: np.stack([step[key] for step in steps]).astype(np.float32)
+        for key in ("state", "label", "gripper", "taught", "places", "pixels")
+    }
+    table["texts"] = np.array(texts)
+    table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
+    for key, kind in (("targets", np.int8), ("episode", np.int64)):
+        table[key] = np.array([step[key] for step in steps], dtype=kind)
+    np.savez(folder / "steps.npz", **table)
 
 
 def worded(scene: Scene, space: SearchSpace, seed: int) -> Scene:

@@ -3,7 +3,7 @@
 
 Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and the positions of a, b and the
 hand as auxiliary tasks. A GPU takes minutes; the schedule ends at --updates or --seconds, whichever comes
-first. --init continues from the weights of an earlier round.
+first. --init continues from the weights of an earlier round, --replay with some of what those learned from.
 """
 
 from __future__ import annotations
@@ -13,118 +13,24 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
+from mini_data import Data, load
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 from torch.nn import functional
 
-from vlafuzz.policies.mini import words
-from vlafuzz.policies.mini.actions import BINS, HORIZON, LONG, decode, proprioception, to_bins
+from vlafuzz.policies.mini.actions import BINS, decode, to_bins
 from vlafuzz.policies.mini.model import WATCHED, Network
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS
 
-HELD_OUT = 50  # every 50th episode is for validation
 SOFT = 1.0  # bins, standard deviation of a label
-LATER = 0.25  # weight of the later steps of a chunk
 RATE, DECAY, WARM_UP, AVERAGED = 1e-3, 0.05, 300, 0.999
 VERSION = "2"
-
-
-@dataclass
-class Data:
-    """All steps on one device. ``frames`` (n, 128, 128, 3) uint8; see ``load`` for the others."""
-
-    frames: Tensor
-    tokens: Tensor
-    state: Tensor
-    moves: Tensor
-    gripper: Tensor
-    weights: Tensor
-    places: Tensor
-    pixels: Tensor
-    shown: Tensor
-    rest: dict[str, Any]
-
-
-def load(folder: Path, device: str, known: tuple[str, ...] = ()) -> Data:
-    """All demonstrations below a folder, in chunks: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
-
-    ``known``: the vocabulary of the weights to continue from; by default that of the texts.
-    """
-    parts = [dict(np.load(path)) for path in sorted(folder.glob("*/steps.npz"))]
-    frames = [torch.from_numpy(np.load(path)) for path in sorted(folder.glob("*/frames.npy"))]
-    known = known or words.vocabulary([str(text) for part in parts for text in part["texts"]])
-    joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0] if key != "texts"}
-    source = np.repeat(np.arange(len(parts)), [len(part["text"]) for part in parts])
-    pairs = np.stack([source, joined["episode"]], axis=1)
-    episodes = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
-    tables = tabulate(joined, episodes)
-    tables["tokens"] = np.concatenate(
-        [np.stack([words.encode(str(t), known) for t in part["texts"]])[part["text"]] for part in parts]
-    )
-    on_device = {
-        name: torch.from_numpy(np.ascontiguousarray(table)).to(device) for name, table in tables.items()
-    }
-    rest = {
-        "words": known,
-        "hash": fingerprint(frames, joined["label"]),
-        "episodes": int(episodes.max()) + 1,
-        "frames": int(joined["taught"].sum()),
-        "own": torch.from_numpy((joined["taught"] > 0) & (episodes % HELD_OUT > 0)).to(device),
-        "held_out": torch.from_numpy((joined["taught"] > 0) & (episodes % HELD_OUT == 0)).to(device),
-    }
-    return Data(torch.cat([part.to(device) for part in frames]), **on_device, rest=rest)
-
-
-def tabulate(joined: dict[str, Any], episodes: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    """The tables of ``Data`` with one row per step, without frames and words."""
-    label, opening, pixels = joined["label"], joined["state"][:, 6], joined["pixels"]
-    same = np.append(False, episodes[1:] == episodes[:-1])
-    before = np.where(same, np.roll(opening, 1), opening)
-    index = np.minimum(np.arange(len(label))[:, None] + np.arange(HORIZON), len(label) - 1)
-    inside = episodes[index] == episodes[:, None]
-    weights = np.where(inside, np.where(np.arange(HORIZON) == 0, 1.0, LATER), 0.0)
-    shown = np.all((pixels > 0) & (pixels < 1), axis=-1)
-    shown[:, 1] &= joined["targets"] > 1
-    return {
-        "state": proprioception(joined["state"], before, since_change(joined["gripper"], same)),
-        "moves": label[index][..., :6].astype(np.float32),
-        "gripper": (label[index][..., 6] > 0).astype(np.float32),
-        "weights": weights.astype(np.float32),
-        "places": joined["places"],
-        "pixels": pixels,
-        "shown": shown,
-    }
-
-
-def fingerprint(frames: Sequence[Tensor], label: NDArray[np.float32]) -> str:
-    """Digest of the demonstrations: all labels, and about fifty frames of each part."""
-    digest = hashlib.sha256()
-    for part in frames:
-        digest.update(part.numpy()[:: max(len(part) // 50, 1)].tobytes())
-    digest.update(label.tobytes())
-    return digest.hexdigest()[:20]
-
-
-def since_change(commands: NDArray[np.float32], same: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Steps since the gripper command changed, as `mini` counts; ``same``: the episode did not change."""
-    since, last = np.empty(len(commands), dtype=np.int64), 1.0
-    for index, inside in enumerate(same):
-        if not inside:
-            since[index], last = LONG, 1.0
-            continue
-        command = np.sign(commands[index - 1])
-        since[index] = since[index - 1] + 1 if command == last else 1
-        last = command
-    return since
 
 
 def jitter(pictures: Tensor) -> Tensor:
@@ -160,7 +66,7 @@ def loss_of(predicted: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Te
 
 def validate(network: torch.nn.Module, data: Data) -> dict[str, float]:
     """Mean losses over the held-out steps, and the error of the first action in millimetres."""
-    index = data.rest["held_out"].nonzero()[:, 0][:8192]
+    index = data.rest["held_out"][:8192]
     sums: dict[str, float] = {}
     with torch.inference_mode():
         for part in index.split(1024):
@@ -223,12 +129,11 @@ def train(data: Data, options: argparse.Namespace, device: str) -> None:
     torch.manual_seed(options.seed)
     torch.set_float32_matmul_precision("high")
     learner = Learner(options, device)
-    own = data.rest["own"].nonzero()[:, 0]
     began = time.monotonic()
     curve: list[dict[str, float]] = []
     done = 0.0
     while done < 1:
-        learner.learn(data, own[torch.randint(len(own), (options.batch,), device=device)], done)
+        learner.learn(data, data.drawn(options.batch, options.share), done)
         seconds = time.monotonic() - began
         done = max(learner.updates / options.updates, seconds / options.seconds)
         if learner.updates % options.every == 0 or done >= 1:
@@ -269,6 +174,7 @@ def _round(data: Data, curve: list[dict[str, float]], options: argparse.Namespac
             "weight_decay": DECAY,
             "averaged": AVERAGED,
             "seed": options.seed,
+            "replayed": options.share if options.replay else 0.0,
         },
         "curve": curve,
     }
@@ -280,6 +186,8 @@ def main() -> None:
     parser.add_argument("demos", type=Path, help="folder that make_demos.py wrote")
     parser.add_argument("--out", type=Path, required=True, help="folder for weights and card")
     parser.add_argument("--init", type=Path, help="folder of weights and card to continue from")
+    parser.add_argument("--replay", type=Path, help="folder of earlier demonstrations, not to be forgotten")
+    parser.add_argument("--share", type=float, default=0.5, help="share of each batch that is replayed")
     parser.add_argument("--rate", type=float, default=RATE, help="learning rate")
     parser.add_argument("--updates", type=int, default=7500)
     parser.add_argument("--seconds", type=float, default=1e9)
@@ -290,7 +198,7 @@ def main() -> None:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     began = time.monotonic()
     known = tuple(json.loads((options.init / CARD).read_text())["words"]) if options.init else ()
-    data = load(options.demos, device, known)
+    data = load(options.demos, device, known, options.replay)
     print(
         json.dumps(
             {

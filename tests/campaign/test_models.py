@@ -10,6 +10,8 @@ from tests.doubles import ClosedForm
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.cli import main
+from vlafuzz.errors import PrerequisiteError
+from vlafuzz.policies.mini.policy import SHIPPED
 from vlafuzz.policies.registry import guesses, make_policy, names_its_model
 from vlafuzz.serving.serve import serving
 from vlafuzz.store.merge import merge
@@ -144,3 +146,12 @@ def test_a_comparison_is_of_one_model_and_goes_on_only_if_that_is_named(
     assert compared(server, "a.db") == 2
     assert "run 1 has other conditions: it may be of another model" in capsys.readouterr().err
     assert [compared(f"{server}&version=1", "b.db") for _ in range(2)] == [0, 0]
+
+
+def test_mini_with_other_weights_is_named_by_their_folder(tmp_path: Path):
+    with pytest.raises(PrerequisiteError, match=r"policy.json: not there"):
+        make_policy(f"mini:{tmp_path}")
+    for name in ("policy.json", "weights.safetensors"):
+        (tmp_path / name).symlink_to(SHIPPED / name)
+    named = plan(RunConfig(policy=f"mini:{tmp_path}", task="pick-up", budget=1))
+    assert (named.policy.spec.name, named.place.kind) == ("mini", plan(RunConfig(policy="mini")).place.kind)

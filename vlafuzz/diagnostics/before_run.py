@@ -13,7 +13,7 @@ from vlafuzz.campaign.launch import stands_alone
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import POLICIES, guesses, make_policy
+from vlafuzz.policies.registry import guesses, is_built_in, make_policy
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
@@ -66,7 +66,7 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
         watch.note(f"note: {manifest.policy} is deterministic: repeats differ only if it uses the seed")
     if plan.resume and manifest.alone:
         watch.note(f"note: {manifest.policy}: what answers now has to be the model with which the run began")
-    if manifest.policy in POLICIES or manifest.checkup == UNCHECKED:
+    if is_built_in(manifest.policy) or manifest.checkup == UNCHECKED:
         return Checked(plan, usual_speed(plan))
     if plan.resume is None:
         _say(plan, watch)
@@ -93,7 +93,7 @@ def speed_of(plan: Plan) -> Speed | None:
     """How fast a plan's policy usually is, or as measured, which takes seconds; None if it breaks."""
     from vlafuzz.diagnostics.exam import Exam
 
-    if plan.manifest.policy in POLICIES:
+    if is_built_in(plan.manifest.policy):
         return usual_speed(plan)
     with closing(Exam(plan.manifest, plan.policy)) as exam:
         seen = list(exam.looks())

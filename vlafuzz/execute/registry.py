@@ -16,7 +16,7 @@ from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.harness import release
-from vlafuzz.policies.registry import POLICIES, is_shared, make_policy
+from vlafuzz.policies.registry import is_built_in, is_shared, make_policy
 from vlafuzz.sim.base import SteppedEvaluator
 
 EXECUTORS = ("local", "processes", "ray")
@@ -65,7 +65,7 @@ def default_workers(policy: str, most: int | None = None) -> int:
 
     A policy of the user's own gets one, as it may hold a model of any size. So does one that workers share.
     """
-    workers = most_workers() if policy in POLICIES and not is_shared(policy) else 1
+    workers = most_workers() if is_built_in(policy) and not is_shared(policy) else 1
     return workers if most is None else min(workers, most)
 
 

@@ -3,6 +3,7 @@
 import importlib
 import inspect
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 from vlafuzz.errors import UsageError, suggestion
@@ -14,11 +15,11 @@ from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.policies.seeing import SeeingExpert
 
 
-def _mini() -> Policy:
-    """A small learned vision-language-action model that runs on a CPU."""
-    from vlafuzz.policies.mini.policy import Mini
+def _mini(folder: Path | None = None) -> Policy:
+    """A small learned vision-language-action model that runs on a CPU; mini:FOLDER has other weights."""
+    from vlafuzz.policies.mini.policy import SHIPPED, Mini
 
-    return Mini()
+    return Mini(folder or SHIPPED)
 
 
 POLICIES: dict[str, Callable[[], Policy]] = {
@@ -29,6 +30,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": Random,
     "frozen": Frozen,
 }
+RETRAINED = "mini:"  # and the folder of other weights for the same network
 # Policies behind model servers, by protocol; named protocol:address, or just by the address for HTTP.
 # The layers import clients after policies, so a client is only loaded when its protocol is named.
 SERVERS = {
@@ -62,6 +64,11 @@ def client(protocol: str) -> Client:
     return cast(Client, getattr(importlib.import_module(module), name))
 
 
+def is_built_in(name: str) -> bool:
+    """Whether a policy is one of ours, with whatever weights."""
+    return name in POLICIES or name.startswith(RETRAINED)
+
+
 def known_policies() -> dict[str, str]:
     """Name → description, one sentence each."""
     clients = [client(protocol) for protocol in SERVERS]
@@ -84,7 +91,7 @@ def check_policy_name(name: str) -> None:
     elif name in SERVERS:
         form = client(name).form
         raise UsageError(f"unknown policy {name!r}: no address", hint=f"expected {form}?option=value&…")
-    elif name not in POLICIES:
+    elif not is_built_in(name):
         near = suggestion(name.partition(":")[0], [*POLICIES, *SERVERS])
         raise UsageError(f"unknown policy {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
 
@@ -92,7 +99,7 @@ def check_policy_name(name: str) -> None:
 def is_shared(name: str) -> bool:
     """Whether all workers share one policy of that name (see ``Policy``), which is not created."""
     check_policy_name(name)
-    factory = load_factory(name) if is_reference(name) else _server(name) or POLICIES[name]
+    factory = load_factory(name) if is_reference(name) else _server(name) or POLICIES.get(name)
     return bool(getattr(factory, "shared", False))
 
 
@@ -139,6 +146,8 @@ def make_policy(name: str) -> Policy:
     check_policy_name(name)
     if kind := _server(name):
         return kind(_address(name, kind))
+    if name.startswith(RETRAINED):
+        return _mini(Path(name.removeprefix(RETRAINED)).expanduser())
     if not is_reference(name):
         return POLICIES[name]()
     policy = make_of(name)

@@ -1,0 +1,80 @@
+"""Shown: the expert's demonstrations of the arms' scenes, as make_demos.py writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from make_demos import Demonstrator, write
+
+from repair.arms import Kind, wanted
+from vlafuzz.conditions.stored import stored_catalogue
+from vlafuzz.integrations.selection import Wanted
+from vlafuzz.outcome import Verdict
+from vlafuzz.sim.base import make_evaluator
+from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.store.records import Manifest
+
+SPARE = 3  # scenes for each demonstration: some are not fair, and some the expert does not solve
+JOB = 10  # demonstrations, in a folder of their own
+
+
+@dataclass(frozen=True)
+class Job:
+    """Demonstrations in the first scenes that allow it; ``first``: number of its first scene."""
+
+    scenes: Sequence[Wanted]
+    first: int
+    driver: Path | None
+    out: Path
+
+    def run(self) -> int:
+        """Number of demonstrations written."""
+        steps: list[dict[str, Any]] = []
+        written = 0
+        for number, one in enumerate(self.scenes, start=self.first):
+            demonstrator, evaluator = _pair(one.run, self.driver)
+            evaluator.seed = number
+            (outcome,) = evaluator.evaluate([one.scene])
+            if outcome.verdict is Verdict.PASSED and any(step["taught"] for step in demonstrator.steps):
+                steps += [step | {"episode": number} for step in demonstrator.steps]
+                written += 1
+            if written == JOB:
+                break
+        if steps:
+            write(steps, self.out)
+        return written
+
+
+_pairs: dict[tuple[str, str, Path | None], tuple[Demonstrator, ManiSkillEvaluator]] = {}  # of this process
+
+
+def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, ManiSkillEvaluator]:
+    key = run.task, run.key(seeded=False), driver
+    if key not in _pairs:
+        once, demonstrator = replace(run, repeats=1, stop_early=True), Demonstrator(driver)
+        _pairs[key] = demonstrator, make_evaluator(once, demonstrator, catalogue=stored_catalogue(once))
+    return _pairs[key]
+
+
+def jobs(store: Path, kind: Kind, number: int, driver: Path, out: Path) -> list[Job]:
+    """Jobs for that many demonstrations in scenes of one kind: every tenth is a folder in ``out``."""
+    parts = -(-number // JOB)
+    drawn = list(islice(wanted(store, kind), parts * JOB * SPARE))
+    return [
+        Job(
+            drawn[part::parts],
+            part * JOB * SPARE,
+            driver if kind == "taken-over" else None,
+            out / kind / f"{store.stem}-{part:03d}",
+        )
+        for part in range(parts)
+    ]
+
+
+def parts_of(folder: Path, kind: Kind, tasks: Sequence[str], number: int) -> list[Path]:
+    """The folders of the first demonstrations of a kind, that many of each task."""
+    return [part for task in tasks for part in sorted((folder / kind).glob(f"{task}-*"))[: -(-number // JOB)]]

@@ -1,0 +1,167 @@
+#!/usr/bin/env python
+"""Which demonstrations repair `mini`? Arms with equally many of them, trained equally, several times.
+
+Every repetition fuzzes the shipped `mini` with random scenes, lets the expert demonstrate scenes of each arm
+(repair/arms.py), and continues the training of the shipped weights, half of each batch from demonstrations as
+it was first trained with. The arms of --again go through a second round with what their own weights fail in.
+All are judged in the same scenes, which nobody was trained with: OUT/judged. What is in OUT already is
+not done again. Fine-tuning wants a GPU; --gpus says how many there are.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from repair import judged, shown
+from repair.arms import ARMS, KINDS
+from repair.steps import fuzz, old_demonstrations, side_by_side, together, train
+
+from vlafuzz.policies.mini.policy import SHIPPED
+from vlafuzz.tasks.tabletop import TASKS
+
+ROUND = 100  # seeds from one round to the next
+Policies = Mapping[str, Path]  # weights by name: arm and repetition, such as failed-0
+Training = dict[str, Future[Path]]
+
+
+@dataclass
+class Study:
+    """What is done with these options; ``lanes``: threads that wait for trainings."""
+
+    options: argparse.Namespace
+    lanes: ThreadPoolExecutor
+
+    def first(self) -> Training:
+        """Begin the first round of all arms, which share the runs of a repetition."""
+        repeats = range(self.options.repeats)
+        shipped = {f"shipped-{number}": SHIPPED for number in repeats}
+        self._fuzz(shipped, self.options.seed)
+        training: Training = {}
+        for number, before in enumerate(shipped):
+            arms = {f"{arm}-{number}": arm for arm in self.options.arms}
+            training |= self._repair(before, SHIPPED, arms)
+        return training
+
+    def second(self, trained: Policies) -> Training:
+        """Begin the second round of some arms, each with what its own weights fail in."""
+        again = {
+            f"{arm}-{number}": arm for number in range(self.options.repeats) for arm in self.options.again
+        }
+        self._fuzz({name: trained[name] for name in again}, self.options.seed + ROUND)
+        training: Training = {}
+        for before, arm in again.items():
+            name = f"{arm}-again-{number_of(before)}"
+            training |= self._repair(before, trained[before], {name: arm})
+        return training
+
+    def judge(self, policies: Iterable[tuple[str, Path]]) -> None:
+        """Write how every policy ends in the same scenes: random ones, and nominal ones of all tasks."""
+        side_by_side(self._judging(policies), self.options.workers, "judged")
+
+    def _judging(self, policies: Iterable[tuple[str, Path]]) -> Iterator[judged.Job]:
+        options = self.options
+        for name, weights in policies:
+            out = options.out / "judged" / name
+            for task in options.tasks:
+                yield from judged.jobs(weights, task, "random", options.first, options.scenes, out)
+            for task in TASKS:
+                yield from judged.jobs(weights, task, "nominal", options.first, options.nominal, out)
+
+    def _fuzz(self, policies: Policies, seed: int) -> None:
+        """The stores of each policy's runs; the n-th repetition has the n-th seed."""
+        options = self.options
+        runs = [(name, task) for name in policies for task in options.tasks]
+        workers = max(1, options.workers // max(1, len(runs)))
+
+        def run(name: str, task: str) -> None:
+            store = options.out / "found" / name / f"{task}.db"
+            fuzz(policies[name], task, options.budget, seed + number_of(name), store, workers)
+
+        with ThreadPoolExecutor(max(1, len(runs))) as threads:
+            for one in [threads.submit(run, *each) for each in runs]:
+                one.result()
+
+    def _repair(self, before: str, init: Path, arms: Mapping[str, str]) -> Training:
+        """Demonstrate what the policy ``before`` fails in, and begin to train it; ``arms`` by new names."""
+        options, out = self.options, self.options.out
+        demos = self._demonstrate(before, init, set(arms.values()))
+        earlier = out / "arms" / before
+        replayed = [*(out / "old").iterdir(), *(earlier.iterdir() if earlier.exists() else ())]
+        old = together(out / "replayed" / before, sorted(replayed))
+        training: Training = {}
+        for place, (name, arm) in enumerate(arms.items()):
+            parts = [
+                part
+                for kind, share in ARMS[arm].items()
+                for part in shown.parts_of(demos, kind, options.tasks, round(share * options.demos))
+            ]
+            folder = together(out / "arms" / name, parts)
+            recipe = [*options.recipe.split(), "--seed", str(number_of(name))]
+            gpu = (place + number_of(name)) % options.gpus if options.gpus else None
+            training[name] = self.lanes.submit(train, folder, old, init, out / "mini" / name, recipe, gpu)
+        return training
+
+    def _demonstrate(self, before: str, init: Path, arms: set[str]) -> Path:
+        """The folder of all demonstrations that these arms need."""
+        options = self.options
+        folder: Path = options.out / "demos" / before
+        if folder.exists():
+            return folder
+        jobs: list[shown.Job] = []
+        for kind in KINDS:
+            number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
+            found = options.minimal if kind == "minimal" else options.out / "found" / before
+            for task in options.tasks if number else ():
+                jobs += shown.jobs(found / f"{task}.db", kind, number, init, folder)
+        done = sum(side_by_side(jobs, options.workers, f"demonstrations for {before}"))
+        print(f"{done} demonstrations for {before}", flush=True)
+        return folder
+
+
+def number_of(name: str) -> int:
+    """The repetition of a policy."""
+    return int(name.rpartition("-")[2])
+
+
+def main() -> None:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("out", type=Path, help="folder")
+    parser.add_argument("--tasks", nargs="+", default=["pick-up", "move-near"], choices=list(TASKS))
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
+    parser.add_argument("--again", nargs="*", default=[], choices=list(ARMS), help="arms with a second round")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--budget", type=int, default=1000, help="rollouts of each task's run")
+    parser.add_argument("--demos", type=int, default=400, help="demonstrations of each task")
+    parser.add_argument("--old-demos", type=int, default=800, help="of each task, to be replayed")
+    parser.add_argument("--minimal", type=Path, help="folder of triaged stores, TASK.db, for the arm minimal")
+    parser.add_argument("--recipe", default="--rate 5e-4 --updates 1500 --batch 512", help="of train_mini.py")
+    parser.add_argument("--seed", type=int, default=800, help="of the first repetition's runs")
+    parser.add_argument(
+        "--first", type=int, default=700_000, help="number of the first scene to be judged in"
+    )
+    parser.add_argument("--scenes", type=int, default=1000, help="random ones of each task, to be judged in")
+    parser.add_argument("--nominal", type=int, default=200, help="nominal ones of each task")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--gpus", type=int, default=0)
+    options = parser.parse_args()
+    old_demonstrations(options.out / "old", options.old_demos, options.workers)
+    with ThreadPoolExecutor(2 * max(1, options.gpus)) as lanes:
+        study = Study(options, lanes)
+        trained = ready(study.first())
+        again = study.second(trained)
+        study.judge([("shipped", SHIPPED), *trained.items()])
+        study.judge(ready(again).items())
+
+
+def ready(training: Training) -> dict[str, Path]:
+    """What has been trained, once all of it is."""
+    return {name: one.result() for name, one in training.items()}
+
+
+if __name__ == "__main__":
+    main()
