@@ -37,6 +37,8 @@ def test_a_run_prints_its_causes_with_thresholds_and_what_certifying_them_took(
     assert "camera-orientation (+yaw): fails from yaw 2." in shown
     assert re.search(r"\d+ more rollouts certified \d+ of \d+ causes", shown)
     assert "unexplained failures: " in shown
+    first = re.search(r"· ([0-9a-f]{12})\s", shown)[1]
+    assert shown.splitlines()[-1] == f"see the first cause: vlafuzz replay a.db {first}"
 
 
 def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(

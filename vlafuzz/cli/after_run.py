@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,14 +43,34 @@ def document(
     return asdict(summary) | parts | (found.document() if found else _NO_CAUSES)
 
 
-def hint_at_triage(summary: Summary, policy: str) -> None:
+def print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> None:
+    """Print the causes, or with ``hint`` how to find them, and how to see the first."""
+    from vlafuzz.cli import triage
+
+    if found:
+        triage.print_causes(replace(found, probability=None))  # which the summary has said
+    elif hint:
+        hint_at_triage(summary)
+    _hint_at_replay(summary, found)
+
+
+def _hint_at_replay(summary: Summary, found: CauseList | None) -> None:
+    """How to see the first cause that a failure shows, or without one the first failure."""
+    shown = next((cause.scene for cause in found.causes if cause.scene), None) if found else None
+    if scene := shown or summary.first_failure:
+        command = shlex.join(["vlafuzz", "replay", summary.store, scene[:12]])
+        what = "cause" if shown else "failure"
+        stdout().print(f"see the first {what}: {command}", soft_wrap=True)  # in one piece, to copy
+
+
+def hint_at_triage(summary: Summary) -> None:
     if summary.findings:
         from vlafuzz.store.store import Store
         from vlafuzz.triage.pipeline import hours
 
         with Store.open(Path(summary.store)) as store:
             takes = hours(store, summary.findings)
-        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(policy)])
+        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(summary.policy)])
         failures = plural(summary.findings, "failure")
         whose = "its cause" if summary.findings == 1 else "their causes"
         stdout().print(f"{failures}; `{command}` finds {whose}{takes}", soft_wrap=True)

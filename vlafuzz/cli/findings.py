@@ -1,6 +1,7 @@
 """``vlafuzz findings``."""
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +26,11 @@ def command(
     limit: Annotated[int, typer.Option(help="The most findings to show; 0 for all.")] = 20,
     json: Annotated[bool, typer.Option("--json", help="Print all of them as one JSON list.")] = False,
 ) -> None:
-    """List the findings of a store or corpus: causes first, then by evidence, the most first."""
+    """List the findings of a store or corpus: those of causes first, the strongest first, then by evidence.
+
+    A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
+    Findings that hardly differ from one that is listed, or only add operators to it, are counted beside it.
+    """
     if evidence is not None and evidence not in BUCKETS:
         raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
     if limit < 0:
@@ -39,7 +44,7 @@ def command(
         return
     shown = cards[: limit or None]
     if shown:
-        print_list([_lines(card) for card in shown], title=f"{plural(len(cards), 'finding')}: {view.title}")
+        print_list([_lines(card) for card in shown], title=_title(cards, view))
     else:
         stdout().print("no findings" + (f" with evidence {evidence}" if evidence else ""))
     if len(shown) < len(cards):
@@ -54,12 +59,19 @@ def command(
         stdout().print(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}", soft_wrap=True)
 
 
+def _title(cards: Sequence[Card], view: View) -> str:
+    findings = sum(len(card.findings) + len(card.alike) for card in cards)
+    apart = f", {len(cards)} without those alike" if len(cards) < findings else ""
+    return f"{plural(findings, 'finding')}{apart}, the strongest causes first: {view.title}"
+
+
 def _lines(card: Card) -> list[str]:
     """What is off nominal, a line each, and the evidence."""
     values = [f"{part.operator}: {part.range}" for part in card.deviations]
     if card.bucket == "observed" and len(values) > FEW:
         values = [f"{len(card.operators)} operators not nominal"]
     several = f" · {len(card.findings)} findings" if len(card.findings) > 1 else ""
+    several += f" · {len(card.alike)} more alike" if card.alike else ""
     evidence = f"loses {card.lost_stage} · {card.bucket}: {card.detail}{several}"
     return [*(values or [card.title]), f"{evidence} · {card.scene.digest[:_DIGITS]}"]
 
@@ -69,7 +81,9 @@ def _rows(source: Path, view: View, evidence: str | None) -> list[dict[str, Any]
     from vlafuzz.stored import StoredResults, finding_of
 
     if source.is_file():
-        ranks = {digest: rank for rank, card in enumerate(view.cards) for digest in card.findings}
+        ranks = {
+            digest: rank for rank, card in enumerate(view.cards) for digest in (*card.findings, *card.alike)
+        }
         rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found])
     else:
         rows = [finding_of(card) for card in view.cards]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -135,7 +134,6 @@ def command(
     from vlafuzz.campaign.launch import SEARCH
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.summary import print_summary
-    from vlafuzz.cli.triage import print_causes
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about, looks_for_causes
     from vlafuzz.triage.jobs import Allowance
@@ -191,10 +189,8 @@ def command(
     if json:
         more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})
         print_json(after_run.document(summary, beside, effects, found, then) | more)
-    elif found:
-        print_causes(replace(found, probability=None))  # which the summary has said
-    elif not triage:
-        after_run.hint_at_triage(summary, plan.manifest.policy)
+    else:
+        after_run.print_causes(summary, found, hint=not triage)
     if not triage and (triaged is None or allowance.used_up):
         after_run.hint_at_rest(plan, found)
     if triaged is None:

@@ -90,7 +90,7 @@ class RunBar:
 def print_summary(
     summary: Summary, beside: Beside | None = None, about: str = "", probability: Probability | None = None
 ) -> None:
-    """Print a run in numbers, a guided one beside random generation, and how to see its first failure.
+    """Print a run in numbers, a guided one beside random generation.
 
     Args:
         probability: that the policy fails in a random scene, if the strategy estimates it.
@@ -106,9 +106,6 @@ def print_summary(
     console.print(table)
     if beside is not None:
         console.print(_beside(summary, beside), soft_wrap=True)
-    if summary.first_failure is not None:
-        command = f"vlafuzz replay {shlex.quote(summary.store)} {summary.first_failure[:12]}"
-        console.print(f"see the first failure: {command}", soft_wrap=True)  # in one piece, to copy
 
 
 def _lines(summary: Summary, probability: Probability | None) -> list[tuple[str, str]]:

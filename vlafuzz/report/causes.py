@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from vlafuzz.evidence import Rate, Solver
+from vlafuzz.plugins import trust_flag
 from vlafuzz.probability import Probability
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.view import Card, Table
@@ -15,6 +17,7 @@ from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.text import count_of, interval, percent, plural
 from vlafuzz.triage.oracle import ONE_HALF
+from vlafuzz.triage.pipeline import hours
 
 # Buckets in words, those of causes that are not confirmed last.
 EVIDENCE: Mapping[str, str] = {
@@ -93,6 +96,7 @@ class CauseList:
         probability: that the policy fails in a random scene; None if unknown.
         found: number of causes before those with the same signature became one; ``certified`` of them are.
         rollouts: of the policy, to triage their scenes; not part of the run's budget.
+        certify: the command that certifies those that are not triaged, with how long it takes.
     """
 
     run: int
@@ -102,6 +106,7 @@ class CauseList:
     found: int
     certified: int
     rollouts: int
+    certify: str = ""
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -112,6 +117,9 @@ class CauseList:
             same = "" if distinct == self.certified else f", {distinct} of them distinct"
             of = plural(self.found, "cause")
             found.append(f"{plural(self.rollouts, 'more rollout')} certified {self.certified} of {of}{same}")
+        if self.certify:
+            suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
+            found.append(f"not certified means: {suspected}; {self.certify} certifies them")
         tried = ", variants tried to explain them not counted" if self.unexplained else ""
         found.append(f"unexplained failures: {self.unexplained}{tried}")
         if self.probability:
@@ -154,13 +162,14 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
     for number, cause in enumerate(kept.causes):
         finding = findings.get(cause.scene) if cause.scene else None
         row = triaged.get(cause.scene) if cause.scene else None
-        listed = maker.make(cause, finding, row)
-        certain = listed.bucket in ("minimal", "base")
-        key = (listed.signature, _target_types(cause, _without_types(row))) if certain else number
-        merged[key] = _united(merged[key], listed) if key in merged else listed
+        one = maker.make(cause, finding, row)
+        certain = one.bucket in ("minimal", "base")
+        key = (one.signature, _target_types(cause, _without_types(row))) if certain else number
+        merged[key] = _united(merged[key], one) if key in merged else one
+    listed = tuple(sorted(merged.values(), key=_rank))
     return CauseList(
         run=run.id,
-        causes=tuple(sorted(merged.values(), key=_rank)),
+        causes=listed,
         unexplained=kept.unexplained,
         probability=kept.probability,
         found=len(kept.causes),
@@ -168,7 +177,15 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
             cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes
         ),
         rollouts=sum(row.policy_rollouts for row in triaged.values()),
+        certify="" if run.status == "running" else _certify(store, run, listed),
     )
+
+
+def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
+    left = sum(cause.bucket == "observed" and cause.scene is not None for cause in causes)
+    trust = trust_flag(run.manifest.policy)
+    command = shlex.join(["vlafuzz", "triage", str(store.path), "--limit", str(left), *trust])
+    return f"`{command}`{hours(store, left)}" if left else ""
 
 
 def all_causes(store: Store) -> tuple[CauseList, ...]:

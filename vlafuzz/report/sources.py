@@ -11,6 +11,7 @@ from vlafuzz.conditions.place import by_place, in_words
 from vlafuzz.outcome import Verdict
 from vlafuzz.plugins import trust_flag
 from vlafuzz.regression.corpus import Corpus
+from vlafuzz.report.alike import alike_as_one
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
@@ -56,7 +57,7 @@ def view_of_store(store: Store) -> View:
         charts=_charts(counts, summary),
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
         causes=(*(one.table for one in causes), *_effects(store, runs)),
-        cards=_causes_first(in_order(_merged(_cards(store, runs, triaged))), causes),
+        cards=_causes_first(_cards(store, runs, triaged), causes, Spaces(store.path)),
         notes=tuple(_notes(manifests)),
     )
 
@@ -200,11 +201,12 @@ def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Ite
             yield card_of_triaged(store.path, row, finding, run, spaces.of(run))
 
 
-def _causes_first(cards: Sequence[Card], lists: Sequence[CauseList]) -> tuple[Card, ...]:
-    """The cards of causes, in the order of their lists, then the others."""
+def _causes_first(cards: Iterable[Card], lists: Sequence[CauseList], spaces: Spaces) -> tuple[Card, ...]:
+    """The cards of causes, in the order of their lists, then the others; alike ones are one."""
     digests = [digest for one in lists for cause in one.causes for digest in cause.found]
     ranks = {digest: rank for rank, digest in reversed(list(enumerate(digests)))}
-    return tuple(sorted(cards, key=lambda card: min(ranks.get(name, inf) for name in card.findings)))
+    distinct = alike_as_one(in_order(_merged(cards)), spaces, ranks)
+    return tuple(sorted(distinct, key=lambda card: min(ranks.get(name, inf) for name in card.findings)))
 
 
 def _merged(cards: Iterable[Card]) -> Iterable[Card]:

@@ -137,7 +137,8 @@ class Card:
 
     Attributes:
         scene: the minimal scene of the finding if there is one, else the finding itself.
-        findings: digests of the findings with this scene.
+        findings: digests of the findings with this scene; ``alike``: of those that have no card, as this one
+            shows what they do: near-duplicates, and failures that only add operators to it.
         run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
         operators: those in which the scene differs from its reference; the confounder operators count as one.
@@ -164,6 +165,7 @@ class Card:
     rate: Rate | None = None
     detail: str
     replay: str
+    alike: tuple[str, ...] = ()
     picture: bytes | None = None
     failure: Film | None = None
     solution: Film | None = None
