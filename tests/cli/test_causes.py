@@ -83,7 +83,8 @@ def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(
 def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pytest.CaptureFixture[str]):
     assert main([*CAUSES, "--no-certify"]) == 0
     shown = capsys.readouterr().out
-    assert "not certified" in shown
+    assert "not certified means: a few single rollouts suggest these operators" in shown
+    assert re.search(r"`vlafuzz triage a.db --limit \d --trust`.* certifies them", shown)
     assert "more rollouts" not in shown
     assert main(["triage", "a.db", "--limit", "1"]) == 0
     assert "certified 1 of " in capsys.readouterr().out

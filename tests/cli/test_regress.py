@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree as Xml
@@ -14,6 +15,7 @@ from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
 from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Outcome
+from vlafuzz.regression import pace
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.regression.markdown import markdown_table
 from vlafuzz.scene import Scene
@@ -67,11 +69,27 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
     captured = capsys.readouterr()
     assert "pinhole is worse than idle as recorded: 8 worse and 0 better of 25 controls" in captured.out
     assert "biased upward, because the test stopped at the alarm" in captured.out
-    assert "40 controls and 60 other scenes, at most 220 rollouts, about 49 s" in captured.err
+    assert "40 controls and 60 other scenes, at most 220 rollouts" in captured.err
     assert regress("pinhole", "--whole") == 1
     captured = capsys.readouterr()
     assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
     assert captured.out.count(" without light") > 20
+
+
+def test_the_first_rollouts_tell_how_long_it_takes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(pace, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
+    assert regress("expert") == 0
+    said = capsys.readouterr().err
+    assert said.count("at the speed of the first") == 1
+    assert "about 109 min for the other 218, at the speed of the first 2 rollouts" in said
+
+
+def test_its_time_may_end_before_it_tells(capsys: pytest.CaptureFixture[str]):
+    assert regress("expert", "--time", "0.000001s") == 3
+    printed = capsys.readouterr()
+    assert "--time is over after 0 controls: cannot tell" in printed.out
 
 
 def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys: pytest.CaptureFixture[str]):

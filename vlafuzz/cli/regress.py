@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag
+from vlafuzz.cli.flags import TimeFlag, TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
+from vlafuzz.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def command(
         ),
     ] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Do not stop at an alarm: run everything.")] = False,
+    time: TimeFlag = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.")] = None,
     summary: Annotated[
         Path | None, typer.Option(help="Write Markdown, and beside it a picture of a broken scene.")
@@ -50,6 +52,7 @@ def command(
     """
     places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
     _check(policy, baseline, alpha, max_rollouts, places)
+    until = deadline("--time", time)
     from vlafuzz.regression.folder import read_corpus
     from vlafuzz.regression.junit import write_junit
     from vlafuzz.regression.markdown import write_summary
@@ -67,6 +70,7 @@ def command(
             alpha=alpha,
             max_rollouts=max_rollouts,
             whole=whole,
+            deadline=until,
             watch=bar,
         )
     if json:
@@ -87,7 +91,8 @@ def command(
     if not compared.tells:
         details = (scene.detail for scene in compared.compared if scene.standing in ("error", "invalid"))
         broken = next((f": {detail}" for detail in details if detail), "")
-        hint = "`vlafuzz doctor` checks this machine; were the rollouts too few, give more --max-rollouts"
+        more = "more --max-rollouts" if compared.stopped != "time" else "more --time"
+        hint = f"`vlafuzz doctor` checks this machine; were the rollouts too few, give {more}"
         raise PrerequisiteError(compared.verdict + broken, hint=hint)
 
 
@@ -121,5 +126,6 @@ def _print(compared: Comparison, corpus: Corpus) -> None:
         stdout().print(between, soft_wrap=True)
     if compared.changes:
         stdout().print(compared.changes, soft_wrap=True)
-    stopped = f"stopped after {compared.tried} controls: " if compared.stopped == "worse" else ""
+    early = {"worse": "stopped", "time": "--time is over"}.get(compared.stopped)
+    stopped = f"{early} after {compared.tried} controls: " if early else ""
     stdout().print(f"{stopped}{compared.verdict}", soft_wrap=True)

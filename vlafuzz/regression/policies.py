@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import UsageError
 from vlafuzz.plugins import check_trusted
 from vlafuzz.regression import bisect, diff, regress
@@ -14,6 +15,7 @@ from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.diff import Difference
+from vlafuzz.regression.pace import Pace
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
 from vlafuzz.renderer import probe_once
@@ -31,6 +33,7 @@ def compare_policies(
     alpha: float = 0.05,
     max_rollouts: int | None = None,
     whole: bool = False,
+    deadline: Deadline | None = None,
     watch: Watch = SILENT,
 ) -> Comparison:
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
@@ -38,17 +41,26 @@ def compare_policies(
     Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
     controls some are drawn, and that policy is rolled out, too. ``folder`` is the corpus's, for messages.
     """
+    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    pace = Pace(watch.note, regress.most_rollouts(scenes, max_rollouts))
 
     def progress(now: regress.Progress) -> None:
         watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
+        pace.step()
 
-    scenes, baseline = _scenes(folder, corpus, baseline, watch)
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, policy, watch)))
         old = _baseline(folder, corpus, baseline, stack, watch)
-        watch.note(_estimate(corpus, scenes, old, max_rollouts))
+        watch.note(_most(scenes, old, max_rollouts))
         return regress.compare(
-            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, watch=progress
+            scenes,
+            new,
+            old,
+            alpha=alpha,
+            max_rollouts=max_rollouts,
+            whole=whole,
+            deadline=deadline,
+            watch=progress,
         )
 
 
@@ -124,11 +136,15 @@ def bisect_checkpoints(
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
     controls = [probe for probe in scenes if probe.group == "control"]
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
-    rollouts = most * len(controls)
+    pace = Pace(watch.note, most * len(controls))
     watch.note(
         f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
-        f"{_takes(corpus, rollouts)}{f'; {len(known)} outcomes are known already' if len(known) else ''}"
+        f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
     )
+
+    def progress(checkpoint: str, done: int, most: int) -> None:
+        watch.progress(f"rollouts of {checkpoint}", done, most)
+        pace.step()
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
@@ -145,7 +161,7 @@ def bisect_checkpoints(
             alpha=alpha,
             error=error,
             comparisons=most,
-            watch=lambda checkpoint, done, most: watch.progress(f"rollouts of {checkpoint}", done, most),
+            watch=progress,
         )
 
 
@@ -222,18 +238,10 @@ def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
     return rerun
 
 
-def _estimate(corpus: Corpus, scenes: Sequence[Probe], old: Side, most: int | None) -> str:
-    """A forecast at the speed of the corpus's own rollouts."""
+def _most(scenes: Sequence[Probe], old: Side, most: int | None) -> str:
+    """How many scenes and rollouts there are; the first of them tell how long that takes."""
     sides = 1 if isinstance(old, Recorded) else 2
     rollouts = sides * regress.most_rollouts(scenes, most)
     controls = sum(probe.group == "control" for probe in scenes)
     others = len(scenes) - controls
-    takes = _takes(corpus, rollouts)
-    return f"{controls} controls and {others} other scenes, at most {rollouts} rollouts{takes}"
-
-
-def _takes(corpus: Corpus, rollouts: int) -> str:
-    """How long rollouts take, in a clause; empty where that is not known."""
-    known = corpus.evidence.triage_rollouts + corpus.evidence.expert_rollouts
-    seconds = rollouts * corpus.evidence.seconds / max(known, 1)
-    return f", about {seconds:.0f} s at the corpus's own speed" if known else ""
+    return f"{controls} controls and {others} other scenes, at most {rollouts} rollouts"

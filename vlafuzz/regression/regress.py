@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Literal, NamedTuple, Protocol
 
+from vlafuzz.deadline import Deadline
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.changes import Change, broken, fixed
 from vlafuzz.regression.controls import REGRESS, number_of
@@ -27,7 +28,7 @@ from vlafuzz.triage.runner import PolicyRunner
 
 REPEATS = 3  # of each scene that is no control
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
-Stopped = Literal["worse", "unjudged", "done"]
+Stopped = Literal["worse", "unjudged", "time", "done"]
 
 
 class Side(Protocol):
@@ -98,7 +99,8 @@ class Comparison:
         fewest: number of controls that an alarm takes at least; ``needed``: further broken ones that would
             raise an alarm.
         p_value: valid at any stopping time.
-        stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; or ``done``.
+        stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; ``time``: the deadline
+            passed; or ``done``.
         recorded: whether the baseline's outcomes are those of the corpus, instead of rollouts of now.
     """
 
@@ -199,6 +201,7 @@ def compare(
     alpha: float = 0.05,
     max_rollouts: int | None = None,
     whole: bool = False,
+    deadline: Deadline | None = None,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Comparison:
     """Roll out both in every control once, then some times in each of the other scenes, round by round.
@@ -208,14 +211,18 @@ def compare(
     Args:
         max_rollouts: of the policy; None for all of these.
         whole: do not stop at an alarm.
+        deadline: after which no rollout is begun.
         watch: called after every pair.
     """
     most = most_rollouts(probes, max_rollouts)
     pairs: list[list[Pair]] = [[] for _ in probes]
     test, judged = SignTest(alpha), 0
-    fewest = test.needed
+    fewest, deadline = test.needed, deadline or Deadline()
     stopped: Stopped = "done"
     for done, (index, repeat) in enumerate(islice(_order(probes), most), start=1):
+        if deadline.passed:
+            stopped = "time"
+            break
         pair = Pair(baseline.answer(probes[index], repeat), policy.answer(probes[index], repeat))
         pairs[index].append(pair)
         judged += pair.judged
