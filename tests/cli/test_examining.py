@@ -27,6 +27,11 @@ def constant() -> Policy:
     return FAULTS["constant"]("pinhole")
 
 
+def idle() -> Policy:
+    """Fails in every scene, as it hardly moves."""
+    return FAULTS["wrong scale"]("pinhole")
+
+
 def drowsy() -> Policy:
     """Takes 40 ms for an answer."""
 
@@ -62,6 +67,16 @@ def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys: pytest.Cap
     checks = rows(capsys)
     assert {row["verdict"] for row in checks.values()} == {"ok"}
     assert list(checks)[-2:] == ["nominal", "wiring"]
+
+
+def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys: pytest.CaptureFixture[str]):
+    flags = ("--n", "8", "--time", "0.000001s", "--json")
+    assert main(["doctor", "--policy", f"{HERE}:idle", *flags]) == 3
+    printed = capsys.readouterr()
+    checks = {row["check"]: row["found"] for row in json.loads(printed.out)}
+    assert checks["nominal"].startswith("succeeds in 0 of 1 nominal scenes")
+    assert checks["wiring"] == "unknown: --time was over after 0 rollouts with corrections"
+    assert re.search(r"up to 1\d\d rollouts with corrections, about \d+ (s|min)", printed.err)
 
 
 def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest.CaptureFixture[str]):

@@ -1,5 +1,6 @@
 """The doctor's verdicts in the simulator on policies with one planted fault each, and on healthy ones."""
 
+import re
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -120,7 +121,7 @@ def test_a_policy_that_fails_in_most_nominal_scenes_is_not_run_in_the_rest_and_e
     assert "3 rollouts completed" in [check.found for check in checks]
     nominal = [line for line in told if line.startswith("nominal")]
     assert nominal == [f"nominal rollouts: {done} of 4" for done in range(4)]
-    assert "rollouts with corrections: 1 of None" in told
+    assert any(re.fullmatch(r"rollouts with corrections: 1 of 1\d\d", line) for line in told)
 
 
 @pytest.mark.parametrize("name", ["pinhole", "expert"])

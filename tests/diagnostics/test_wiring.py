@@ -67,6 +67,16 @@ def test_nothing_is_tried_on_a_policy_that_succeeds():
     assert check(roll) == ("wiring", "it succeeds as it is: nothing to correct", "ok", "")
 
 
+def test_a_single_failure_among_successes_is_too_few_to_try_corrections():
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        assert tried is None
+        return passed() if of.targets[0].x > 0 else failed(0.2)
+
+    row = check(roll)
+    assert (row.found, row.verdict) == ("1 failure in 4 nominal scenes: too few to look for a fault", "ok")
+    assert check(lambda *_: failed(0.2), n=1).found.startswith("none of 3 corrections")
+
+
 def test_it_is_said_when_nothing_helps():
     row = check(lambda *_: failed(0.2))
     assert row == ("wiring", "none of 3 corrections clearly raises its progress", "ok", "")

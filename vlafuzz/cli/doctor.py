@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import OperatorsFlag, PackFlag, opened
+from vlafuzz.cli.flags import OperatorsFlag, PackFlag, TimeFlag, opened
 from vlafuzz.cli.output import Bar, print_row, print_rows
+from vlafuzz.deadline import Deadline, deadline
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.machine import machine
 from vlafuzz.errors import UsageError, check_number
@@ -33,6 +34,7 @@ def doctor(
     n: Annotated[
         int | None, typer.Option("--n", help="Nominal scenes that the policy is to solve.", show_default="10")
     ] = None,
+    time: TimeFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Check this machine, or a policy: what is there, whether it works, and what follows from it.
@@ -43,10 +45,11 @@ def doctor(
     packs = opened(pack) or None
     values = {"task": task, "robot": robot, "operators": operators, "packs": packs, "seed": seed}
     flags = {name: value for name, value in values.items() if value is not None}
-    if policy is None and (flags or n is not None):
+    until = deadline("--time", time)
+    if policy is None and (flags or n is not None or time is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
-        checks = machine() if policy is None else _examine(policy, flags, n, bar)
+        checks = machine() if policy is None else _examine(policy, flags, n, bar, until)
         done, complete = _until_interrupted(checks, (lambda _: None) if json else partial(_print, bar))
     if json and done:
         print_rows([check._asdict() for check in done], json=True)
@@ -56,13 +59,15 @@ def doctor(
         raise typer.Exit(3)
 
 
-def _examine(policy: str, flags: Mapping[str, object], n: int | None, bar: Bar) -> Iterator[Check]:
+def _examine(
+    policy: str, flags: Mapping[str, object], n: int | None, bar: Bar, until: Deadline
+) -> Iterator[Check]:
     check_number("--n", n, 1, MOST)
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.diagnostics.before_run import examine
 
     run = RunConfig(policy=policy, **flags)  # type: ignore[arg-type]
-    return examine(run, 10 if n is None else n, bar)
+    return examine(run, 10 if n is None else n, bar, until)
 
 
 def _until_interrupted(

@@ -10,6 +10,7 @@ from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
 from vlafuzz.campaign.launch import stands_alone
+from vlafuzz.deadline import Deadline
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
@@ -20,8 +21,13 @@ from vlafuzz.watch import SILENT, Watch
 UNCHECKED = "unchecked"
 
 
-def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
-    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts."""
+def examine(
+    run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None
+) -> Iterator[Check]:
+    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts.
+
+    After the deadline no rollout is begun but the first.
+    """
     assert run.policy
     policy = _make(run.policy)
     if isinstance(policy, Check):
@@ -33,11 +39,11 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
         manifest = config.plan(run, policy=policy).manifest
         watch.note(
             f"{run.policy}: a few seconds of questions, then {n} rollouts; where they fail, "
-            "up to some 150 more, with corrections"
+            "up to some 150 more, with corrections; --time bounds it"
         )
         most = longest(policy.spec, manifest.robot)
         watch.progress("checks", 0, None)
-        with closing(Exam(manifest, policy, watch)) as exam:
+        with closing(Exam(manifest, policy, watch, deadline)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):
                 yield check
                 watch.progress("checks", number, None)

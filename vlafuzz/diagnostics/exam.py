@@ -4,16 +4,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, count, cycle, islice
 from pathlib import Path
-from statistics import median
+from statistics import fmean, median
 
 import numpy as np
 
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
+from vlafuzz.deadline import Deadline, TimeOverError
 from vlafuzz.diagnostics import Check, until_refused, verdicts
 from vlafuzz.diagnostics.probes import Interview, moved, reworded, seconds_at_once, sights
 from vlafuzz.diagnostics.recorder import Break, Recorder
-from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
+from vlafuzz.diagnostics.wiring import (
+    Corrected,
+    Correction,
+    check_wiring,
+    corrections,
+    is_suspected,
+    most_rollouts,
+)
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
@@ -23,6 +31,7 @@ from vlafuzz.sim.base import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
@@ -35,11 +44,14 @@ BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 class Exam:
     """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open.
 
-    ``watch`` is told of every rollout to the end.
+    ``watch`` is told of every rollout to the end. After the deadline none is begun but the first.
     """
 
-    def __init__(self, manifest: Manifest, policy: Policy, watch: Watch = SILENT) -> None:
-        self._watch, self._done = watch, 0
+    def __init__(
+        self, manifest: Manifest, policy: Policy, watch: Watch = SILENT, deadline: Deadline | None = None
+    ) -> None:
+        self._watch, self._done, self._most = watch, 0, 0
+        self._deadline = deadline or Deadline()
         self._policy, self._spec = policy, policy.spec
         self._corrected = Corrected(policy)
         self._recorder = Recorder(self._corrected)
@@ -91,9 +103,22 @@ class Exam:
             yield check
         if verdict != "refuse":
             yield verdicts.on_nominal([outcome for _, outcome in self._outcomes])
-            candidates = corrections(self._spec, self._recorder.longest)
-            self._done = 0
-            yield check_wiring(self._outcomes, self._nominal, candidates, self._retry)
+            yield self._wired()
+
+    def _wired(self) -> Check:
+        candidates = corrections(self._spec, self._recorder.longest)
+        outcomes = [outcome for _, outcome in self._outcomes]
+        self._done, self._most = 0, most_rollouts(candidates)
+        if is_suspected(outcomes):
+            seconds = [rollout.seconds for outcome in outcomes for rollout in outcome.rollouts]
+            takes = duration(self._most * fmean(seconds))
+            what = f"up to {self._most} rollouts with corrections, about {takes}"
+            self._watch.note(f"some nominal scenes fail: {what}, mostly fewer")
+        try:
+            return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
+        except TimeOverError:
+            tried = plural(self._done, "rollout")
+            return Check("wiring", f"unknown: --time was over after {tried} with corrections", "ok")
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
@@ -155,7 +180,7 @@ class Exam:
             rolled, broken = rolled + 1, broken + (outcome.verdict is Verdict.ERROR)
             failed += outcome.verdict is Verdict.FAILED
             self._watch.progress("nominal rollouts", rolled, n)
-            if rolled == n or broken == BROKEN or 2 * failed > n:
+            if rolled == n or broken == BROKEN or 2 * failed > n or self._deadline.passed:
                 return
 
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
@@ -173,7 +198,9 @@ class Exam:
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
         """A rollout to find out what is the wrong way round."""
-        self._watch.progress("rollouts with corrections", self._done, None)
+        if self._deadline.passed:
+            raise TimeOverError
+        self._watch.progress("rollouts with corrections", self._done, self._most)
         self._done += 1
         return self._roll(scene, correction)
 

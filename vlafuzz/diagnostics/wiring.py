@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Matrix = Sequence[Sequence[int]]
 _SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+FEWEST = 2  # failures among successes from which on a fault of wiring is looked for
 SCREENED = 2  # failed scenes in which every correction is tried
 CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
 SHIFT = 0.3  # mean gain in progress that a correctly wired policy may have, too
@@ -217,6 +218,9 @@ def check_wiring(
     failed = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
     if not failed:
         return Check("wiring", "it succeeds as it is: nothing to correct", "ok")
+    if not is_suspected([outcome for _, outcome in outcomes]):
+        few = f"{len(failed)} failure in {len(outcomes)} nominal scenes: too few to look for a fault"
+        return Check("wiring", few, "ok", "a larger --n tells more")
 
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
@@ -232,6 +236,18 @@ def check_wiring(
             reasons = "suspicious: a gain this small may have other reasons"
             return Check("wiring", detail, "warn", f"{reasons}; if it is the fault, {best.advice}")
     return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
+
+
+def is_suspected(outcomes: Sequence[Outcome]) -> bool:
+    """Whether a fault of wiring is looked for: a policy fails more than once, or never succeeds."""
+    verdicts = [outcome.verdict for outcome in outcomes]
+    failed = verdicts.count(Verdict.FAILED)
+    return failed >= FEWEST or (failed > 0 and Verdict.PASSED not in verdicts)
+
+
+def most_rollouts(candidates: Sequence[Correction]) -> int:
+    """The most that ``check_wiring`` takes; mostly it ends sooner."""
+    return SCREENED * len(candidates) + 2 * MOST + KEPT
 
 
 def _best(
