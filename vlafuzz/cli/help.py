@@ -21,7 +21,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     ),
     "How to judge": (
         *("repeats", "criteria", "placement", "stop_early", "alpha", "error", "whole", "firm"),
-        *("static", "frame", "min_distance", "thorough"),
+        *("static", "frame", "min_distance", "thorough", "states", "pictures"),
     ),
     "What else to do": (
         *("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),

@@ -12,6 +12,7 @@ import typer
 
 from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
+from vlafuzz.cli.suites import lint_suites, named_suites, refuse
 from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
 from vlafuzz.diagnostics.lint import CLOSER, SHIFTED, Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
@@ -20,6 +21,7 @@ from vlafuzz.files import writing
 from vlafuzz.formats.scene_lines import is_store, is_vlatest, read_scene_file, write_scenes
 from vlafuzz.formats.vlatest.read import Imported, read_vlatest
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.sim.audit import Scope
 from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.store.store import Store
 from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
@@ -100,7 +102,12 @@ PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 
 def lint(
-    files: Annotated[list[Path], typer.Argument(help="Files of scenes: JSON lines, or VLATest's.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Files of scenes: JSON lines, or VLATest's; or a suite, such as libero:libero_goal."
+        ),
+    ],
     static: Annotated[
         bool | None,
         typer.Option(
@@ -116,6 +123,14 @@ def lint(
     ] = None,
     placement: PlacementFlag = None,
     pack: PackFlag = None,
+    states: Annotated[
+        int | None,
+        typer.Option(help="Of a suite: the first initial states of each task.", show_default="all"),
+    ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(help="Of a suite: folder for a picture of each task's first state with each defect."),
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
 ) -> None:
@@ -129,7 +144,21 @@ def lint(
     and in which footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the
     shares in which an object moves by more than 5 cm while settling, and in which the task is then solved,
     strictly or by the published criteria.
+
+    Of suites of another world, the initial states are checked: what overlaps, slides, falls or still moves
+    when a policy would begin, what is solved already, and what problem or instruction say and is not true.
     """
+    check_number("--states", states, 1)
+    of_files = {
+        "--static": static,
+        "--frame": frame,
+        "--min-distance": min_distance,
+        "--placement": placement,
+    }
+    if suites := named_suites(files, of_files | {"--pack": pack}):
+        lint_suites(suites, Scope(states=states, pictures=pictures), json=json, verbose=verbose)
+        return
+    refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     defaults = load_operators()

@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from vlafuzz.sim.audit import Scope
+from vlafuzz.sim.libero.audit import audit
+from vlafuzz.sim.libero.premise import broken_premises
+
+pytestmark = pytest.mark.libero
+
+
+def test_the_bowl_that_cannot_stay_on_the_ramekin_is_found_with_a_picture(tmp_path):
+    audited = audit("libero_spatial/5", Scope(states=1, pictures=tmp_path))
+    (task,) = audited.tasks
+    found = {defect.check: defect.reason for defect in task.defects}
+    assert found["slides"].startswith("akita_black_bowl_1 slides by ")
+    assert found["falls"].startswith("akita_black_bowl_1 topples by ")
+    assert found["premise"] == "akita_black_bowl_1 is not on glazed_rim_porcelain_ramekin_1"
+    assert task.sound == 0
+    assert (tmp_path / "libero_spatial-5-slides-0.png").stat().st_size > 10_000
+    assert "MuJoCo 3." in audited.surroundings
+
+
+def test_a_sound_task_has_no_defects():
+    (task,) = audit("libero_goal/8", Scope(states=2)).tasks
+    assert (task.states, task.sound, task.defects) == (2, 2, ())
+
+
+def test_a_thing_that_is_not_where_the_problem_says_is_named(bowls):
+    bowls.reset()
+    bowls.settle(10)
+    assert list(broken_premises(bowls)) == []
+    bowls.data.joint("akita_black_bowl_1_joint0").qpos[:2] += np.array([0.1, 0.0])
+    bowls.settle(1)
+    (reason,) = broken_premises(bowls)
+    assert reason.startswith("akita_black_bowl_1 is not on main_table_")

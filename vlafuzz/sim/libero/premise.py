@@ -1,0 +1,97 @@
+"""Whether what a task says of its start is true: the problem's predicates, and where the instruction points.
+
+Judged after the settling steps, when things have come down: LIBERO's own predicates need contact.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.stages import PLACING, carried
+from vlafuzz.sim.libero.suites import Atom
+
+# "next to the plate", "between the plate and the ramekin", "in the top drawer of the wooden cabinet"
+_WHERE = re.compile(
+    r"pick up the .+? (?P<relation>between|next to|on|in) the "
+    r"(?P<first>.+?)( and the (?P<second>.+?))? and place it"
+)
+# Words of instructions that objects' names do not have.
+_WORDS = {"cookie": "cookies", "box": "cookies"}
+BESIDE = 0.25  # metres between two centres, for "next to"
+ASIDE = 0.1  # metres from the line between two things, for "between"
+OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states reach
+
+
+def broken_premises(env: LiberoEnv) -> Iterator[str]:
+    """What the task says of its start and is not true now, one sentence each."""
+    for atom in env.task.initial:
+        if not _holds(env, atom):
+            yield f"{' '.join(atom[1:2])} is not {atom[0]} {' '.join(atom[2:])}".strip()
+    yield from _misleading(env)
+
+
+def _holds(env: LiberoEnv, atom: Atom) -> bool:
+    """LIBERO's own judgement; its regions of tables and floors have neither contact nor slack, so ours."""
+    place = env.robosuite.object_sites_dict.get(atom[-1])
+    if atom[0] not in PLACING or place is None or getattr(place, "parent_name", None):
+        return env.holds(atom)
+    site = env.data.site(atom[-1])
+    away = np.abs(_position(env, atom[1]) - site.xpos) - env.model.site_size[site.id]
+    return bool((away[:2] <= OUTSIDE).all())
+
+
+def _misleading(env: LiberoEnv) -> Iterator[str]:
+    """Where the target is not where the instruction says, or something of its kind is there instead."""
+    found = _WHERE.search(env.task.instruction)
+    if not (found and carried(env.task)):
+        return
+    target = carried(env.task)[0]
+    anchors = [_named(env, found[part], target) for part in ("first", "second") if found[part]]
+    if None in anchors:
+        return
+    relation, known = found["relation"], [anchor for anchor in anchors if anchor]
+    words = f"{relation} the {' and the '.join(found[part] for part in ('first', 'second') if found[part])}"
+    if not _is_there(env, relation, target, known):
+        yield f"{target} is not {words}, as the instruction says"
+    kind = target.rsplit("_", 1)[0]
+    for other in env.robosuite.objects_dict:
+        alike = other != target and other.rsplit("_", 1)[0] == kind
+        if alike and relation != "in" and _is_there(env, relation, other, known):
+            yield f"{other} is {words}, too"
+
+
+def _is_there(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> bool:
+    place, first = _position(env, name), _position(env, anchors[0])
+    if relation == "between" and len(anchors) == 2:
+        second = _position(env, anchors[1])
+        line = (second - first)[:2]
+        share = float((place - first)[:2] @ line / (line @ line))
+        aside = float(np.linalg.norm((place - first)[:2] - share * line))
+        return 0.0 < share < 1.0 and aside < ASIDE
+    beside = float(np.linalg.norm((place - first)[:2]))
+    if relation == "next to":
+        return beside < BESIDE and not _touches(env, name, anchors[0])
+    return _touches(env, name, anchors[0])
+
+
+def _touches(env: LiberoEnv, name: str, anchor: str) -> bool:
+    get = env.robosuite.get_object
+    return bool(env.robosuite.check_contact(get(name), get(anchor)))
+
+
+def _named(env: LiberoEnv, words: str, target: str) -> str | None:
+    """The thing that words of an instruction mean, or None."""
+    wanted = {_WORDS.get(word, word) for word in words.split()}
+    things = [name for name in env.robosuite.obj_body_id if name != target]
+    shared = {name: len(wanted & set(name.split("_"))) for name in things}
+    best = max(shared, key=lambda name: shared[name], default=None)
+    return best if best and shared[best] else None
+
+
+def _position(env: LiberoEnv, name: str) -> NDArray[np.float64]:
+    return np.asarray(env.data.xpos[env.robosuite.obj_body_id[name]])
