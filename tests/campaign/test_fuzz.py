@@ -1,3 +1,4 @@
+import re
 import time
 from pathlib import Path
 
@@ -169,11 +170,28 @@ def test_it_stops_when_a_strategy_proposes_one_scene_for_ever(store: Store):
     assert summary.stopped == "no rollout in 55 proposals in a row: asked before (55)"
 
 
+@pytest.mark.parametrize("batch", [1, 64])
+def test_it_stops_soon_when_the_first_scenes_all_end_in_the_same_error(store: Store, batch: int):
+    class Breaking(Always):
+        def evaluate(self, scenes):
+            steps = [int(scene.digest, 16) % 80 for scene in scenes]
+            return [Outcome.error(f"policy: act: step {step}: IndexError") for step in steps]
+
+    executor = LocalExecutor(Breaking(passed()))
+    summary = run(store, executor=executor, budget=200, batch=batch)
+    assert summary.verdicts == {"failed": 0, "passed": 0, "invalid": 0, "error": 8}
+    assert summary.stopped.startswith("all of the first 8 scenes ended in the same error: policy: act: step ")
+    assert store.runs()[0].status == "stopped"
+
+
 def test_it_stops_when_each_scene_is_an_error(store: Store):
-    summary = run(store, budget=1000, executor=LocalExecutor(Raising(ConnectionError("refused"))))
-    assert summary.stopped is not None
-    assert "policy or simulator error" in summary.stopped
-    assert "ConnectionError: refused" in summary.stopped
+    class Breaking(Always):
+        def evaluate(self, scenes):
+            return [Outcome.error(f"no {'ab'[int(scene.digest, 16) % 2]}") for scene in scenes]
+
+    summary = run(store, budget=1000, executor=LocalExecutor(Breaking(passed())))
+    assert re.search(r"no rollout in \d+ proposals in a row: .*policy or simulator error", summary.stopped)
+    assert re.search(r"the last of them: no [ab]", summary.stopped)
 
 
 FAIR = [scene(2.0**light, y=0.05 * y) for light in range(-4, 2) for y in range(-2, 3)]

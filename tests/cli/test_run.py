@@ -172,7 +172,7 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(
     assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 2
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
-    assert "stopped: no rollout in" in shown.err
+    assert "stopped: all of the first 8 scenes ended in the same error: ConnectionError: refused" in shown.err
     assert "error: no scene could be judged: all " in shown.err
     assert " rollouts ended in an error, first: ConnectionError: refused\n" in shown.err
 

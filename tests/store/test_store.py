@@ -214,3 +214,16 @@ def test_solutions_come_back_under_their_key(store: Store):
     assert (unsolved.attempt, unsolved.actions.shape) == (None, (0, 7))
     assert list(store.solutions("a")) == [scene().digest]
     assert store.solutions("c") == {}
+
+
+def test_a_copy_of_the_file_has_everything_although_somebody_follows_the_run(path: Path, tmp_path: Path):
+    Store.open(path, "write").close()
+    with Store.open(path) as following:
+        assert following.runs() == []
+        with Store.open(path, "write") as writing:
+            writing.finish(writing.begin(manifest()), "finished", 1.0)
+        assert len(following.runs()) == 1
+        copy = tmp_path / "copy.db"
+        copy.write_bytes(path.read_bytes())
+        with Store.open(copy) as alone:
+            assert [run.status for run in alone.runs()] == ["finished"]

@@ -59,7 +59,8 @@ def fuzz(
 
     Args:
         embed: the embedding of scenes by which near-duplicates among the failures are grouped.
-        patience: proposals in a row without a rollout after which the run stops; None for never.
+        patience: proposals in a row without a rollout after which the run stops; None for never. Where the
+            first scenes all end in the same error it stops much earlier.
         resume: a run that ended early; a new strategy is told the stored trials again, so that the result is
             that of an uninterrupted run.
         alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
@@ -88,6 +89,8 @@ def fuzz(
     try:
         campaign.loop()
         status = "stopped" if tally.stopped else "finished"
+    except _CrashedError:
+        status, tally.stopped = "stopped", tally.crashed
     except TimeOverError:
         status, tally.stopped = "interrupted", _TIME_OVER
     except (KeyboardInterrupt, PolicyError):
@@ -100,6 +103,10 @@ def fuzz(
     failures = [finding.scene for finding in store.findings(run)] if embed else []
     groups = clusters(failures, embed) if embed else None
     return tally.summary(str(store.path), groups)
+
+
+class _CrashedError(Exception):
+    """All scenes so far ended in the same error."""
 
 
 @dataclass(eq=False)
@@ -281,6 +288,8 @@ class _Campaign:
             self.store.add(self.tally.run, trial)
         self.tally.count(trial)
         self.watch(self.tally)
+        if self.patience is not None and self.tally.crashed:
+            raise _CrashedError
 
     def _trial(self, asked: _Asked) -> Trial:
         scene, place = asked.scene, None

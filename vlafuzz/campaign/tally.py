@@ -1,6 +1,7 @@
 """Tally: the counts of a run in progress. Summary: its result, the JSON of ``run --json``."""
 
 import math
+import re
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -76,6 +77,9 @@ _OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "checkup")
 _OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_error", "last_error", "stopped")
 
 
+ALIKE = 8  # scenes that end in the same error, and none in another way, after which no more are tried
+
+
 class Stopwatch:
     """Adds up the seconds spent in its ``with`` blocks."""
 
@@ -128,6 +132,8 @@ class Tally:
         self._cells: set[str] = set()
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
+        self._judged = False  # whether a scene passed or failed
+        self._errors = Counter[str]()  # without the numbers in them
 
     def count(self, trial: Trial) -> None:
         outcome, digest = trial.outcome, trial.scene.digest
@@ -143,11 +149,21 @@ class Tally:
         reached = frozenset(stage for rollout in outcome.rollouts for stage in rollout.reached)
         reached = self._reached.setdefault(reached, reached)
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
+        self._judged = self._judged or outcome.verdict >= Verdict.PASSED
         if outcome.verdict is Verdict.ERROR:
+            self._errors[re.sub(r"\d+", "", outcome.detail)] += not outcome.unanswered
             self.first_error = self.first_error or outcome.detail
             self.last_error = outcome.detail
         if trial.cell is not None:
             self._cells.add(trial.cell)
+
+    @property
+    def crashed(self) -> str | None:
+        """Why no more is expected, in a sentence, where all scenes ended in one error, after answers."""
+        number = self._errors.total()
+        if self._judged or number < ALIKE or len(self._errors) > 1:
+            return None
+        return f"all of the first {number} scenes ended in the same error: {self.last_error}"
 
     def judge(self, scenes: Sequence[Scene], outcomes: Sequence[Outcome], patience: int | None) -> None:
         """Stop after ``patience`` proposals in a row without a rollout.

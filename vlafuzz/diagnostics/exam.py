@@ -38,6 +38,7 @@ TARGETS = ("target-type", "target-position", "target-orientation")  # vary in no
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
 SCENES, ANSWERS = 3, 8  # scenes in which the policy is observed, and answers in each
 UNFAIR = 10  # scenes drawn per fair one, at most
+MORE = 3  # times as many nominal rollouts, at most, until there is a second failure
 BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 
 
@@ -169,18 +170,22 @@ class Exam:
         return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
 
     def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:
-        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking, or has failed in most of them."""
+        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking, or has failed in most of them.
+
+        After a single failure among successes there are more, to see whether there is another.
+        """
         rolled = broken = failed = 0
         self._watch.progress("nominal rollouts", 0, n)
-        for scene in islice(self._nominal, n * UNFAIR):
+        for scene in islice(self._nominal, MORE * n * UNFAIR):
             outcome = self._roll(scene)
             if outcome.verdict is Verdict.INVALID:
                 continue
             yield scene, outcome
             rolled, broken = rolled + 1, broken + (outcome.verdict is Verdict.ERROR)
             failed += outcome.verdict is Verdict.FAILED
-            self._watch.progress("nominal rollouts", rolled, n)
-            if rolled == n or broken == BROKEN or 2 * failed > n or self._deadline.passed:
+            self._watch.progress("nominal rollouts", rolled, max(n, rolled))
+            enough = rolled >= (MORE * n if failed == 1 < rolled else n)
+            if enough or broken == BROKEN or 2 * failed > n or self._deadline.passed:
                 return
 
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:

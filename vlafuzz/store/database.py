@@ -18,6 +18,7 @@ from vlafuzz.store.migrations import MIGRATIONS, migrate, shape_at, shape_of
 
 APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show
 MOST_BYTES = 64 << 20  # of one value or row; ours have kilobytes
+BRIEFLY = 2.0  # seconds to wait for readers, in which a page of those who follow a run is made
 BUSY = 10.0  # seconds to wait for another process's transaction; ours take milliseconds
 
 _EXPLAINED = {
@@ -87,6 +88,16 @@ def _closed_on_errors(connection: sqlite3.Connection) -> Iterator[None]:
     except BaseException:
         connection.close()
         raise
+
+
+def gather(connection: sqlite3.Connection) -> None:
+    """Move what was written into the store's own file, so that a copy of it has everything.
+
+    SQLite does so when the last one closes a store, but somebody may follow a run for days.
+    """
+    connection.execute(f"PRAGMA busy_timeout = {round(1000 * BRIEFLY)}")
+    with suppress(sqlite3.Error):  # it stays in the other file
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
 def check_is_file(path: Path) -> None:

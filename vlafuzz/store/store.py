@@ -15,6 +15,7 @@ from vlafuzz.store.database import (
     connect_to_read,
     connect_to_write,
     explained,
+    gather,
     intact,
     is_outdated,
 )
@@ -67,6 +68,8 @@ class Store(KeptWork):
 
     def close(self) -> None:
         """Let others write. Without it nothing is lost."""
+        if self._lock is not None:
+            gather(self._connection)
         self._connection.close()
         if self._lock is not None:
             self._lock.release()
