@@ -11,8 +11,8 @@ not done again. Fine-tuning wants a GPU; --gpus says how many there are.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,14 +58,14 @@ class Study:
             training |= self._repair(before, trained[before], {name: arm})
         return training
 
-    def judge(self, policies: Iterable[tuple[str, Path]]) -> None:
+    def judge(self, training: Training) -> None:
         """Write how every policy ends in the same scenes: random ones, and nominal ones of all tasks."""
-        side_by_side(self._judging(policies), self.options.workers, "judged")
+        side_by_side(self._judging(training), self.options.workers, "judged")
 
-    def _judging(self, policies: Iterable[tuple[str, Path]]) -> Iterator[judged.Job]:
-        options = self.options
-        for name, weights in policies:
-            out = options.out / "judged" / name
+    def _judging(self, training: Training) -> Iterator[judged.Job]:
+        options, names = self.options, {one: name for name, one in training.items()}
+        for trained in as_completed(names):
+            out, weights = options.out / "judged" / names[trained], trained.result()
             for task in options.tasks:
                 yield from judged.jobs(weights, task, "random", options.first, options.scenes, out)
             for task in TASKS:
@@ -152,15 +152,9 @@ def main() -> None:
     old_demonstrations(options.out / "old", options.old_demos, options.workers)
     with ThreadPoolExecutor(2 * max(1, options.gpus)) as lanes:
         study = Study(options, lanes)
-        trained = ready(study.first())
-        again = study.second(trained)
-        study.judge([("shipped", SHIPPED), *trained.items()])
-        study.judge(ready(again).items())
-
-
-def ready(training: Training) -> dict[str, Path]:
-    """What has been trained, once all of it is."""
-    return {name: one.result() for name, one in training.items()}
+        trained = study.first()
+        study.judge({"shipped": lanes.submit(lambda: SHIPPED), **trained})
+        study.judge(study.second({name: one.result() for name, one in trained.items()}))
 
 
 if __name__ == "__main__":
