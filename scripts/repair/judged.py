@@ -15,7 +15,9 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.sim.maniskill.recording import Recording
 
 JOB = 20  # scenes
 
@@ -47,8 +49,18 @@ def _mini(weights: Path) -> Mini:
 @cache
 def _simulator(task: str) -> tuple[Exchanged, ManiSkillEvaluator]:
     policy = Exchanged()
-    conditions = Conditions(task=task, min_distance=0.15, stop_early=True)
-    return policy, ManiSkillEvaluator(conditions, policy, load_catalogue())
+    return policy, ManiSkillEvaluator(_conditions(task), policy, load_catalogue())
+
+
+def _conditions(task: str) -> Conditions:
+    return Conditions(task=task, min_distance=0.15, stop_early=True)
+
+
+def roll(weights: Path, task: str, scene: Scene, recording: Recording) -> None:
+    """Roll a policy out in a scene, as it was judged, and record it."""
+    evaluator = ManiSkillEvaluator(_conditions(task), Mini(weights), load_catalogue(), recording=recording)
+    evaluator.evaluate([scene])
+    evaluator.close()
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,4 @@
-#!/usr/bin/env python
-"""Which demonstrations repair `mini`? Arms with equally many of them, trained equally, several times.
-
-Every repetition fuzzes the shipped `mini` with random scenes, lets the expert demonstrate scenes of each arm
-(repair/arms.py), and continues the training of the shipped weights, half of each batch from demonstrations as
-it was first trained with. The arms of --again go through a second round with what their own weights fail in.
-All are judged in the same scenes, which nobody was trained with: OUT/judged. What is in OUT already is
-not done again. Fine-tuning wants a GPU; --gpus says how many there are.
-"""
+"""Study: the steps of a repair for several arms and repetitions."""
 
 from __future__ import annotations
 
@@ -16,10 +8,9 @@ from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
-from repair import judged, shown
+from repair import judged, shown, steps
 from repair.arms import ARMS, KINDS
-from repair.steps import fuzz, old_demonstrations, side_by_side, together, train
-
+from repair.steps import side_by_side, together, train
 from vlafuzz.policies.mini.policy import SHIPPED
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -39,7 +30,7 @@ class Study:
         """Begin the first round of all arms, which share the runs of a repetition."""
         repeats = range(self.options.repeats)
         shipped = {f"shipped-{number}": SHIPPED for number in repeats}
-        self._fuzz(shipped, self.options.seed)
+        self.fuzz(shipped, self.options.seed)
         training: Training = {}
         for number, before in enumerate(shipped):
             arms = {f"{arm}-{number}": arm for arm in self.options.arms}
@@ -51,7 +42,7 @@ class Study:
         again = {
             f"{arm}-{number}": arm for number in range(self.options.repeats) for arm in self.options.again
         }
-        self._fuzz({name: trained[name] for name in again}, self.options.seed + ROUND)
+        self.fuzz({name: trained[name] for name in again}, self.options.seed + ROUND)
         training: Training = {}
         for before, arm in again.items():
             name = f"{arm}-again-{number_of(before)}"
@@ -71,7 +62,7 @@ class Study:
             for task in TASKS:
                 yield from judged.jobs(weights, task, "nominal", options.first, options.nominal, out)
 
-    def _fuzz(self, policies: Policies, seed: int) -> None:
+    def fuzz(self, policies: Policies, seed: int) -> None:
         """The stores of each policy's runs; the n-th repetition has the n-th seed."""
         options = self.options
         runs = [(name, task) for name in policies for task in options.tasks]
@@ -79,7 +70,7 @@ class Study:
 
         def run(name: str, task: str) -> None:
             store = options.out / "found" / name / f"{task}.db"
-            fuzz(policies[name], task, options.budget, seed + number_of(name), store, workers)
+            steps.fuzz(policies[name], task, options.budget, seed + number_of(name), store, workers)
 
         with ThreadPoolExecutor(max(1, len(runs))) as threads:
             for one in [threads.submit(run, *each) for each in runs]:
@@ -125,37 +116,3 @@ class Study:
 def number_of(name: str) -> int:
     """The repetition of a policy."""
     return int(name.rpartition("-")[2])
-
-
-def main() -> None:
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("out", type=Path, help="folder")
-    parser.add_argument("--tasks", nargs="+", default=["pick-up", "move-near"], choices=list(TASKS))
-    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
-    parser.add_argument("--again", nargs="*", default=[], choices=list(ARMS), help="arms with a second round")
-    parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--budget", type=int, default=1000, help="rollouts of each task's run")
-    parser.add_argument("--demos", type=int, default=400, help="demonstrations of each task")
-    parser.add_argument("--old-demos", type=int, default=800, help="of each task, to be replayed")
-    parser.add_argument("--minimal", type=Path, help="folder of triaged stores, TASK.db, for the arm minimal")
-    parser.add_argument("--recipe", default="--rate 5e-4 --updates 1500 --batch 512", help="of train_mini.py")
-    parser.add_argument("--seed", type=int, default=800, help="of the first repetition's runs")
-    parser.add_argument(
-        "--first", type=int, default=700_000, help="number of the first scene to be judged in"
-    )
-    parser.add_argument("--scenes", type=int, default=1000, help="random ones of each task, to be judged in")
-    parser.add_argument("--nominal", type=int, default=200, help="nominal ones of each task")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--gpus", type=int, default=0)
-    options = parser.parse_args()
-    old_demonstrations(options.out / "old", options.old_demos, options.workers)
-    with ThreadPoolExecutor(2 * max(1, options.gpus)) as lanes:
-        study = Study(options, lanes)
-        trained = study.first()
-        study.judge({"shipped": lanes.submit(lambda: SHIPPED), **trained})
-        study.judge(study.second({name: one.result() for name, one in trained.items()}))
-
-
-if __name__ == "__main__":
-    main()
