@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
-from vlafuzz.integrations.selection import Wanted, Which, around, at_random, failures_of_store
+from vlafuzz.assets import corpus_dir
+from vlafuzz.integrations.selection import Wanted, around, at_random, failures_of_corpus, failures_of_store
+from vlafuzz.regression.folder import read_corpus
 from vlafuzz.store.store import Store
 
-# Random scenes, failing ones, minimal ones with their passing counterparts; or failing ones, of which the
-# policy begins most, until the expert takes over.
+# Random scenes; failing ones; certified minimal ones with their passing counterparts; or failing ones that the
+# policy begins, mostly, until the expert takes over.
 Kind = Literal["random", "failed", "minimal", "taken-over"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
@@ -25,9 +27,14 @@ ARMS: dict[str, Mapping[Kind, float]] = {
 }
 
 
-def wanted(source: Path, kind: Kind) -> Iterator[Wanted]:
-    """Scenes of one kind without end, of the runs of a store; failing ones come again, slightly jittered."""
-    which: Which = "minimal" if kind == "minimal" else "failed"
-    with Store.open(source) as store:
-        failures = failures_of_store(store, None, which)
-    return at_random(source, failures) if kind == "random" else around(failures)
+def wanted(store: Path, task: str, kind: Kind) -> Iterator[Wanted]:
+    """Scenes of one kind without end, of the runs of a store; failing ones come again, slightly jittered.
+
+    Minimal scenes are those of the shipped corpus, which took many more rollouts than a run.
+    """
+    if kind == "minimal":
+        folder = corpus_dir() / f"mini-{task}"
+        return around(failures_of_corpus(folder, read_corpus(folder), "minimal"))
+    with Store.open(store) as opened:
+        failures = failures_of_store(opened, None, "failed")
+    return at_random(store, failures) if kind == "random" else around(failures)

@@ -60,16 +60,16 @@ def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, ManiSkillEv
     return _pairs[key]
 
 
-def jobs(store: Path, kind: Kind, number: int, driver: Path, out: Path) -> list[Job]:
+def jobs(store: Path, task: str, kind: Kind, number: int, driver: Path, out: Path) -> list[Job]:
     """Jobs for that many demonstrations in scenes of one kind: every tenth is a folder in ``out``."""
     parts = -(-number // JOB)
-    drawn = list(islice(wanted(store, kind), parts * JOB * SPARE))
+    drawn = list(islice(wanted(store, task, kind), parts * JOB * SPARE))
     return [
         Job(
             drawn[part::parts],
             part * JOB * SPARE,
             driver if kind == "taken-over" else None,
-            out / kind / f"{store.stem}-{part:03d}",
+            out / kind / f"{task}-{part:03d}",
         )
         for part in range(parts)
     ]

@@ -105,9 +105,9 @@ class Study:
         jobs: list[shown.Job] = []
         for kind in KINDS:
             number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
-            found = options.minimal if kind == "minimal" else options.out / "found" / before
             for task in options.tasks if number else ():
-                jobs += shown.jobs(found / f"{task}.db", kind, number, init, folder)
+                store = options.out / "found" / before / f"{task}.db"
+                jobs += shown.jobs(store, task, kind, number, init, folder)
         done = sum(side_by_side(jobs, options.workers, f"demonstrations for {before}"))
         print(f"{done} demonstrations for {before}", flush=True)
         return folder
