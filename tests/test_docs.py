@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import threading
 from dataclasses import replace
 from http.server import ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
@@ -20,8 +22,9 @@ from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.registry import known_policies
+from vlafuzz.policies.registry import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.serving.serve import serving
 from vlafuzz.space import load_operators
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -142,6 +145,24 @@ def test_the_example_of_a_server_answers_a_run(tmp_path, monkeypatch, capsys):
         server.shutdown()
         server.server_close()
     assert json.loads(capsys.readouterr().out)["verdicts"]["failed"] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("policy", ["mini", "python:network:make"])
+def test_networks_with_pictures_are_served_as_their_section_says(policy, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("network.py").write_text(files(ROOT / "docs" / "servers.md")["network.py"])
+    (shown,) = [line for line in text("docs/servers.md").splitlines() if "--label mini" in line]
+    asked = dict(parse_qsl(urlsplit(shlex.split(shown)[4]).query))
+    with serving(make_policy(policy), "vla-eval") as name:
+        assert asked.items() <= dict(parse_qsl(urlsplit(name).query)).items()
+        run = ["run", "--policy", name, "--label", "a", "--budget", "2", "--no-certify", "--unchecked"]
+        assert main([*run, "--store", "a.db", "--json"]) == 0
+    verdicts = json.loads(capsys.readouterr().out)["verdicts"]
+    assert verdicts["passed" if policy == "mini" else "failed"] >= 1
+    assert verdicts["error"] == 0
 
 
 def test_the_gymnasium_example_prints_what_its_page_says(tmp_path):
