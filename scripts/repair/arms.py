@@ -11,8 +11,8 @@ from vlafuzz.integrations.selection import Wanted, around, at_random, failures_o
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.store.store import Store
 
-# Random scenes; failing ones; certified minimal ones with their passing counterparts; or failing ones that the
-# policy begins, mostly, until the expert takes over.
+# Random scenes; failing ones; certified minimal ones with their passing counterparts; or failing ones that
+# the policy begins, mostly, until the expert takes over.
 Kind = Literal["random", "failed", "minimal", "taken-over"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 

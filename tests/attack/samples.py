@@ -91,7 +91,13 @@ def store() -> Path:
     return write_store(folder() / "sample.db", findings=2)
 
 
+@cache
+def untriaged() -> Path:
+    """A store with work left to do, of a policy that can be made."""
+    return write_store(folder() / "untriaged.db", findings=2, triaged=1, policy="frozen")
+
+
 def make_all() -> None:
     """Make all samples; an error in this is none of the readers that are attacked."""
-    for make in (scenes, vlatest, pack, corpus, store):
+    for make in (scenes, vlatest, pack, corpus, store, untriaged):
         make()

@@ -20,7 +20,7 @@ from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.store.store import Store
 
 
-def corpus(rng: Rng, folder: Path) -> None:
+def changed_corpus(rng: Rng, folder: Path) -> Path:
     copied = Path(shutil.copytree(samples.corpus(), folder / "corpus"))
     files = sorted(path for path in copied.rglob("*") if path.is_file())
     path = files[int(rng.integers(len(files)))] if rng.random() < 0.5 else copied / "manifest.json"
@@ -34,6 +34,11 @@ def corpus(rng: Rng, folder: Path) -> None:
             if case["scene"] == path.stem:
                 case["witness"]["digest"] = hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
         (copied / "manifest.json").write_text(json.dumps(manifest))
+    return copied
+
+
+def corpus(rng: Rng, folder: Path) -> None:
+    copied = changed_corpus(rng, folder)
     read = read_corpus(copied)
     probes(read)
     render(view_of_corpus(copied, read))
@@ -54,7 +59,11 @@ def _use(source: Path, runs: Any) -> None:
 
 def store_rows(rng: Rng, folder: Path) -> None:
     """Values, rows, tables and columns that somebody changed with SQLite's own means."""
-    path = Path(shutil.copy(samples.store(), folder / "a.db"))
+    _read_store(rng, changed_store(rng, samples.store(), folder))
+
+
+def changed_store(rng: Rng, sample: Path, folder: Path) -> Path:
+    path = Path(shutil.copy(sample, folder / "a.db"))
     with closing(sqlite3.connect(path)) as raw:
         raw.executescript("PRAGMA ignore_check_constraints = ON; PRAGMA foreign_keys = OFF")
         for _ in range(int(rng.integers(1, 4))):
@@ -63,7 +72,7 @@ def store_rows(rng: Rng, folder: Path) -> None:
             except (sqlite3.Error, OverflowError, ValueError):
                 continue  # SQLite takes no such value
         raw.commit()
-    _read_store(rng, path)
+    return path
 
 
 def _edit(rng: Rng, raw: sqlite3.Connection) -> None:

@@ -7,7 +7,7 @@ import pytest
 from tests.attack import samples, servers
 from tests.attack.counting import TARGETS, count, reaction
 
-COSTLY = {"store rows": 4, "meshes": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
+COSTLY = {"store rows": 4, "meshes": 4, "triage": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
 
 
 @pytest.fixture(scope="module", autouse=True)
