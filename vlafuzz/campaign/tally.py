@@ -151,7 +151,7 @@ class Tally:
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
         self._judged = self._judged or outcome.verdict >= Verdict.PASSED
         if outcome.verdict is Verdict.ERROR:
-            self._errors[re.sub(r"\d+", "", outcome.detail)] += not outcome.unanswered
+            self._errors[re.sub(r"\d+", "", outcome.detail)] += not (outcome.unanswered or trial.duplicate)
             self.first_error = self.first_error or outcome.detail
             self.last_error = outcome.detail
         if trial.cell is not None:
