@@ -1,11 +1,13 @@
 #!/usr/bin/env python
 """Triage of simulated policies whose true failure rates are known, without a simulator.
 
-Each policy fails more often where a planted condition of one or two operators holds. Its rates are drawn from
-beta distributions; between them the rate changes at once (``sharp``), over a stretch (``smooth``), or from
-nearly 0 to nearly 1 (``bimodal``); ``deterministic`` ones fail always or never. Of the minimal scenes it is
-reported how many truly fail more than half the time, and of the findings whose planted operators truly are a
-minimal cause, how many are found.
+Each policy fails more often where a planted condition of one or two operators holds. Its rates are drawn
+from beta distributions; between them the rate changes at once (``sharp``), over a stretch (``smooth``), or
+from nearly 0 to nearly 1 (``bimodal``); ``deterministic`` ones fail always or never. To ``additive`` ones
+every value adds some load: they fail where it is too much, mostly by one to four operators together. Of the
+minimal scenes it is reported how many truly fail more than half the time, and how many truly pass that often
+without any one operator; of the findings whose planted operators truly are a minimal cause, how many it
+finds.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
@@ -26,15 +28,22 @@ from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.jitter import load_jitter
+from vlafuzz.space.operators import TargetType
+from vlafuzz.space.params import Gene
 from vlafuzz.statistics import Share
-from vlafuzz.store.records import Finding
+from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.triager import Triager
 from vlafuzz.validity import check_static
 
 SPACE = SearchSpace(load_operators(), load_catalogue(), "pick-up")
 STAGES = ("grasp", "lift", "success")
-KINDS = ("sharp", "smooth", "bimodal", "deterministic")
+KINDS = ("sharp", "smooth", "bimodal", "deterministic", "additive")
+LOADS, BEARABLE, TOGETHER = (
+    (0.0, 0.1, 0.25, 0.4, 0.7),
+    0.8,
+    1.3,
+)  # the last: exponent of the norm that adds up
 NOTHING = np.zeros(0, dtype=np.float32)
 
 
@@ -113,6 +122,66 @@ class Simulated:
     def close(self) -> None: ...
 
 
+@dataclass
+class Additive(Simulated):
+    """Fails where deviations add up; a rollout in a scene always ends alike.
+
+    Attributes:
+        loads: by value, of the whole way to the lower and to the upper end of its range.
+        clutter: load of a confounder.
+        steepness: of the rate at ``BEARABLE``, per load.
+    """
+
+    loads: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    clutter: float = 0.0
+    steepness: float = 0.0
+
+    def rate(self, scene: Scene) -> float:
+        low, high = self.rates
+        too_much = self.load(scene) - BEARABLE
+        return low + (high - low) / (1 + math.exp(min(-self.steepness * too_much, 50)))
+
+    def load(self, scene: Scene) -> float:
+        values = SPACE.values(scene)
+        total = 0.0
+        for path, (down, up) in self.loads.items():
+            away = _away(SPACE.by_path[path], values[path])
+            total += (up * away if away > 0 else -down * away) ** TOGETHER
+        return float(total ** (1 / TOGETHER)) + self.clutter * len(scene.confounders)
+
+
+def _away(gene: Gene, value: float) -> float:
+    """How far a value is from nominal, in halves of its range; 1 for another category."""
+    start = SPACE.nominal_values[gene.path]
+    if gene.kind == "category":
+        return float(value != start)
+    if gene.grid.wraps:
+        return ((value - start + 180) % 360 - 180) / 180
+    return 2 * (value - start) / (gene.grid.high - gene.grid.low)
+
+
+def additive(seed: int) -> Additive:
+    """A policy to which everything is some load."""
+    rng = np.random.default_rng([seed, KINDS.index("additive")])
+    rates = float(rng.beta(1, 25)), float(rng.beta(25, 1))
+    loads = {
+        gene.path: (float(rng.choice(LOADS)), float(rng.choice(LOADS)))
+        for gene in SPACE.genes
+        if not gene.neutral and gene.operator != TargetType.name and not gene.slot.startswith("confounders")
+    }
+    clutter, steepness = float(rng.choice([0.0, 0.0, 0.15, 0.3])), float(rng.choice([15.0, 40.0, 200.0]))
+    return Additive(
+        [],
+        rates,
+        smooth=True,
+        seed=seed,
+        deterministic=True,
+        loads=loads,
+        clutter=clutter,
+        steepness=steepness,
+    )
+
+
 def _rollout(reached: tuple[str, ...]) -> Rollout:
     success = reached == STAGES
     return Rollout(
@@ -137,7 +206,9 @@ def _passed() -> Outcome:
 
 
 def policy(kind: str, seed: int) -> Simulated:
-    """A policy of a kind, with one or two planted operators."""
+    """A policy of a kind, with one or two planted operators or, if ``additive``, none."""
+    if kind == "additive":
+        return additive(seed)
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     slopes = []
     for index in rng.choice(len(VALUES), rng.integers(1, 3), replace=False):
@@ -175,6 +246,13 @@ def is_cause(simulated: Simulated, scene: Scene) -> bool:
     return simulated.around(only) > 0.5 and all(simulated.around(shown) < 0.5 for shown in without)
 
 
+def is_needed(simulated: Simulated, triaged: Triaged) -> bool:
+    """Whether a minimal scene truly passes mostly without any one of its operators."""
+    counterparts = triaged.counterparts
+    all_there = set(counterparts) == set(triaged.operators)
+    return all_there and all(simulated.around(scene) < 0.5 for scene in counterparts.values())
+
+
 def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
@@ -188,7 +266,7 @@ def main() -> None:
 
 def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
     """The figures of one kind."""
-    buckets, true, rates, spent = Counter[str](), 0, [], []
+    buckets, truly, rates, spent = Counter[str](), 0, [], []
     causes = recovered = 0
     number = seed
     done = 0
@@ -206,7 +284,8 @@ def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
         minimal = triaged.bucket == "minimal"
         if minimal and triaged.shrunk is not None:
             rates.append(simulated.around(triaged.shrunk))
-        if simulated.around(scene) > 0.5 and is_cause(simulated, scene):
+            truly += rates[-1] >= 0.5 and is_needed(simulated, triaged)
+        if simulated.slopes and simulated.around(scene) > 0.5 and is_cause(simulated, scene):
             causes += 1
             recovered += minimal and set(triaged.operators) == {slope.operator for slope in simulated.slopes}
         if done % 20 == 0:
@@ -215,9 +294,11 @@ def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
     return {
         "buckets": dict(buckets),
         "minimal with a true rate of at least one half": str(Share.of_counts(true, len(rates))),
+        "truly minimal": str(Share.of_counts(truly, len(rates))),
         "mean true rate": round(float(np.mean(rates)), 3) if rates else None,
         "true minimal causes found": f"{recovered} of {causes}: {Share.of_counts(recovered, causes)}",
         "rollouts a finding, median": median(spent),
+        "mean": round(float(np.mean(spent)), 1),
         "90 %": float(np.quantile(spent, 0.9)),
     }
 

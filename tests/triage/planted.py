@@ -89,10 +89,11 @@ class Planted:
         oracle.count_up_to(self.lost)
         return oracle
 
-    def shrunk(self, scene: Scene, oracle: Oracle | None = None) -> Shrunk:
+    def shrunk(self, scene: Scene, oracle: Oracle | None = None, *, lessen: bool = False) -> Shrunk:
         """What is left of a scene, certified."""
         oracle = oracle or self.oracle()
-        return certify(shrink(scene, oracle, self.space), oracle, self.space, Reference(None, STAGES))
+        way = shrink(scene, oracle, self.space, lessen=lessen)
+        return certify(way, oracle, self.space, Reference(None, STAGES))
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

@@ -61,7 +61,9 @@ def test_several_values_of_an_operator_have_a_share_of_the_way():
     found, _ = causes(lambda s: s.camera.yaw + s.camera.roll > 3 and s.camera.yaw > 1 and s.camera.roll > 1)
     (threshold,) = found.thresholds
     assert [path for path, _ in threshold.at] == ["camera.roll", "camera.yaw"]
-    assert 0.7 < threshold.share <= 1
+    at = dict(threshold.at)
+    assert at["camera.roll"] + at["camera.yaw"] == pytest.approx(3.1, abs=0.21)
+    assert 0 < threshold.share < 1
 
 
 def test_of_two_that_are_necessary_neither_is_enough():

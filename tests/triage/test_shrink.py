@@ -28,7 +28,7 @@ planted = st.sampled_from(CASES)
 seeds = st.integers(0, 2**32)
 
 
-def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_60_rollouts():
+def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_55_rollouts():
     assert len(CASES) >= 25
     spent, wrong = [], []
     for seed, (operators, conditions) in enumerate(CASES):
@@ -45,7 +45,7 @@ def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_6
         ):
             wrong.append((operators, shrunk.operators, shrunk.unresolved))
     assert len(wrong) <= 0.05 * len(CASES), wrong
-    assert median(spent) <= 60
+    assert median(spent) <= 55
 
 
 @settings(max_examples=60, deadline=None)
@@ -97,7 +97,7 @@ def test_the_bound_on_rollouts_holds_and_the_best_so_far_is_kept(case, seed, mos
 def test_a_value_stops_two_steps_past_its_threshold():
     judge = Planted([lambda scene: scene.camera.yaw > 2.5])
     found = replace(judge.finding(4), camera=Camera(yaw=3.1))
-    shrunk = judge.shrunk(found)
+    shrunk = judge.shrunk(found, lessen=True)
     assert (shrunk.scene.camera.yaw, shrunk.operators) == (2.8, ("camera-orientation",))
 
 
@@ -106,7 +106,8 @@ def test_a_value_stops_a_quarter_of_the_way_back_where_that_is_more():
     finding = judge.finding(0)
     assert finding.targets[0].x > 0.06
     expected = 0.021 + (finding.targets[0].x - 0.021) / 4
-    assert judge.shrunk(finding).scene.targets[0].x == pytest.approx(expected, abs=0.0011)
+    assert judge.shrunk(finding, lessen=True).scene.targets[0].x == pytest.approx(expected, abs=0.0011)
+    assert judge.shrunk(finding).scene.targets[0].x == finding.targets[0].x
 
 
 def test_of_two_causes_either_of_which_is_enough_one_is_left():

@@ -19,7 +19,7 @@ def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace, *, located: bo
     left = shrunk.operators
     alone = {name: _alone(space, shrunk, name) for name in left}
     failing = oracle.fails(list(alone.values()))
-    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.firm and not located else []
+    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.minimal and not located else []
     thresholds = [_threshold(shrunk, name, oracle, space) for name in numeric]
     return Causes(
         tuple(shrunk.counterparts),

@@ -6,11 +6,15 @@ from dataclasses import dataclass, field, replace
 from vlafuzz.evidence import Rate
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.triage.oracle import FEWEST, MOST_TO_CERTIFY, ONE_HALF, Answer, Oracle
+from vlafuzz.triage.oracle import ONE_HALF, Answer, Certificate, Oracle
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, deviating, free_genes
 from vlafuzz.triage.reference import Reference
+from vlafuzz.triage.shrink import shrink
 
-SCENES = 4  # a scene takes at most the rollouts that are left, divided by this: others are to be tried, too
+# Rollouts to certify a scene, times the lead of an answer; so many times that only where there is no minimal
+# scene without them.
+PATIENCE, LONGER = 22, 3
+SURER = (4, 6)  # rollouts that have to fail in a scene to go on from it, after earlier ones were luck
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,27 +68,21 @@ class Shrunk:
 def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.
 
-    A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: its values are
-    taken back towards the finding's, then its operators; so they are where an object is in the way of a fair
-    counterpart. No scene takes all rollouts, unless none of them holds soon: then the one that fails most
-    often does. A counterpart that mostly fails takes the scene's place.
+    A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: then the last one
+    on the way that holds is shrunk again, with more rollouts for every step. A counterpart that mostly fails
+    takes the scene's place. Where an object is in the way of a fair counterpart, scenes before it are tried.
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.
     """
     certifier = _Certifier(oracle, space, reference)
-    shrunk = likeliest = certifier.test(way[-1])
-    for scene in certifier.backwards(way):
-        if (shrunk.firm and not shrunk.blocked) or not oracle.room:
-            break
-        other = certifier.test(scene)
-        if other.firm and (not shrunk.firm or not other.blocked):
-            shrunk = other
-        likeliest = max(likeliest, other, key=_share)
-    if not shrunk.firm and oracle.room:
-        shrunk = certifier.test(likeliest.scene, MOST_TO_CERTIFY)
-    while shrunk.firm and (simpler := certifier.simpler(shrunk)):
-        shrunk = simpler
+    way, shrunk = certifier.firm(way)
+    shrunk = certifier.simplest(shrunk)
+    if shrunk.firm and shrunk.blocked:
+        shrunk = certifier.unblocked(way, shrunk)
+    if not shrunk.minimal and oracle.room:
+        certifier = replace(certifier, patience=certifier.patience * LONGER)
+        shrunk = certifier.simplest(certifier.test(shrunk.scene))
     return shrunk
 
 
@@ -95,25 +93,43 @@ def certify_one(scene: Scene, oracle: Oracle, space: SearchSpace, reference: Ref
 
 @dataclass(frozen=True)
 class _Certifier:
+    """Tests scenes.
+
+    Attributes:
+        patience: rollouts that certify a scene at most, times the lead of an answer.
+    """
+
     oracle: Oracle
     space: SearchSpace
     reference: Reference
+    patience: int = PATIENCE
 
-    def test(self, scene: Scene, most: int | None = None) -> Shrunk:
-        """The evidence for a scene, with that for its counterparts where it holds.
+    def firm(self, way: Sequence[Scene]) -> tuple[Sequence[Scene], Shrunk]:
+        """The evidence for the last scene of the way, shrunk anew where that does not mostly fail.
 
-        Args:
-            most: rollouts in the scene; None for a share of those that are left.
+        Where none does, it is that for the scene that fails most often.
         """
-        most = most or max(FEWEST, self.oracle.room // SCENES)
-        ((answer, rate),) = self.oracle.certify([scene], most=most)
+        tried = [self.test(way[-1])]
+        for sure in SURER:
+            if tried[-1].firm:
+                break
+            start = next((scene for scene in self.backwards(way) if self.oracle.holds(scene, sure)), None)
+            if start is None:
+                break
+            way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
+            tried.append(self.test(way[-1]))
+        return way, max(tried, key=lambda one: (one.firm, _share(one)))
+
+    def test(self, scene: Scene) -> Shrunk:
+        """The evidence for a scene, with that for its counterparts where it holds."""
+        ((answer, rate),) = self._certify([scene])
         left = tuple(deviating(self.space, scene, self.reference.scene))
         start = self.reference.scene
         shrunk = Shrunk(scene=scene, lost=self.oracle.lost(scene), operators=left, rate=rate, reference=start)
         if answer is not Answer.FAILS:
             return shrunk
         without = [self._without(scene, name) for name in left]
-        tests = dict(zip(left, self.oracle.certify(without, self.reference.stages), strict=True))
+        tests = dict(zip(left, self._certify(without, self.reference.stages), strict=True))
         passing = {name: test.rate for name, test in tests.items() if test.answer is Answer.PASSES}
         return replace(
             shrunk,
@@ -126,13 +142,34 @@ class _Certifier:
             },
         )
 
-    def simpler(self, shrunk: Shrunk) -> Shrunk | None:
+    def simplest(self, shrunk: Shrunk) -> Shrunk:
+        """The evidence for the scene with as few operators as mostly fail."""
+        while shrunk.firm and (simpler := self._simpler(shrunk)):
+            shrunk = simpler
+        return shrunk
+
+    def unblocked(self, way: Sequence[Scene], shrunk: Shrunk) -> Shrunk:
+        """The evidence for a scene on the way whose counterparts are fair; if there is none, that given."""
+        unfair = [name for name, outcome in shrunk.unresolved.items() if outcome == Answer.UNFAIR.value]
+        for scene in self.backwards(way):
+            without = [self._without(scene, name) for name in unfair]
+            if Answer.UNFAIR in self.oracle.answers(without, self.reference.stages, lead=1):
+                continue
+            other = self.simplest(self.test(scene))
+            if other.firm and not other.blocked:
+                return other
+        return shrunk
+
+    def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
         """The evidence for a scene with one operator less that mostly fails, too."""
         for name in shrunk.unresolved if len(shrunk.operators) > 1 else ():
             scene = self._without(shrunk.scene, name)
-            if self.oracle.certify([scene])[0].answer is Answer.FAILS:
+            if self._certify([scene])[0].answer is Answer.FAILS:
                 return self.test(scene)
         return None
+
+    def _certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
+        return self.oracle.certify(scenes, stages, most=self.patience * self.oracle.lead)
 
     def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""

@@ -19,6 +19,7 @@ UNFAIR, MOST_UNFAIR = 12, 200  # unfair jittered scenes after which a scene is u
 BROKEN = 3  # crashes after which a scene counts as crashed
 LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
 MOST = 20  # rollouts to answer for a scene
+FAILURES_A_PASS = 5  # of a scene that holds
 FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
 ONE_HALF = 0.5
 
@@ -134,8 +135,8 @@ class Oracle:
         """What the policy mostly does in each: cheap answers. ``stages``: those whose loss counts here."""
 
         def needed(tally: Tally) -> int:
-            ahead = 2 * tally.failures(stages or self.counted) - tally.rollouts
-            return min(max((lead or self.lead) - abs(ahead), 0), MOST - tally.rollouts)
+            failures, rollouts = self._counts(tally.scene, stages)
+            return min(max((lead or self.lead) - abs(2 * failures - rollouts), 0), MOST - rollouts)
 
         self._draw_until([self._tally(scene) for scene in scenes], needed)
         return [self.known(scene, stages, lead=lead) or Answer.UNTRIED for scene in scenes]
@@ -144,17 +145,34 @@ class Oracle:
         """Whether each still fails. A scene that is unfair, crashed or was not tried does not."""
         return [answer is Answer.FAILS for answer in self.answers(scenes)]
 
+    def holds(self, scene: Scene, sure: int) -> bool:
+        """Whether a scene fails so often as to go on from it: ``sure`` times, at most every sixth one passes.
+
+        Of a stochastic policy, ``sure`` is the lead of its failures.
+        """
+        if self.lead > 1:
+            return self.answers([scene], lead=max(self.lead, sure))[0] is Answer.FAILS
+
+        def needed(tally: Tally) -> int:
+            failures, rollouts = self._counts(tally.scene)
+            return max(sure - failures, 0) if rollouts - failures <= failures // FAILURES_A_PASS else 0
+
+        self._draw_until([self._tally(scene)], needed)
+        failures, rollouts = self._counts(scene)
+        return failures >= sure and rollouts - failures <= failures // FAILURES_A_PASS
+
     def known(
         self, scene: Scene, stages: Sequence[str] | None = None, *, lead: int | None = None
     ) -> Answer | None:
-        """The answer for a scene, if the rollouts so far give one."""
-        tally = self._tally(scene)
-        if tally.problem:
-            return None if tally.problem is Answer.UNTRIED else tally.problem
-        ahead = 2 * tally.failures(stages or self.counted) - tally.rollouts
+        """The answer for a scene, if the rollouts so far give one, those that certify included."""
+        failures, rollouts = self._counts(scene, stages)
+        problem = self._tally(scene).problem
+        if problem and not (rollouts and problem is not Answer.BROKEN):
+            return None if problem is Answer.UNTRIED else problem
+        ahead = 2 * failures - rollouts
         if abs(ahead) >= (lead or self.lead):
             return Answer.FAILS if ahead > 0 else Answer.PASSES
-        return Answer.UNCLEAR if tally.rollouts >= MOST else None
+        return Answer.UNCLEAR if rollouts >= MOST else None
 
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
@@ -163,16 +181,17 @@ class Oracle:
     def certify(
         self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
     ) -> list[Certificate]:
-        """What the policy does in each, by rollouts that had no part in any answer, at most ``most`` of them.
+        """What the policy does in each, by rollouts that no answer rested on, at most ``most`` of them.
 
-        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below.
+        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below. A
+        scene is given up as soon as ``most`` rollouts could show neither.
         """
 
         def needed(tally: Tally) -> int:
             if tally.rollouts < FEWEST:
                 return FEWEST - tally.rollouts
             unclear = _side(self._rate(tally, stages)) is Answer.UNCLEAR
-            return int(unclear and tally.rollouts < most)
+            return int(unclear and _may_end(tally.failures(stages or self.counted), tally.rollouts, most))
 
         tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
         self._draw_until(tallies, needed)
@@ -197,6 +216,11 @@ class Oracle:
             answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
             for answer in judged
         ]
+
+    def _counts(self, scene: Scene, stages: Sequence[str] | None = None) -> tuple[int, int]:
+        """Failures and rollouts of a scene so far, those that certify included."""
+        both = self._tally(scene), self._tally(scene, CERTIFYING)
+        return sum(one.failures(stages or self.counted) for one in both), sum(one.rollouts for one in both)
 
     def _rate(self, tally: Tally, stages: Sequence[str] | None) -> Rate:
         return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
@@ -229,6 +253,15 @@ class Oracle:
 
     def _near(self, scene: Scene, number: int) -> Scene:
         return self._jitter.apply(scene, number) if self._jitter else scene
+
+
+def _may_end(failures: int, rollouts: int, most: int) -> bool:
+    """Whether rollouts up to ``most`` that all agree would show on which side of one half a rate is."""
+    left = most - rollouts
+    if left <= 0:
+        return False
+    ends = Rate.of_counts(failures, most), Rate.of_counts(failures + left, most)
+    return any(_side(end) is not Answer.UNCLEAR for end in ends)
 
 
 def _side(rate: Rate) -> Answer:

@@ -17,7 +17,7 @@ from vlafuzz.triage.known import certified
 from vlafuzz.triage.pool import Make
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
-PER_FINDING = 100  # rollouts to triage a finding, about: 50 to 180
+PER_FINDING = 70  # rollouts to triage a finding, about: 20 to 160
 SOON = 60.0  # seconds up to which nobody need be told
 SAMPLE = 200  # rollouts that tell how long one takes
 
@@ -92,8 +92,8 @@ def triage(
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
-        thorough: shrink every finding by a search of its own, also where it has a cause that is certified
-            already, and locate its thresholds anew.
+        thorough: shrink every finding by a search of its own, to its smallest values, also where it has a
+            cause that is certified already, and locate its thresholds anew.
         watch: called after every finding.
 
     Returns:
@@ -119,6 +119,7 @@ def triage(
             blamed,
             None,
             store.repeats(number, made),
+            lessen=thorough,
         )
         for number, some in groupby(todo, lambda finding: finding.run)
     ]

@@ -15,24 +15,37 @@ from vlafuzz.triage.oracle import Answer, Oracle
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, deviating, free_genes
 
 K = TypeVar("K")
+SURE = 2  # rollouts that fail in a scene, before others are tried from there
 # Past its threshold, a value goes on by so many grid steps or, if that is more, by this share of the way back
 # to the finding, so that no scene sits on an edge.
 BEYOND, RETREAT = 2, 0.25
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
-def shrink(scene: Scene, oracle: Oracle, space: SearchSpace, reference: Scene | None = None) -> list[Scene]:
-    """Bring a failing scene as close to a reference as it goes while it still fails.
+def shrink(
+    scene: Scene,
+    oracle: Oracle,
+    space: SearchSpace,
+    reference: Scene | None = None,
+    *,
+    sure: int = SURE,
+    values: bool = True,
+    lessen: bool = False,
+) -> list[Scene]:
+    """Reset in a failing scene what can be reset to a reference while it still fails.
 
     The targets' types are kept. The answers on the way are cheap ones: the last scene is yet to be certified.
 
     Args:
         reference: a scene of the same targets; None for the nominal one.
+        sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
+        values: reset single values, too, not operators and confounders alone.
+        lessen: move the values that are left as close to the reference as they go.
 
     Returns:
         The failing scenes on the way, from the finding to the last and simplest one.
     """
-    shrinker = _Shrinker(space, oracle, reference, [scene])
+    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values, lessen)
     shrinker.run()
     return shrinker.way
 
@@ -52,6 +65,9 @@ class _Shrinker:
     oracle: Oracle
     reference: Scene | None
     way: list[Scene]
+    sure: int = SURE
+    values: bool = True
+    lessen: bool = False
 
     @property
     def best(self) -> Scene:
@@ -62,14 +78,21 @@ class _Shrinker:
             pass  # an object that was in the way of a fair scene may be gone
         if self._is_blocked():
             self._unblock()
+        in_way = False  # whether a confounder keeps a target from its place
         while True:
             before = self.best
             self.drop_confounders()
-            self._drop_values()
-            for name in self._left():
+            if self.values:
+                self._drop_values()
+            for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
                 for gene in self._free(GROUPS[name]):
                     self._lessen(gene)
-            if not self._drop_operators() and (self.best == before or not self._is_blocked()):
+            if self._drop_operators():
+                continue
+            if not self.values or (in_way and self.best == before):
+                return
+            in_way = Answer.UNFAIR in self._without_one() and CONFOUNDERS in self._left()
+            if not in_way:
                 return
 
     def drop_confounders(self) -> None:
@@ -83,8 +106,11 @@ class _Shrinker:
 
     def _is_blocked(self) -> bool:
         """Whether an operator is left only because the scene without it is not fair."""
-        known = [self.oracle.known(self._reset(GROUPS[name])) for name in self._left()]
-        return any(answer in (None, Answer.UNFAIR) for answer in known)
+        return not {None, Answer.UNFAIR}.isdisjoint(self._without_one())
+
+    def _without_one(self) -> list[Answer | None]:
+        """What the scenes without one of the operators left are known to do."""
+        return [self.oracle.known(self._reset(GROUPS[name])) for name in self._left()]
 
     def _unblock(self) -> None:
         """A confounder may stand where a target belongs, and the target where that confounder does."""
@@ -130,27 +156,34 @@ class _Shrinker:
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
         """Remove all keys that can go; returns whether there were any.
 
-        Each is tried alone first, in one batch; then all that could go alone at once, else one by one.
+        Each is tried alone first, in one batch; then all that could go alone at once, else one by one, those
+        that deviate least first.
         """
         failing = self._fails([without([key]) for key in keys])
         loose = [key for key, still in zip(keys, failing, strict=True) if still]
         if not loose:
             return False
-        gone = loose
-        if not self._fails([without(loose)])[0]:
-            gone = loose[:1]
-            for key in loose[1:]:
-                if self._fails([without([*gone, key])])[0]:
+        gone = list[K]()
+        if self._holds(without(loose)):
+            gone = loose
+        elif len(loose) > 1:
+            for key in sorted(loose, key=lambda key: -self._distance(without([key]))):
+                if self._holds(without([*gone, key])):
                     gone.append(key)
         self._go_to(without(gone))
-        return True
+        return bool(gone)
+
+    def _holds(self, scene: Scene) -> bool:
+        return self._is_nearer(scene) and self.oracle.holds(scene, self.sure)
 
     def _fails(self, scenes: Sequence[Scene]) -> list[bool]:
         """Whether each still fails and is no farther from the reference than the best so far."""
-        farthest = self._distance(self.best) + _ROUNDING
-        nearer = [scene for scene in scenes if self._distance(scene) <= farthest]
+        nearer = list(filter(self._is_nearer, scenes))
         failing = dict(zip(nearer, self.oracle.fails(nearer), strict=True))
         return [failing.get(scene, False) for scene in scenes]
+
+    def _is_nearer(self, scene: Scene) -> bool:
+        return self._distance(scene) <= self._distance(self.best) + _ROUNDING
 
     def _distance(self, scene: Scene) -> float:
         if self.reference is None:

@@ -10,9 +10,10 @@ from vlafuzz.scene import Scene
 from vlafuzz.triage.path import Path
 from vlafuzz.triage.psychometric import Crossing
 
-PLACES = 10  # along a path, from the reference to the end of the range
-NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower
-MOST = 22  # rollouts that narrow down a crossing, where the failure rate rises slowly
+PLACES = 7  # along a path, from the reference to the end of the range
+NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower,
+NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
+MOST = 12  # rollouts that narrow down a crossing, where the failure rate rises slowly
 AGREE, DISAGREE = 5, 2  # a surprising answer stands if it comes five times before the other one comes twice
 _INTERVAL = (0.025, 0.975)  # 95 %
 _LIKELY = (1 / 3, 2 / 3)  # the next rollouts are where the crossing is below with these probabilities
@@ -173,7 +174,8 @@ class _Survey:
 
     def narrow(self, crossing: Crossing, upper: int) -> None:
         """Roll out where the crossing may be, until its interval is narrow."""
-        spent, narrow = 0, min(NARROW, max(upper, 3) / 2)
+        spent = 0
+        narrow = max(min(NARROW, max(upper, 3) / 2), NARROW_SHARE * self.path.length)
         while not self.broke and spent < MOST:
             low, high = crossing.quantiles(*_INTERVAL)
             if high - low <= narrow:

@@ -59,6 +59,7 @@ class Triager:
         repeats: all rollouts so far, those of an interrupted triage included; only ``roll`` changes it.
         known: certified findings, one of each signature. A finding that their operators explain keeps its own
             values of these, and thresholds of a known signature are not located again.
+        lessen: shrink values, too, see ``shrink``.
         deadline: after which a finding is given up.
     """
 
@@ -69,6 +70,7 @@ class Triager:
     rolled: Repeats = field(default_factory=dict)
     repeats: Repeats = field(default_factory=dict, kw_only=True)
     known: Sequence[Triaged] = field(default=(), kw_only=True)
+    lessen: bool = field(default=False, kw_only=True)
     deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
     def triage(self, finding: Finding) -> Triaged | None:
@@ -204,7 +206,7 @@ class Triager:
             return replace(triaged, detail="even the nominal scene of the same objects fails")
         shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
-            way = shrink(triaged.scene, oracle, space, reference.scene)
+            way = shrink(triaged.scene, oracle, space, reference.scene, lessen=self.lessen)
             oracle.budget = confirmed + round(most * TO_CERTIFY)
             shrunk = certify(way, oracle, space, reference)
         else:
