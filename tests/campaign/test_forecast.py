@@ -68,8 +68,8 @@ def test_a_batch_that_is_too_large_is_several(number: int, seconds: float):
 
 def test_certification_is_a_part_of_it(planned: Plan):
     forecast = Forecast(planned, SLOW, certify=True)
-    assert forecast.certification == pytest.approx(6 * 100 * 0.7 * 80 * 0.5)
-    assert "certifying their causes about 4.7 h" in str(forecast)
+    assert forecast.certification == pytest.approx(6 * 70 * 0.7 * 80 * 0.5)
+    assert "certifying their causes about 3.3 h" in str(forecast)
 
 
 @pytest.mark.parametrize("batched", [0.8, 4.0])
@@ -110,10 +110,10 @@ def test_with_a_time_it_says_how_many_rollouts_that_is(planned: Plan):
 def test_with_a_time_it_says_whether_certification_fits(planned: Plan):
     hopeless, fits = within(planned, 30, certify=True), within(planned, 240, certify=True)
     assert "22 to 64 of 300 rollouts of up to 80 steps, and probably no certified cause" in str(hopeless)
-    assert "since one takes about 47 min" in str(hopeless)
+    assert "since one takes about 33 min" in str(hopeless)
     assert "45 to 128 of 300 rollouts" in str(hopeless.best())  # all of the time is for the run
     assert fits.best() is fits
-    assert "of 300 rollouts of up to 80 steps, and about 2 certified causes; " in str(fits)
+    assert "of 300 rollouts of up to 80 steps, and about 3 certified causes; " in str(fits)
 
 
 def test_a_time_that_is_long_enough_changes_nothing(planned: Plan):
