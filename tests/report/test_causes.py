@@ -124,7 +124,7 @@ def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: S
 
 def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missing(store: Store):
     runner = PlantedRunner([DARK])
-    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=20)
+    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=18)
     (cause,) = [one for one in listed(store).causes if one.bucket == "minimal"]
     assert re.fullmatch(r"light: × 0\.\d+, its threshold did not fit into the rollouts", cause.conditions[0])
     assert "<small>its threshold did not fit into the rollouts</small>" in render(view_of_store(store))
