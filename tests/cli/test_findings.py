@@ -1,6 +1,7 @@
 """vlafuzz findings."""
 
 import json
+import re
 from dataclasses import asdict
 
 import pytest
@@ -69,3 +70,13 @@ def test_a_corpus_has_findings_too(capsys):
     assert len(found) >= 20
     assert {one["witness"] for one in found} <= {"expert", "seeing"}
     assert {one["run"] for one in found} == {None}
+
+
+def test_a_corpus_that_takes_hours_is_said_to(tmp_path, monkeypatch, capsys):
+    path = made_up(tmp_path / "a.db")
+    monkeypatch.setattr("vlafuzz.regression.export.pace", lambda *_: 18.0)
+    assert main(["findings", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert re.search(
+        r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said
+    )

@@ -36,6 +36,9 @@ def command(
     if limit < 0:
         raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
     from vlafuzz.cli.report import view_of
+    from vlafuzz.regression.controls import CONTROLS
+    from vlafuzz.regression.export import forecast
+    from vlafuzz.store.store import Store
 
     view = view_of(source)
     cards = [card for card in view.cards if evidence in (None, card.bucket)]
@@ -56,7 +59,12 @@ def command(
     if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():
         trust = trust_flag(*(run.policy for run in view.runs))
         keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *trust])
-        stdout().print(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}", soft_wrap=True)
+        minimal = sum(card.bucket == "minimal" for card in cards)
+        with Store.open(source) as store:
+            takes = forecast(store, minimal, CONTROLS, workers=1)
+        stdout().print(
+            f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}", soft_wrap=True
+        )
 
 
 def _title(cards: Sequence[Card], view: View) -> str:

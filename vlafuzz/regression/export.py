@@ -17,10 +17,13 @@ from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
+from vlafuzz.text import duration, plural
+from vlafuzz.triage.pipeline import SOON, pace
 from vlafuzz.triage.pool import PooledRunner, process_pool, side_by_side
 from vlafuzz.triage.summary import summarise
 from vlafuzz.watch import SILENT, Watch
 
+PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about; more with --firm
 SAME = "its scene is that of another finding"
 Check = Callable[[Triaged], Case | str]
 Each = Callable[[Check, Sequence[Triaged]], Iterable[tuple[int, Case | str]]]
@@ -61,6 +64,8 @@ def export(
     _check_alike(store, [runs[number] for number in numbers])
     cases: dict[Scene, Case] = {}
     recorded: list[Control] = []
+    if takes := forecast(store, len(chosen), controls, workers):
+        watch.note(f"{plural(len(chosen), 'minimal finding')} and {controls} controls{takes}")
     left_out: Counter[str] = Counter()
     checked = partial(watch.progress, "minimal findings checked", total=len(chosen))
     done = count(1)
@@ -95,6 +100,12 @@ def export(
         versions=provenance.versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def forecast(store: Store, findings: int, controls: int, workers: int) -> str:
+    """How long an export takes, in brackets; empty where it is soon done."""
+    seconds = (controls + PER_CASE * findings) * pace(store, workers)
+    return f" (about {duration(seconds)}; fewer --controls take less)" if seconds > SOON else ""
 
 
 @contextmanager
