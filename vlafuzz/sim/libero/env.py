@@ -152,8 +152,10 @@ class LiberoEnv:
         return self._shown
 
     def close(self) -> None:
+        """Release the renderer and the model, whose textures and meshes take hundreds of megabytes."""
         self._pictures.close()
-        self.robosuite.close()
+        del self._pictures, self._control, self._shown, self.model, self.data
+        self.robosuite.close()  # it collects garbage
 
     def _snapshot(self) -> Array:
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION

@@ -47,11 +47,6 @@ class Stages:
         self._env, self.names = env, stage_names(env.task)
         self._things = [find_shapes(env, name) for name in carried(env.task)]
         self._start = [env.data.xpos[thing.body].copy() for thing in self._things]
-        gripper, model = env.robosuite.robots[0].gripper, env.robosuite.sim.model
-        self._fingers = [
-            {model.geom_name2id(geom) for geom in gripper.important_geoms[side]}
-            for side in ("left_finger", "right_finger")
-        ]
         self._hand = env.robosuite.robots[0].eef_site_id
         self._streak = self._solved = 0
         self.reached: list[str] = []
@@ -75,18 +70,13 @@ class Stages:
                 self.reached.append(self.names[len(self.reached)])
                 self._streak = 0
 
-    def held(self, thing: Shapes) -> bool:
-        """Whether both fingers touch a thing."""
-        touching = touched(self._env, thing)
-        return all(touching & finger for finger in self._fingers)
-
     def _holds(self, stage: int) -> bool:
         number, kind = divmod(stage, 3)
         thing = self._things[number]
         if kind == 0:
             return distance(self._env, thing, self._env.data.site_xpos[self._hand]) < NEAR
         if kind == 1:
-            return self.held(thing)
+            return held(self._env, thing)
         return float(np.linalg.norm(self._env.data.xpos[thing.body] - self._start[number])) > MOVED
 
 
@@ -96,6 +86,14 @@ def find_shapes(env: LiberoEnv, name: str) -> Shapes:
     model = env.model
     geoms = np.flatnonzero((model.body_rootid[model.geom_bodyid] == body) & (model.geom_contype > 0))
     return Shapes(geoms, body)
+
+
+def held(env: LiberoEnv, thing: Shapes) -> bool:
+    """Whether both fingers touch a thing."""
+    gripper, number = env.robosuite.robots[0].gripper, env.robosuite.sim.model.geom_name2id
+    touching = touched(env, thing)
+    sides = (gripper.important_geoms[side] for side in ("left_finger", "right_finger"))
+    return all(touching & set(map(number, geoms)) for geoms in sides)
 
 
 def touched(env: LiberoEnv, thing: Shapes) -> set[int]:

@@ -1,0 +1,57 @@
+from itertools import islice, repeat
+
+import numpy as np
+import pytest
+
+from vlafuzz.sim.libero.env import STILL, LiberoEnv
+from vlafuzz.sim.libero.expert import Expert, can_solve
+from vlafuzz.sim.libero.grasps import find_grasps
+from vlafuzz.sim.libero.stages import Stages
+from vlafuzz.sim.libero.suites import SETTLING, find_task
+
+pytestmark = pytest.mark.libero
+
+
+def rollout(env: LiberoEnv, actions) -> list[str]:
+    stages = Stages(env)
+    for action in actions:
+        assert np.abs(action).max() <= 1.0
+        env.step(action)
+        stages.observe()
+        if stages.success:
+            break
+    return stages.reached
+
+
+def test_the_expert_puts_the_bowl_on_the_plate_by_all_stages(bowls):
+    bowls.reset(1)
+    bowls.settle(SETTLING)
+    assert rollout(bowls, islice(Expert(bowls).actions(), bowls.task.horizon)) == [
+        "reach",
+        "grasp",
+        "move",
+        "goal",
+    ]
+
+
+def test_keeping_still_reaches_nothing(bowls):
+    bowls.reset(1)
+    assert rollout(bowls, repeat(STILL, 40)) == []
+
+
+def test_a_bowl_is_taken_by_its_rim(bowls):
+    bowls.reset()
+    bowls.settle(SETTLING)
+    place = bowls.data.body("akita_black_bowl_1_main").xpos
+    best = find_grasps(bowls, "akita_black_bowl_1")[0]
+    assert 0.03 < np.linalg.norm((best.position - place)[:2]) < 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["libero_goal/0", "libero_goal/3", "libero_goal/5", "libero_goal/7", "libero_10/9"]
+)
+def test_what_must_be_pushed_or_opened_is_without_an_expert(name):
+    env = LiberoEnv(find_task(name))
+    assert not can_solve(env)
+    env.close()
