@@ -49,7 +49,9 @@ def lint_suites(names: list[str], scope: Scope, *, json: bool, verbose: bool) ->
         for suite in suites:
             _print(suite, verbose=verbose)
     if scope.pictures:
-        stderr().print(f"pictures are in {scope.pictures}: both cameras, at the start and two seconds later")
+        stderr().print(
+            f"pictures in {scope.pictures}: both cameras at the start, after settling, after two seconds"
+        )
     if any(task.defects for suite in suites for task in suite.tasks):
         raise typer.Exit(1)
 

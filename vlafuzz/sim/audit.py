@@ -73,7 +73,7 @@ class Scope:
 
     Attributes:
         states: the first initial states of each task; None for all.
-        pictures: a folder for pictures, one for each task and kind of defect: before and after two seconds.
+        pictures: a folder for pictures, one for each task and kind of defect.
     """
 
     states: int | None = None

@@ -54,11 +54,11 @@ def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
             found = list(_defects(env, number))
             fresh = {defect.check for defect in found} - {defect.check for defect in defects}
             if scope.pictures and fresh:
-                from vlafuzz.sim.libero.sheet import write_before_and_after
+                from vlafuzz.sim.libero.sheet import write_sheet
 
                 for check in sorted(fresh):
                     place = scope.pictures / f"{task.suite}-{task.number}-{check}-{number}.png"
-                    write_before_and_after(env, number, SECONDS, place)
+                    write_sheet(env, number, SECONDS, place)
             defects += found
     finally:
         env.close()

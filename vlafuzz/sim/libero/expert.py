@@ -22,6 +22,7 @@ FAST = 2.0  # errors are asked for that many times: the controller covers a part
 CLOSE = 0.008  # metres from a place that count as there
 PATIENCE = 60  # control steps for one move
 STUCK = 8  # control steps without a millimetre of movement that end a move, too
+SPREAD = 0.6  # of half a region's size: how far from its middle things go that share it
 TRIES = 4  # for each thing
 
 
@@ -131,8 +132,12 @@ class Expert:
         things = [atom[1] for atom in self._env.task.goal if atom[0] == "on" and atom[2] == goal]
         if len(things) < 2:
             return np.zeros(3)
+        points = surface(self._env, self._env.robosuite.obj_body_id[name], 2000)
+        narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
         half = self._env.model.site_size[self._env.data.site(goal).id]
-        return np.array([0.0, (2 * things.index(name) / (len(things) - 1) - 1) * half[1] / 2, 0.0])
+        share = np.zeros(3)
+        share[narrow] = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
+        return share
 
     def _move(self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE) -> Iterator[Array]:
         earlier = [np.full(3, np.inf)] * STUCK

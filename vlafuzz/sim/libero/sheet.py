@@ -1,4 +1,4 @@
-"""Pictures of an initial state for a person: as a policy's camera sees it, before and after it settles."""
+"""Pictures of an initial state for a person: as a policy's cameras see it, while it settles."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from vlafuzz.files import writing
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
+from vlafuzz.sim.libero.suites import SETTLING
 
 
-def write_before_and_after(env: LiberoEnv, number: int, seconds: float, place: Path) -> None:
-    """Write a PNG of both cameras (columns) at the start and after ``seconds`` of a still robot (rows).
+def write_sheet(env: LiberoEnv, number: int, seconds: float, place: Path) -> None:
+    """Write a PNG: both cameras (columns) at the start, after the settling steps, after ``seconds`` (rows).
 
     Raises:
         UsageError: the file cannot be written.
@@ -19,8 +20,9 @@ def write_before_and_after(env: LiberoEnv, number: int, seconds: float, place: P
     from PIL import Image
 
     env.reset(number)
-    rows = [np.hstack(list(env.observe().pictures.values()))]
-    env.settle(round(seconds * HZ))
-    rows.append(np.hstack(list(env.observe().pictures.values())))
+    rows = []
+    for steps in (0, SETTLING, round(seconds * HZ) - SETTLING):
+        env.settle(steps)
+        rows.append(np.hstack(list(env.observe().pictures.values())))
     with writing(place):
         Image.fromarray(np.vstack(rows)).save(place)
