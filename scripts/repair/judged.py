@@ -56,11 +56,12 @@ def _conditions(task: str) -> Conditions:
     return Conditions(task=task, min_distance=0.15, stop_early=True)
 
 
-def roll(weights: Path, task: str, scene: Scene, recording: Recording) -> None:
-    """Roll a policy out in a scene, as it was judged, and record it."""
+def roll(weights: Path, task: str, scene: Scene, recording: Recording) -> bool:
+    """Roll a policy out in a scene, as it was judged, and record it; whether it fails."""
     evaluator = ManiSkillEvaluator(_conditions(task), Mini(weights), load_catalogue(), recording=recording)
-    evaluator.evaluate([scene])
+    (outcome,) = evaluator.evaluate([scene])
     evaluator.close()
+    return outcome.verdict is Verdict.FAILED
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from eval_mini import draw
+from numpy.typing import NDArray
 from PIL import Image
 
 from repair import figures, judged
@@ -17,6 +17,7 @@ from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
 from vlafuzz.report.page import render_sheet
 from vlafuzz.report.sheet import Picture, Sheet
 from vlafuzz.report.view import Table
+from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.text import interval, percent, points
 
@@ -109,29 +110,32 @@ def plot(rows: Sequence[Row]) -> bytes:
 
 
 def strips(folder: Path, tasks: Sequence[str], policy: str) -> Iterator[Picture]:
-    """Rollouts of a few judged scenes of each way to end: above the shipped policy, below the other one."""
+    """Rollouts of a few judged scenes of each way to end: above the shipped policy, below the other one.
+
+    Scenes that end otherwise on this machine than where they were judged are left out.
+    """
     weights = {SHIPPED: WEIGHTS, policy: folder / "mini" / policy}
     before, after = (figures.scenes_of(folder / "judged" / name) for name in weights)
     for task in tasks:
-        known = before["random", task]
+        first, second = before["random", task], after["random", task]
         for way, title in WAYS.items():
-            ending = [number for number in known if (known[number], after["random", task][number]) == way]
-            for number in sorted(ending)[:STRIPS]:
+            ending = [number for number in sorted(first) if (first[number], second[number]) == way]
+            for number in ending[:STRIPS]:
                 scene = draw(task, "random", number)
                 rolled = [_frames(path, task, scene) for path in weights.values()]
-                yield Picture(
-                    f"{title}: {scene.instruction}", _png(np.concatenate(rolled)), f"{task}, scene {number}"
-                )
+                if tuple(failed for failed, _ in rolled) == way:
+                    strip = _png(np.concatenate([frames for _, frames in rolled]))
+                    yield Picture(f"{title}: {scene.instruction}", strip, f"{task}, scene {number}")
 
 
-def _frames(weights: Path, task: str, scene: Any) -> Any:
+def _frames(weights: Path, task: str, scene: Scene) -> tuple[bool, NDArray[np.uint8]]:
+    """Whether the policy fails, and a few frames side by side."""
     recording = Recording(160, captions=False)
-    judged.roll(weights, task, scene, recording)
-    chosen = np.linspace(0, len(recording.frames) - 1, FRAMES).round().astype(int)
-    return np.concatenate([recording.frames[index] for index in chosen], axis=1)
+    failed = judged.roll(weights, task, scene, recording)
+    return failed, recording.contact_strip(FRAMES)
 
 
-def _png(picture: Any) -> bytes:
+def _png(picture: NDArray[np.uint8]) -> bytes:
     content = io.BytesIO()
     Image.fromarray(picture).save(content, "PNG")
     return content.getvalue()
