@@ -17,6 +17,7 @@ def figures(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.syspath_prepend(SCRIPTS)
     from repair import figures
 
+    monkeypatch.setattr(figures, "DRAWS", 400)
     return figures
 
 
