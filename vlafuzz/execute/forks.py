@@ -5,8 +5,9 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from multiprocessing import forkserver, get_context
+from multiprocessing import connection, forkserver, get_context, parent_process
 from multiprocessing.context import ForkServerContext
+from threading import Thread
 
 _SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 
@@ -28,12 +29,24 @@ def load_early() -> None:
 def settle_in(environment: Mapping[str, str]) -> None:
     """Begin the life of a forked process, in the environment of the process that asked for it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends the workers
+    Thread(target=_end_with_parent, daemon=True).start()
     sys.stdout = sys.stderr  # a policy may print, and stdout is for data
     os.environ.clear()
     os.environ.update(environment)
     import numpy as np
 
     np.random.seed()  # noqa: NPY002 - a user's policy may draw from it: not the same in all workers
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as the one that asked for it is gone, however that ended.
+
+    A worker that waits for work would not notice: it holds the other end of its queue, too.
+    """
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager
