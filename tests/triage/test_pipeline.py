@@ -144,11 +144,26 @@ def test_a_scene_off_the_operators_is_witnessed_and_not_shrunk(store):
 
 
 def test_candidates_that_two_findings_share_are_rolled_out_once(store):
-    one = scenes([DARK], 1)[0]
-    other = SPACE.reset(one, ["camera-position"])
-    found = triaged(store([one, other]), PlantedRunner([DARK]))
+    runner = PlantedRunner([DARK])
+    found = triaged(store(alike()), runner)
     assert [each.bucket for each in found] == ["minimal", "minimal"]
-    assert found[1].shrink_rollouts < found[0].shrink_rollouts
+    assert runner.policy_rollouts < sum(each.policy_rollouts for each in found)
+
+
+def test_what_a_finding_takes_does_not_depend_on_which_comes_first(tmp_path: Path):
+    def found(failing: Sequence[Scene]) -> dict[str, object]:
+        with Store.open(tmp_path / f"{failing[0].digest}.db", "write") as opened:
+            results = triaged(fill(opened, failing), PlantedRunner([DARK]))
+        return {each.scene.digest: (each.shrunk, each.certified, each.policy_rollouts) for each in results}
+
+    one, other = alike()
+    assert found([one, other]) == found([other, one])
+
+
+def alike() -> list[Scene]:
+    """Two failing scenes; some scenes are candidates of both."""
+    (one,) = scenes([DARK], 1)
+    return [one, SPACE.reset(one, ["camera-position"])]
 
 
 def test_a_stochastic_policy_is_repeated_and_shrunk_all_the_same(store):

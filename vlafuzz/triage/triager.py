@@ -55,8 +55,10 @@ class Triager:
         passing: scenes in which the policy has passed.
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
             out, if it can be.
-        rolled: verdicts that findings have taken and share; only ``roll`` changes it.
-        repeats: all rollouts so far, those of an interrupted triage included; only ``roll`` changes it.
+        rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own
+            as if it were alone, so that its result does not depend on which finding comes first.
+        repeats: all rollouts so far, which findings share, those of an interrupted triage included; only
+            ``roll`` changes it.
         known: certified findings, one of each signature. A finding that their operators explain keeps its own
             values of these, and thresholds of a known signature are not located again.
         lessen: shrink values, too, see ``shrink``.
@@ -77,16 +79,17 @@ class Triager:
         """The finding after triage; None where policy or simulator broke, or the deadline has passed."""
         began = time.monotonic()
         self.runner.renew()
+        alone = replace(self, rolled={})
         try:
-            triaged = self._triage(finding)
+            triaged = alone._triage(finding)
             if _at_threshold(triaged):
-                triaged = self._move_outward(finding, triaged)
+                triaged = alone._move_outward(finding, triaged)
         except _BrokenError:
             return None
         return replace(triaged, seconds=time.monotonic() - began)
 
     def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
-        """One rollout in each scene; those known from another finding cost nothing."""
+        """One rollout in each scene; what is known is not repeated, and no finding pays for it twice."""
         if self.deadline.passed:
             raise _BrokenError
         tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
