@@ -226,7 +226,13 @@ def test_five_of_five_put_the_sequential_bound_above_one_half_and_four_do_not():
     assert sequential_interval(0, 0) == (0, 1)
 
 
-@given(st.integers(0, 60), st.integers(0, 60))
+@pytest.mark.parametrize(("k", "n"), [(1, 0), (3, 2), (-1, 2)])
+def test_counts_that_cannot_be_have_no_sequential_interval(k: int, n: int):
+    with pytest.raises(ValueError, match=f"{k} of {n} cases"):
+        sequential_interval(k, n)
+
+
+@given(st.integers(0, 70), st.integers(0, 70))
 def test_a_sequential_interval_holds_the_share_and_mirrors_that_of_the_other_outcome(k: int, others: int):
     low, high = sequential_interval(k, k + others)
     assert 0 <= low <= (k / (k + others) if k + others else 0.5) <= high <= 1

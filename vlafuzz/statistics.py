@@ -73,7 +73,12 @@ def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
     mixture of bets on larger rates stays below 1 / alpha with probability 1 - alpha by Ville's inequality
     (Robbins 1970, <https://doi.org/10.1214/aoms/1177696786>; Ramdas et al. 2023,
     <https://doi.org/10.1214/23-STS894>). Five of five put it above one half.
+
+    Raises:
+        ValueError: ``k`` is not among 0 to ``n``.
     """
+    if not 0 <= k <= n:
+        raise ValueError(f"{k} of {n} cases")
     return Interval(_sequential_low(k, n, alpha), 1.0 - _sequential_low(n - k, n, alpha))
 
 
