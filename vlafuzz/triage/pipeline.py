@@ -17,7 +17,7 @@ from vlafuzz.triage.known import certified
 from vlafuzz.triage.pool import Make
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
-PER_FINDING = 70  # rollouts to triage a finding, about: 20 to 160
+PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
 SOON = 60.0  # seconds up to which nobody need be told
 SAMPLE = 200  # rollouts that tell how long one takes
 
