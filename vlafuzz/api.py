@@ -228,7 +228,7 @@ def diff(
         options: ``run_a``, ``run_b``, ``alpha`` and ``watch``, see ``regression.policies``.
 
     Raises:
-        StoreError: one has no certified cause.
+        StoreError: none of them has a certified cause.
         UsageError: both are of the same policy, or of different tasks.
     """
     with trusting(*[EVERYTHING] * trust):

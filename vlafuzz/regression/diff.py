@@ -92,18 +92,21 @@ class Difference:
         """The result in one sentence."""
         counts = {standing: len(self.of(standing)) for standing in ORDER}
         unjudged = f", {counts['not judged']} not judged" if counts["not judged"] else ""
-        causes = (
-            f"{counts['fixed']} fixed ({self.fixed}), {counts['remaining']} remaining, {counts['new']} new"
-        )
+        fixed = f"{counts['fixed']} fixed ({self.fixed}), {counts['remaining']} remaining"
+        new = f"{counts['new']} new ({self.new})"
+        if not self.fixed.of:
+            fixed = "none is certified"
+        if not self.new.of:
+            new = f"new ones unknown, as {self.second} has no certified cause"
         beside = f"{self.broken.changed} of {self.broken.of} passing scenes broken ({self.broken})"
-        return f"causes of {self.first} in {self.second}: {causes} ({self.new}){unjudged}; {beside}"
+        return f"causes of {self.first} in {self.second}: {fixed}, {new}{unjudged}; {beside}"
 
 
 def known(source: Path, run: int | None = None) -> Known:
     """The certified failures in a store or corpus.
 
     Raises:
-        StoreError: it has none.
+        StoreError: it has no run.
         UsageError: it has several policies or tasks.
     """
     if is_corpus(source):
@@ -120,7 +123,7 @@ def known(source: Path, run: int | None = None) -> Known:
 def _of_store(store: Store, run: int | None) -> Known:
     runs = {begun.id: begun.manifest for begun in store.runs()}
     of = {finding.key: finding.run for finding in store.findings(run)}
-    numbers = sorted(set(of.values()))
+    numbers = sorted(set(of.values())) or [number for number in runs if run in (None, number)]
     causes: dict[Scene, tuple[str, str]] = {}
     beside: dict[Scene, Probe] = {}
     failing: dict[Scene, Probe] = {}
@@ -133,8 +136,8 @@ def _of_store(store: Store, run: int | None) -> Known:
         for operator, scene in row.counterparts.items():
             what = f"{row.shrunk.digest[:8]} without {operator}"
             beside.setdefault(scene, Probe(scene, "counterpart", what, number, passed=True))
-    if not causes:
-        raise StoreError(f"{store.path}: has no certified cause", hint="`vlafuzz triage` certifies some")
+    if not numbers:
+        raise StoreError(f"{store.path}: has no run", hint="`vlafuzz run` begins one")
     manifests = [runs[number] for number in numbers]
     if len({(manifest.policy, manifest.task) for manifest in manifests}) > 1:
         problem = f"{store.path}: has failures of several policies or tasks"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vlafuzz.conditions.stored import stored_space
 from vlafuzz.deadline import Deadline
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.plugins import check_trusted
 from vlafuzz.regression import bisect, diff, regress
 from vlafuzz.regression.answers import Answers
@@ -82,9 +82,13 @@ def diff_policies(
 
     Raises:
         UsageError: both are the same policy, on different tasks, or one has several.
-        StoreError: one has no certified cause.
+        StoreError: none of them has a certified cause.
     """
     first, second = diff.known(a, run_a), diff.known(b, run_b)
+    if not (first.causes or second.causes):
+        raise StoreError(
+            f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some"
+        )
     names = policy_a or first.policy, policy_b or second.policy
     if names[0] == names[1]:
         hint = "name another one: --policy-a, --policy-b"
