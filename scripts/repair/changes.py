@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from subprocess import CalledProcessError
 
 from repair.steps import call
 from repair.study import ROUND, Study, number_of
@@ -19,7 +20,10 @@ def changes(study: Study, name: str, weights: Path) -> list[dict[str, str]]:
         for store in stores:
             limits = f"--time={options.causes}", f"--workers={options.workers}"
             call("-m", "vlafuzz", "triage", store, *limits)
-        compared = json.loads(call("-m", "vlafuzz", "diff", *stores, "--json"))
+        try:
+            compared = json.loads(call("-m", "vlafuzz", "diff", *stores, "--json"))
+        except CalledProcessError:  # which says that neither has a certified cause
+            continue
         rows += [
             {"task": task, "cause": cause["title"], "now": cause["standing"], "scenes": str(cause["scenes"])}
             for cause in compared["causes"]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -35,14 +37,29 @@ def side_by_side(jobs: Iterable[Job[T]], workers: int, what: str) -> list[T]:
         return [one.result() for one in track(running, what, console=Console(stderr=True))]
 
 
+@contextmanager
+def once(path: Path) -> Iterator[Path | None]:
+    """Where to put a file or folder, which gets its name when the block has ended; None if it is there."""
+    if path.exists():
+        yield None
+        return
+    unfinished = path.with_name(f"unfinished-{path.name}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if unfinished.is_dir():
+        shutil.rmtree(unfinished)
+    unfinished.unlink(missing_ok=True)
+    yield unfinished
+    unfinished.rename(path)
+
+
 def fuzz(weights: Path, task: str, budget: int, seed: int, store: Path, workers: int) -> Path:
     """A store of random scenes, which is named after its task."""
-    if not store.exists():
-        store.parent.mkdir(parents=True, exist_ok=True)
-        policy = "mini" if weights == SHIPPED else f"mini:{weights}"
-        flags = {"policy": policy, "task": task, "strategy": "random", "budget": budget, "seed": seed}
-        flags |= {"store": store, "workers": workers}
-        call("-m", "vlafuzz", "run", *(f"--{name}={value}" for name, value in flags.items()))
+    policy = "mini" if weights == SHIPPED else f"mini:{weights}"
+    flags = {"policy": policy, "task": task, "strategy": "random", "budget": budget, "seed": seed}
+    with once(store) as unfinished:
+        if unfinished:
+            flags |= {"store": unfinished, "workers": workers}
+            call("-m", "vlafuzz", "run", *(f"--{name}={value}" for name, value in flags.items()))
     return store
 
 
@@ -61,14 +78,10 @@ def train(
 
 def old_demonstrations(out: Path, number: int, workers: int) -> Path:
     """That many demonstrations of each task as `mini` was trained with, but fresh ones."""
-    if not out.exists():
-        each = max(1, workers // 4)
-        call(
-            SCRIPTS / "make_demos.py",
-            *("--episodes", *[number] * 4),
-            *("--workers", *[each] * 4),
-            *("--out", out),
-        )
+    numbers = "--episodes", *[number] * 4, "--workers", *[max(1, workers // 4)] * 4
+    with once(out) as unfinished:
+        if unfinished:
+            call(SCRIPTS / "make_demos.py", *numbers, "--out", unfinished)
     return out
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from repair import judged, shown, steps
 from repair.arms import ARMS, KINDS
-from repair.steps import side_by_side, together, train
+from repair.steps import once, side_by_side, together, train
 from vlafuzz.policies.mini.policy import SHIPPED
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -100,16 +100,16 @@ class Study:
         """The folder of all demonstrations that these arms need."""
         options = self.options
         folder: Path = options.out / "demos" / before
-        if folder.exists():
-            return folder
-        jobs: list[shown.Job] = []
-        for kind in KINDS:
-            number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
-            for task in options.tasks if number else ():
-                store = options.out / "found" / before / f"{task}.db"
-                jobs += shown.jobs(store, task, kind, number, init, folder)
-        done = sum(side_by_side(jobs, options.workers, f"demonstrations for {before}"))
-        print(f"{done} demonstrations for {before}", flush=True)
+        with once(folder) as unfinished:
+            if unfinished:
+                jobs: list[shown.Job] = []
+                for kind in KINDS:
+                    number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
+                    for task in options.tasks if number else ():
+                        store = options.out / "found" / before / f"{task}.db"
+                        jobs += shown.jobs(store, task, kind, number, init, unfinished)
+                done = sum(side_by_side(jobs, options.workers, f"demonstrations for {before}"))
+                print(f"{done} demonstrations for {before}", flush=True)
         return folder
 
 
