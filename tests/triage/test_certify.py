@@ -2,17 +2,14 @@
 
 from collections.abc import Sequence
 
-from tests.doubles import failed
 from tests.triage.planted import CONDITIONS, SPACE, STAGES, Planted
-from tests.triage.runners import PlantedRunner
 from vlafuzz.evidence import Rate
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.store.records import Finding, Judged
+from vlafuzz.store.records import Judged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk
 from vlafuzz.triage.oracle import Answer, Oracle
-from vlafuzz.triage.triager import Triager
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 FAILED, PASSED = Judged(Verdict.FAILED, "grasp", 1), Judged(Verdict.PASSED, None, 1)
@@ -64,28 +61,6 @@ def test_what_was_reset_by_luck_comes_back():
     shrunk = policy.shrunk(policy.finding(0))
     assert (shrunk.operators, shrunk.minimal) == (("light", "camera-orientation"), True)
     assert shrunk.rate.rollouts == shrunk.rate.failures == 5
-
-
-class AtTimes(PlantedRunner):
-    """Where it is very dark, every other rollout fails that is not tilted."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
-        very_dark = [
-            scene.light.intensity < 0.2 and number % 2 for scene, number in zip(scenes, numbers, strict=True)
-        ]
-        return [failed() if one else outcome for one, outcome in zip(very_dark, outcomes, strict=True)]
-
-
-def test_where_an_operator_is_needed_at_times_the_others_are_moved_closer_to_nominal():
-    policy = Planted([DARK, TILTED])
-    found = (policy.finding(seed) for seed in range(100))
-    scene = next(one for one in found if one.light.intensity < 0.15)
-    triaged = Triager(AtTimes([DARK, TILTED])).triage(Finding(scene, "p", 0, 0, ""))
-    assert triaged
-    assert triaged.shrunk
-    assert (triaged.bucket, triaged.operators) == ("minimal", ("light", "camera-orientation"))
-    assert 0.2 < triaged.shrunk.light.intensity < 0.4
 
 
 def test_thresholds_are_located_for_minimal_scenes_alone():

@@ -86,20 +86,6 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference:
     return shrunk
 
 
-def lessened(shrunk: Shrunk, oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
-    """The evidence for a scene with smaller values if that is minimal, as a last try; else that given.
-
-    Where operators are far from the reference, the policy may fail at times without the others, too, or an
-    object is in the way of a fair scene without them.
-    """
-    if shrunk.minimal or not shrunk.firm:
-        return shrunk
-    keep = shrunk.unresolved.keys()
-    way = shrink(shrunk.scene, oracle, space, reference.scene, lessen=True, keep=keep)
-    other = certify(way, oracle, space, reference) if len(way) > 1 else shrunk
-    return other if other.minimal else shrunk
-
-
 def certify_one(scene: Scene, oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
     """The evidence for one scene, as ``certify`` gives it for the first that it tries."""
     return _Certifier(oracle, space, reference).test(scene)

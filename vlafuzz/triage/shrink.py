@@ -1,6 +1,6 @@
 """Shrink: remove from a failing scene everything that does not matter, until each operator is necessary."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import TypeVar
@@ -31,7 +31,6 @@ def shrink(
     sure: int = SURE,
     values: bool = True,
     lessen: bool = False,
-    keep: Collection[str] = (),
 ) -> list[Scene]:
     """Reset in a failing scene what can be reset to a reference while it still fails.
 
@@ -41,13 +40,12 @@ def shrink(
         reference: a scene of the same targets; None for the nominal one.
         sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
         values: reset single values, too, not operators and confounders alone.
-        lessen: move the values that are left as close to the reference as they go, but not those of the
-            operators to ``keep``.
+        lessen: move the values that are left as close to the reference as they go.
 
     Returns:
         The failing scenes on the way, from the finding to the last and simplest one.
     """
-    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values, lessen, keep)
+    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values, lessen)
     shrinker.run()
     return shrinker.way
 
@@ -70,7 +68,6 @@ class _Shrinker:
     sure: int = SURE
     values: bool = True
     lessen: bool = False
-    keep: Collection[str] = ()
 
     @property
     def best(self) -> Scene:
@@ -87,8 +84,7 @@ class _Shrinker:
             self.drop_confounders()
             if self.values:
                 self._drop_values()
-            lessened = [name for name in self._left() if name not in self.keep]
-            for name in lessened if self.lessen else [CONFOUNDERS] * in_way:
+            for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
                 for gene in self._free(GROUPS[name]):
                     self._lessen(gene)
             if self._drop_operators():

@@ -15,7 +15,7 @@ from vlafuzz.space.jitter import Jitter, load_jitter
 from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import Shrunk, certify, lessened
+from vlafuzz.triage.certify import Shrunk, certify
 from vlafuzz.triage.directions import directed
 from vlafuzz.triage.known import by_known_cause
 from vlafuzz.triage.oracle import (
@@ -212,7 +212,6 @@ class Triager:
             way = shrink(triaged.scene, oracle, space, reference.scene, lessen=self.lessen)
             oracle.budget = confirmed + round(most * TO_CERTIFY)
             shrunk = certify(way, oracle, space, reference)
-            shrunk = shrunk if self.lessen else lessened(shrunk, oracle, space, reference)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
         rates = dict(shrunk.rates)
