@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+import vlafuzz.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
 from tests.doubles import failed, manifest
 from tests.triage.planted import CONDITIONS, Planted
 from tests.triage.runners import PlantedRunner
