@@ -61,7 +61,7 @@ def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, ManiSkillEv
 
 
 def jobs(store: Path, task: str, kind: Kind, number: int, driver: Path, out: Path) -> list[Job]:
-    """Jobs for that many demonstrations in scenes of one kind: every tenth is a folder in ``out``."""
+    """Jobs for that many demonstrations in scenes of one kind, each with a folder in ``out``."""
     parts = -(-number // JOB)
     drawn = list(islice(wanted(store, task, kind), parts * JOB * SPARE))
     return [
@@ -69,12 +69,12 @@ def jobs(store: Path, task: str, kind: Kind, number: int, driver: Path, out: Pat
             drawn[part::parts],
             part * JOB * SPARE,
             driver if kind == "taken-over" else None,
-            out / kind / f"{task}-{part:03d}",
+            out / f"{task}-{part:03d}",
         )
         for part in range(parts)
     ]
 
 
-def parts_of(folder: Path, kind: Kind, tasks: Sequence[str], number: int) -> list[Path]:
-    """The folders of the first demonstrations of a kind, that many of each task."""
-    return [part for task in tasks for part in sorted((folder / kind).glob(f"{task}-*"))[: -(-number // JOB)]]
+def parts_of(folder: Path, tasks: Sequence[str], number: int) -> list[Path]:
+    """The folders of the first demonstrations of one kind, that many of each task."""
+    return [part for task in tasks for part in sorted(folder.glob(f"{task}-*"))[: -(-number // JOB)]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,7 +89,7 @@ class Study:
             parts = [
                 part
                 for kind, share in ARMS[arm].items()
-                for part in shown.parts_of(demos, kind, options.tasks, round(share * options.demos))
+                for part in shown.parts_of(demos[kind], options.tasks, round(share * options.demos))
             ]
             folder = together(out / "arms" / name, parts)
             recipe = [*options.recipe.split(), "--seed", str(number_of(name))]
@@ -96,21 +97,23 @@ class Study:
             training[name] = self.lanes.submit(train, folder, old, init, out / "mini" / name, recipe, gpu)
         return training
 
-    def _demonstrate(self, before: str, init: Path, arms: set[str]) -> Path:
-        """The folder of all demonstrations that these arms need."""
-        options = self.options
-        folder: Path = options.out / "demos" / before
-        with once(folder) as unfinished:
-            if unfinished:
-                jobs: list[shown.Job] = []
-                for kind in KINDS:
-                    number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
-                    for task in options.tasks if number else ():
-                        store = options.out / "found" / before / f"{task}.db"
-                        jobs += shown.jobs(store, task, kind, number, init, unfinished)
+    def _demonstrate(self, before: str, init: Path, arms: set[str]) -> dict[str, Path]:
+        """The folders of all demonstrations that these arms need, by kind."""
+        options, folders, jobs = self.options, dict[str, Path](), list[shown.Job]()
+        with ExitStack() as stack:
+            for kind in KINDS:
+                number = round(max(ARMS[arm].get(kind, 0.0) for arm in arms) * options.demos)
+                if not number:
+                    continue
+                folders[kind] = options.out / "demos" / before / f"{kind}-{number}"
+                unfinished = stack.enter_context(once(folders[kind]))
+                for task in options.tasks if unfinished else ():
+                    store = options.out / "found" / before / f"{task}.db"
+                    jobs += shown.jobs(store, task, kind, number, init, unfinished)
+            if jobs:
                 done = sum(side_by_side(jobs, options.workers, f"demonstrations for {before}"))
                 print(f"{done} demonstrations for {before}", flush=True)
-        return folder
+        return folders
 
 
 def number_of(name: str) -> int:
