@@ -43,7 +43,9 @@ def main() -> None:
     parser.add_argument("--demos", type=int, default=400, help="demonstrations of each task")
     parser.add_argument("--old-demos", type=int, default=800, help="of each task, to be replayed")
     parser.add_argument("--recipe", default="--rate 5e-4 --updates 1500 --batch 512", help="of train_mini.py")
-    parser.add_argument("--seed", type=int, default=800, help="of the first repetition's runs")
+    parser.add_argument(
+        "--seed", type=int, default=800, help="of the first repetition: its runs and trainings"
+    )
     parser.add_argument(
         "--first", type=int, default=700_000, help="number of the first scene to be judged in"
     )

@@ -92,7 +92,7 @@ class Study:
                 for part in shown.parts_of(demos[kind], options.tasks, round(share * options.demos))
             ]
             folder = together(out / "arms" / name, parts)
-            recipe = [*options.recipe.split(), "--seed", str(number_of(name))]
+            recipe = [*options.recipe.split(), "--seed", str(options.seed + number_of(name))]
             gpu = (place + number_of(name)) % options.gpus if options.gpus else None
             training[name] = self.lanes.submit(train, folder, old, init, out / "mini" / name, recipe, gpu)
         return training
