@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.clients.conventions import ROTATIONS, SCALED, Convention
+from vlafuzz.clients.conventions import LAYOUTS, OWN, ROTATIONS, SCALED, Convention
 
 WRITTEN = {
     "axis_angle": lambda turn: turn.as_rotvec(),
@@ -83,3 +83,21 @@ def test_what_is_written_is_read_as_the_same_move(rotation, pose, tool, angles):
     turn = Rotation.from_euler("xyz", angles).as_rotvec()
     moves = np.array([[0.01, -0.02, 0.03, *turn, -1.0], [0.0, 0.1, 0.0, 0.0, 0.0, 0.2, 1.0]])
     assert convention.moves(convention.written(moves, HAND), HAND) == pytest.approx(moves, abs=1e-6)
+
+
+DOWN = [Rotation.from_euler("x", angle) * Rotation.from_euler("z", 0.3) for angle in (3.13, -3.13)]
+
+
+@pytest.mark.parametrize("rotation", ROTATIONS)
+def test_poses_of_a_hand_that_points_down_do_not_jump(rotation):
+    pose = Convention(True, False, rotation, 1.0, 1.0)
+    still = np.array([[0, 0, 0, 0, 0, 0, 1.0]])
+    one, other = (pose.written(still, np.hstack([HAND[:3], turn.as_rotvec()])) for turn in DOWN)
+    assert one == pytest.approx(other, abs=0.03)
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != OWN])
+def test_neither_do_states(layout):
+    states = [np.hstack([HAND[:3], turn.as_rotvec(), 1.0]).astype(np.float32) for turn in DOWN]
+    one, other = map(LAYOUTS[layout], states)
+    assert one == pytest.approx(other, abs=0.03)

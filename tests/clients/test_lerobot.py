@@ -68,6 +68,14 @@ class TestNames:
             make_policy(f"lerobot:{tmp_path}")
         assert caught.value.hint == "name the folder that lerobot saved"
 
+    @pytest.mark.parametrize("inner", ["pretrained_model", "checkpoints/last/pretrained_model"])
+    def test_a_folder_of_lerobots_trainer(self, tmp_path, inner):
+        (tmp_path / inner).mkdir(parents=True)
+        (tmp_path / inner / "config.json").write_text("{}")
+        with pytest.raises(UsageError, match=r"no config\.json there") as caught:
+            make_policy(f"lerobot:{tmp_path}?state=1")
+        assert caught.value.hint == f"lerobot:{tmp_path / inner}"
+
     def test_a_folder_that_is_not_there(self, tmp_path):
         with pytest.raises(UsageError, match="no such folder"):
             make_policy(f"lerobot:{tmp_path / 'missing'}")

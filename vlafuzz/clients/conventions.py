@@ -49,13 +49,40 @@ def _columns(turns: Rotation) -> Array:
     return np.asarray(turns.as_matrix()[:, :, :2])
 
 
+# A hand that points down is half a turn about x away from the base. Its angle would jump between 180 and -180
+# degrees with the last bit, and nobody learns from such numbers, so it goes on to 270, as LIBERO's do.
+
+
+def _vectors(turns: Rotation) -> Array:
+    """``(n, 3)`` rotation vectors; beyond 90 degrees those with x from 0 on."""
+    vectors = turns.as_rotvec()
+    angles = turns.magnitude()
+    other = (angles > np.pi / 2) & (vectors[:, 0] < 0)
+    vectors[other] *= 1 - 2 * np.pi / angles[other, None]
+    return np.asarray(vectors)
+
+
+def _quaternions(turns: Rotation) -> Array:
+    """``(n, 4)`` x, y, z, w with w from 0 on; beyond 90 degrees those with x from 0 on."""
+    numbers = turns.as_quat(canonical=True)
+    numbers[(turns.magnitude() > np.pi / 2) & (numbers[:, 0] < 0)] *= -1
+    return np.asarray(numbers)
+
+
+def _angles(turns: Rotation, axes: str) -> Array:
+    """``(n, 3)`` Euler angles, the first one from -90 to 270 degrees."""
+    angles = turns.as_euler(axes)
+    angles[angles[:, 0] < -np.pi / 2, 0] += 2 * np.pi
+    return np.asarray(angles)
+
+
 # How to write what ``ROTATIONS`` reads.
 _WRITTEN: dict[str, Callable[[Rotation], Array]] = {
-    "axis_angle": Rotation.as_rotvec,
-    "rpy": lambda turns: turns.as_euler("xyz"),
-    "euler_xyz": lambda turns: turns.as_euler("XYZ"),
-    "quaternion_xyzw": lambda turns: turns.as_quat(canonical=True),
-    "quaternion_wxyz": lambda turns: np.roll(turns.as_quat(canonical=True), 1, axis=1),
+    "axis_angle": _vectors,
+    "rpy": lambda turns: _angles(turns, "xyz"),
+    "euler_xyz": lambda turns: _angles(turns, "XYZ"),
+    "quaternion_xyzw": _quaternions,
+    "quaternion_wxyz": lambda turns: np.roll(_quaternions(turns), 1, axis=1),
     "rot6d": lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6),
     "rot6d_interleaved": lambda turns: _columns(turns).reshape(-1, 6),
 }
@@ -127,11 +154,12 @@ class Convention:
 
 def _two_fingers(state: State) -> State:
     finger = state[6] * 0.04
-    return np.concatenate([state[:6], [finger, -finger]], dtype=np.float32)
+    (turn,) = _vectors(Rotation.from_rotvec(state[None, 3:6]))
+    return np.concatenate([state[:3], turn, [finger, -finger]], dtype=np.float32)
 
 
 def _quaternion(state: State) -> State:
-    x, y, z, w = Rotation.from_rotvec(state[3:6]).as_quat(canonical=True)
+    ((x, y, z, w),) = _quaternions(Rotation.from_rotvec(state[None, 3:6]))
     return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)
 
 

@@ -23,6 +23,7 @@ from vlafuzz.policies.harness import check_chunks
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
 EMPTY = "empty_camera"  # of SmolVLA: a placeholder that needs no picture
+SAVED = ("pretrained_model", "checkpoints/last/pretrained_model")  # where lerobot's trainer puts a policy
 REMEMBERED = ("_queues", "_action_queue", "temporal_ensembler")  # rollout state of policies in lerobot 0.4
 
 
@@ -71,7 +72,8 @@ class LeRobot:
     def __init__(self, address: Address[LeRobotOptions]) -> None:
         folder = Path(address.url).expanduser()
         if not (folder / "config.json").is_file():
-            hint = "name the folder that lerobot saved"
+            inner = [folder / name for name in SAVED if (folder / name / "config.json").is_file()]
+            hint = f"lerobot:{inner[0]}" if inner else "name the folder that lerobot saved"
             missing = "no config.json there" if folder.is_dir() else "no such folder"
             raise UsageError(f"{address.name}: {missing}", hint)
         with needed(address.name, INSTALL), _loading(address.name):

@@ -103,7 +103,8 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
     wanted, out = share * len(failures), list[Failure]()
     if len(groups) < 2:
         problem = f"{source}: its {len(failures)} failures have one cause or neighbourhood"
-        raise UsageError(problem, hint="leave out --hold-out, or find failures with another one")
+        hint = "leave out --hold-out, and try the trained policy in random scenes with another --seed"
+        raise UsageError(problem, hint)
     for number in np.random.default_rng(len(failures)).permutation(len(groups)):
         group = groups[number]
         if abs(len(out) + len(group) - wanted) < abs(len(out) - wanted):
