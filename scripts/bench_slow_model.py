@@ -35,8 +35,8 @@ from vlafuzz.policies.controls import Random
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import serving
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.worlds import make_evaluator
 
 TASK = "pick-up"
 ALONE, TOGETHER = "alone", "together"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vlafuzz.sim.libero.env import STILL, LiberoEnv
 from vlafuzz.sim.libero.expert import Expert, can_solve
 from vlafuzz.sim.libero.packages import versions
-from vlafuzz.sim.libero.stages import Stages
+from vlafuzz.sim.libero.stages import Moment, monitor_of
 from vlafuzz.sim.libero.suites import SETTLING, SUITES, find_task, find_tasks
 from vlafuzz.statistics import wilson
 
@@ -52,14 +52,14 @@ def _rollout(env: LiberoEnv, number: int, *, frozen: bool) -> str:
     """The last stage that is reached within the suite's horizon."""
     env.reset(number)
     env.settle(SETTLING)
-    stages = Stages(env)
+    moment, monitor = Moment(env), monitor_of(env)
     actions: Iterable[NDArray[np.float64]] = repeat(STILL) if frozen else Expert(env).actions()
     for _, action in zip(range(env.task.horizon), actions, strict=False):
         env.step(action)
-        stages.observe()
-        if stages.success:
+        monitor.observe(moment)
+        if monitor.success_once:
             break
-    return stages.reached[-1] if stages.reached else "–"
+    return monitor.reached[-1] if monitor.reached else "–"
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ from typing import cast
 import numpy as np
 
 from vlafuzz.assets import corpus_dir
-from vlafuzz.conditions.stored import stored_space
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression import controls
 from vlafuzz.regression.corpus import Case, Corpus
@@ -39,6 +38,7 @@ from vlafuzz.store.records import Run
 from vlafuzz.triage.path import nominal
 from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.watch import SILENT
+from vlafuzz.worlds import stored_space
 
 TEMPLATE = corpus_dir() / "mini-pick-up"
 CASES, REPEATS = 3, 5

@@ -21,7 +21,7 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.recording import Stills
+from vlafuzz.sim.maniskill.stills import Stills
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.visible import unseen

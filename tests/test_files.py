@@ -21,7 +21,7 @@ from vlafuzz.formats.vlatest.format import write_entries
 from vlafuzz.processor import kept
 from vlafuzz.regression.junit import write_junit
 from vlafuzz.report.page import check_place, write_page
-from vlafuzz.sim.maniskill.recording import Recording, write_picture
+from vlafuzz.sim.recording import Recording, write_picture
 from vlafuzz.studies.plots import save
 
 PICTURE = np.zeros((32, 32, 3), dtype=np.uint8)

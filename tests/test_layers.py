@@ -28,6 +28,7 @@ ROWS = (
     "conditions",
     "clients",
     "serving sim",
+    "worlds",
     "execute store",
     "triage",
     "regression campaign",

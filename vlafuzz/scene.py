@@ -143,6 +143,14 @@ class Latency:
 
 
 @dataclass(frozen=True)
+class Start:
+    """``state``: number of the initial state from which a scene deviates, where a task has several."""
+
+    __pydantic_config__ = _STRICT
+    state: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
@@ -167,6 +175,7 @@ class Scene:
     initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
+    start: Start = field(default=Start(), metadata=_EXTRA)
 
     @property
     def instructions(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.recording import Recording
+from vlafuzz.sim.recording import Recording
 
 JOB = 20  # scenes
 

@@ -18,7 +18,7 @@ from vlafuzz.report.page import render_sheet
 from vlafuzz.report.sheet import Picture, Sheet
 from vlafuzz.report.view import Table
 from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.recording import Recording
+from vlafuzz.sim.recording import Recording
 from vlafuzz.text import interval, percent, points
 
 STRIPS, FRAMES = 3, 6  # scenes of each way to end, and frames of a rollout

@@ -14,9 +14,9 @@ from repair.arms import Kind, wanted
 from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.integrations.selection import Wanted
 from vlafuzz.outcome import Verdict
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds import make_evaluator
 
 SPARE = 3  # scenes for each demonstration: some are not fair, and some the expert does not solve
 JOB = 10  # demonstrations, in a folder of their own

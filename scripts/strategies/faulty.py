@@ -17,10 +17,11 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Policy
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Evaluator, make_evaluator
+from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import load_operators
 from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import LIFTED
+from vlafuzz.worlds import make_evaluator
 
 STEADY = 2  # control steps that a lifted object is held before it is let go: the stage counts as reached
 OPEN, CLOSED = 1.0, -1.0  # commands of the built-in policies to the gripper

@@ -12,12 +12,12 @@ from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.attack.readers import Reader, Rng
 from vlafuzz.conditions import place
-from vlafuzz.conditions.stored import stored_space
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import stored_space
 
 
 def changed_corpus(rng: Rng, folder: Path) -> Path:

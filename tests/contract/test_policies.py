@@ -11,7 +11,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Calibration, EpisodeStart, Observation, Policy, PolicySpec, Privileged
 from vlafuzz.policies.harness import check_chunks
-from vlafuzz.policies.registry import POLICIES, SERVERS, client, known_policies, make_policy
+from vlafuzz.policies.registry import OF_WORLDS, POLICIES, SERVERS, client, known_policies, make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import PROTOCOLS, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -153,7 +153,7 @@ class TestPolicy:
 
 def test_every_policy_is_listed_with_a_sentence():
     listed = known_policies()
-    assert list(listed) == [*POLICIES, *(client(protocol).form for protocol in SERVERS)]
+    assert list(listed) == [*POLICIES, *OF_WORLDS, *(client(protocol).form for protocol in SERVERS)]
     assert all(listed.values())
 
 

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.campaign.config import default_policy
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.outcome import Verdict
@@ -24,6 +23,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds import default_policy
 
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
 APPLE, CUBE = put("apple", -0.05, 0.1), put("green_cube", -0.05, -0.12)
@@ -97,7 +97,7 @@ def test_an_observation_without_a_picture_is_refused():
 def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):
     for problem, name in ((None, "mini"), ("no device", "pinhole")):
         monkeypatch.setattr(
-            "vlafuzz.campaign.config.probe_once", lambda problem=problem: Renderer(None, None, problem)
+            "vlafuzz.worlds.tabletop.probe_once", lambda problem=problem: Renderer(None, None, problem)
         )
         assert default_policy() == name
 

@@ -13,7 +13,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.recording import Recording
+from vlafuzz.sim.recording import Recording
 
 NOMINAL = nominal()
 ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")

@@ -14,8 +14,8 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.expert import Expert
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.sim.maniskill.world import World
+from vlafuzz.sim.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.scene import Noise
-from vlafuzz.sim.maniskill.cameras import SensorNoise
 from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
-from vlafuzz.sim.maniskill.evaluator import Episode
+from vlafuzz.sim.maniskill.evaluator import TabletopEpisode
+from vlafuzz.sim.noise import SensorNoise
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)
 CAMERA = CameraRequest("third_person", 64, 64)
@@ -64,7 +64,7 @@ def env() -> Iterator[TabletopEnv]:
 
 def observed(env: TabletopEnv, noise: Noise, seed: int = 0) -> np.ndarray:
     spec = PolicySpec("looks", cameras=(CAMERA,))
-    episode = Episode(env, spec, replace(nominal(), noise=noise), seed, Conditions(task="pick-up"))
+    episode = TabletopEpisode(env, spec, replace(nominal(), noise=noise), seed, Conditions(task="pick-up"))
     return episode.observe().images["third_person"]
 
 

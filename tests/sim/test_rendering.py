@@ -16,8 +16,8 @@ from vlafuzz.scene import Camera, Light, Scene
 from vlafuzz.sim.maniskill.env import TabletopEnv
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.recording import Recording
 from vlafuzz.sim.maniskill.rendering import SceneLights
+from vlafuzz.sim.recording import Recording
 
 pytestmark = pytest.mark.render
 SIZE = 160

@@ -16,7 +16,7 @@ from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.recording import Stills
+from vlafuzz.sim.maniskill.stills import Stills
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.validity import check_static
 

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.objects import load_catalogue
-from vlafuzz.tasks.base import HAND, TABLE, Monitor, State
+from vlafuzz.tasks.base import HAND, TABLE, State, StateMonitor
 
 CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (
@@ -46,7 +46,7 @@ def state(
     )
 
 
-def watch(monitor: Monitor, *states: State) -> Monitor:
+def watch(monitor: StateMonitor, *states: State) -> StateMonitor:
     for state in states:
         monitor.observe(state)
     return monitor

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.tasks.states import BASKET, CUBE, HELD, PLATE, REST, SPONGE, state, watch
-from vlafuzz.tasks.base import ARM, HAND, TABLE, Monitor, State
+from vlafuzz.tasks.base import ARM, HAND, TABLE, State, StateMonitor
 from vlafuzz.tasks.tabletop import PUT_IN, PUT_ON
 
 
@@ -15,8 +15,8 @@ class TestPutOn:
     plate, on = (0.0, 0.2, REST["plate"]), {(0, 1), (1, 0), (1, TABLE)}
     top = REST["plate"] * 2 + 0.015
 
-    def monitor(self) -> Monitor:
-        return Monitor(PUT_ON, (CUBE, PLATE), state((0.0, 0.0, 0.015), self.plate))
+    def monitor(self) -> StateMonitor:
+        return StateMonitor(PUT_ON, (CUBE, PLATE), state((0.0, 0.0, 0.015), self.plate))
 
     def at(self, y: float, z: float, **more) -> State:
         return state((0.0, y, z), self.plate, **more)
@@ -67,7 +67,7 @@ class TestPutOn:
     def test_published_success_takes_what_is_on_its_head_for_less_high_than_flat(self, lies, counts):
         turned = {0: Rotation.from_euler("x", 0.0 if lies == "upright" else 180.0, degrees=True)}
         start = state((0.0, 0.0, 0.015), self.plate, turned=turned)
-        monitor = Monitor(PUT_ON, (CUBE, PLATE), start)
+        monitor = StateMonitor(PUT_ON, (CUBE, PLATE), start)
         assert watch(monitor, self.at(0.2, self.top, turned=turned)).published_success is counts
 
 
@@ -77,8 +77,8 @@ class TestPutIn:
     basket, within = (0.0, 0.25, REST["basket"]), {(0, 1), (1, 0), (1, TABLE)}
     floor = REST["basket"] + BASKET.container.floor
 
-    def monitor(self, a=CUBE) -> Monitor:
-        return Monitor(PUT_IN, (a, BASKET), state((0.0, 0.0, REST[a.name]), self.basket))
+    def monitor(self, a=CUBE) -> StateMonitor:
+        return StateMonitor(PUT_IN, (a, BASKET), state((0.0, 0.0, REST[a.name]), self.basket))
 
     def at(self, x: float = 0.0, y: float = 0.25, height: float = 0.015, **more) -> State:
         return state((x, y, self.floor + height), self.basket, **{"touching": self.within} | more)

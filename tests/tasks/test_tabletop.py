@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.tasks.states import BASKET, CAN, CUBE, HELD, PLATE, REST, SPONGE, state, watch
 from vlafuzz.errors import UsageError
-from vlafuzz.tasks.base import ARM, HAND, TABLE, Monitor, State
+from vlafuzz.tasks.base import ARM, HAND, TABLE, State, StateMonitor
 from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
 
 
@@ -29,8 +29,8 @@ class TestPickUp:
 
     ground = (0.1, 0.0, REST["coke_can"])
 
-    def monitor(self) -> Monitor:
-        return Monitor(PICK_UP, (CAN,), state(self.ground))
+    def monitor(self) -> StateMonitor:
+        return StateMonitor(PICK_UP, (CAN,), state(self.ground))
 
     def up(self, height: float, held: int | None = 0, touching=HELD) -> State:
         place = (0.1, 0.0, REST["coke_can"] + height)
@@ -93,8 +93,8 @@ class TestMoveNear:
 
     b, c = (0.0, 0.2, 0.015), (0.1, -0.2, 0.015)
 
-    def monitor(self) -> Monitor:
-        return Monitor(MOVE_NEAR, (CUBE, CUBE, CUBE), state((0.0, 0.0, 0.015), self.b, self.c))
+    def monitor(self) -> StateMonitor:
+        return StateMonitor(MOVE_NEAR, (CUBE, CUBE, CUBE), state((0.0, 0.0, 0.015), self.b, self.c))
 
     def at(self, y: float, z: float = 0.015, **more) -> State:
         return state((0.0, y, z), self.b, self.c, **more)
@@ -159,7 +159,7 @@ class TestMoveNear:
     def test_published_success_believes_the_sides_that_a_pack_says(self):
         long = replace(CUBE, box=np.array([0.03, 0.18, 0.03]))
         start = state((0.0, 0.0, 0.015), self.b, self.c)
-        monitor = Monitor(MOVE_NEAR, (long, CUBE, CUBE), start)
+        monitor = StateMonitor(MOVE_NEAR, (long, CUBE, CUBE), start)
         assert watch(monitor, self.at(0.05)).published_success
 
 
@@ -173,7 +173,7 @@ def test_progress_is_in_zero_to_one_and_never_one_without_success_whatever_happe
     spots = [(0.2 * index, 0.0, REST[model.name]) for index, model in enumerate(models)]
     everything = [0, 1, TABLE, HAND, ARM]
     for _ in range(20):
-        monitor = Monitor(chosen, models, state(*spots))
+        monitor = StateMonitor(chosen, models, state(*spots))
         for _ in range(12):
             moved = np.array(spots) + rng.normal(0, 0.1, (len(spots), 3)) * [1, 1, 0.3]
             touching = {(0, everything[index]) for index in rng.choice([1, 2, 3], rng.integers(0, 3))}

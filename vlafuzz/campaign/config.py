@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from vlafuzz import assets
+from vlafuzz import assets, worlds
 from vlafuzz.campaign.fuzz import PATIENCE, Space
 from vlafuzz.campaign.results import Embed
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
-from vlafuzz.errors import SceneError, UsageError, check_number
+from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import Place, default_workers, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
@@ -22,9 +22,8 @@ from vlafuzz.objects import Pack, load_catalogue
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import check_policy_name, is_shared, names_its_model
-from vlafuzz.renderer import check_renderer, probe_once
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.rigs.robots import PANDA, rig
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
@@ -33,7 +32,6 @@ from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.base import Task
-from vlafuzz.tasks.tabletop import task as find_task
 
 BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
@@ -48,9 +46,9 @@ class RunConfig:
     """A run as the user asks for it; None stands for a default.
 
     Attributes:
-        task: by default that of ``scenes``, else pick-up.
+        task: by default that of ``scenes``, else pick-up; of another world its name there, see ``worlds``.
         robot: the name of a rig; by default that of ``scenes``, else panda.
-        policy: by default ``default_policy``.
+        policy: by default that of the world, see ``World.default_policy``.
         label: which model the policy is; by default empty, but ``alone`` where the policy's name leaves open
             which model it is, so that the run shares no outcomes with others.
         alone: a label that no other configuration has, except for copies of this one.
@@ -128,20 +126,21 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     """
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)
-    task, setup = named_task(config, scenes), named_rig(config, scenes)
-    policy_name = config.policy or default_policy(setup)
+    task = named_task(config, scenes)
+    world, setup = worlds.world_of(task.name), named_rig(config, scenes, task.name)
+    policy_name = config.policy or world.default_policy(setup.robot)
     strategy_name = named_strategy(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
     if policy is None:
         check_policy_name(policy_name)
     catalogue = load_catalogue(packs=config.packs)
-    space = SearchSpace(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
+    space = worlds.make_space(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
     policy = policy or policy_at(place, policy_name)
     if policy.spec.cameras and place.kind != "ray":
-        check_renderer()
+        world.check_pictures()
     batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))
     named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
     if config.label is None:
@@ -183,11 +182,6 @@ def _triage_workers(wanted: int | None, policy: str, place: Place) -> int:
     if place.kind in ("local", "ray") or is_shared(policy):
         return 1
     return default_workers(policy) if wanted is None else wanted
-
-
-def default_policy(setup: Rig = PANDA) -> str:
-    """``mini`` where pictures of its robot can be rendered, else ``pinhole``, which needs physics only."""
-    return "mini" if setup is PANDA and probe_once().works else "pinhole"
 
 
 def default_store(task: str, policy: str, seed: int) -> Path:
@@ -240,12 +234,15 @@ def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
             problem = f"scene {number} is of task {scene.task!r}, not {wanted!r}"
             hint = "a run has one task: split the file, or leave out --task"
             raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
-    return find_task(wanted)
+    return worlds.world_of(wanted).task(wanted)
 
 
-def named_rig(config: RunConfig, scenes: Sequence[Scene]) -> Rig:
+def named_rig(config: RunConfig, scenes: Sequence[Scene], task: str) -> Rig:
     """The rig of the robot that the user names, or that of the scenes of a file; its files are there."""
-    setup = rig(config.robot or (scenes[0].robot if scenes else PANDA.robot))
+    known = worlds.world_of(task).robots
+    setup = rig(config.robot or (scenes[0].robot if scenes else next(iter(known))))
+    if setup.robot not in known:
+        raise UsageError(f"--robot {setup.robot}: not for {task}", hint=suggestion(setup.robot, known))
     for number, scene in enumerate(scenes, start=1):
         if scene.robot != setup.robot:
             problem = f"scene {number} is for {scene.robot!r}, not {setup.robot!r}"
@@ -293,7 +290,7 @@ def _manifest(
     operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.rig.robot},
-        **provenance.here(str(config.policy), policy, space.catalogue, workers=workers),
+        **worlds.here(space.task.name, str(config.policy), policy, space.catalogue, workers=workers),
         scene_file=scene_file,
         min_distance=operators.min_distance,
         visible=visible_json(operators.visible),

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vlafuzz.campaign.config import default_policy
 from vlafuzz.conditions import place
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.stored import packs_json
@@ -20,12 +19,12 @@ from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import default_policy, make_evaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.recording import Recording
+    from vlafuzz.sim.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -188,4 +187,7 @@ def _example(store: Store) -> str:
 
 def _never_run(scene: Scene) -> Replayable:
     packs = packs_of(placement.object for placement in scene.placements)
-    return Replayable(scene, Conditions(task=scene.task, policy=default_policy(), packs=packs_json(packs)))
+    return Replayable(
+        scene,
+        Conditions(task=scene.task, policy=default_policy(scene.task, scene.robot), packs=packs_json(packs)),
+    )

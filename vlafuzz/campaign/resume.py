@@ -9,7 +9,6 @@ from typing import Any
 from vlafuzz.campaign.config import (
     Plan,
     RunConfig,
-    default_policy,
     default_store,
     named_operators,
     named_rig,
@@ -26,6 +25,7 @@ from vlafuzz.plugins import check_trusted
 from vlafuzz.rigs.robots import rig
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import default_policy
 
 _ANEW = ("scenes", "pool", "workers", "executor", "address")  # not stored: every command says them anew
 
@@ -42,7 +42,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     asked = RunConfig(**flags)
     scenes = read_scene_file(asked.scenes, asked.pool)
     task, strategy = named_task(asked, scenes), named_strategy(asked)
-    policy = asked.policy or default_policy(named_rig(asked, scenes))
+    policy = asked.policy or default_policy(task.name, named_rig(asked, scenes, task.name).robot)
     path = asked.store or default_store(task.name, policy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Store.open(path) as store:

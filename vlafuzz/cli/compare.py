@@ -69,14 +69,15 @@ def command(
     rollouts. All is kept in one store; the same command continues after an interruption, and with more
     --repeats, --strategies or --triage-rollouts it does what is missing.
     """
-    from vlafuzz.campaign.config import RunConfig, default_policy, default_store
+    from vlafuzz.campaign.config import RunConfig, default_store
     from vlafuzz.compare.compare import compare
     from vlafuzz.compare.page import write_folder
     from vlafuzz.diagnostics.before_run import speed_of
+    from vlafuzz.worlds import default_policy
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
-    policy = policy or default_policy()
+    policy = policy or default_policy(task)
     default = f"compare-{default_store(task, policy, 0).stem[:-2]}"
     store = store or Path("runs") / f"{default}.db"
     run = RunConfig(

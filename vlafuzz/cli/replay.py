@@ -17,7 +17,7 @@ from vlafuzz.renderer import check_renderer, probe
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.replay import Replayed
-    from vlafuzz.sim.maniskill.recording import Recording
+    from vlafuzz.sim.recording import Recording
 
 
 def command(
@@ -64,7 +64,7 @@ def command(
     filmed = video is not None or picture is not None
     if filmed:
         check_renderer()
-    from vlafuzz.sim.maniskill.recording import Recording
+    from vlafuzz.sim.recording import Recording
 
     recording = Recording(480 if filmed else 0)
     replayed = replay(wanted, policy, recording, must_see=seen is not None)
@@ -91,7 +91,7 @@ def _write(
     trace: Path | None,
 ) -> None:
     """Write what is asked for, and say where it is."""
-    from vlafuzz.sim.maniskill.recording import write_picture
+    from vlafuzz.sim.recording import write_picture
 
     if lost := replayed.outcome.lost_stage:
         recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")

@@ -43,6 +43,12 @@ def command(
     task: Annotated[
         str | None, typer.Option(help="What the robot is told to do.", show_default="pick-up")
     ] = None,
+    world: Annotated[
+        str | None,
+        typer.Option(
+            help="Where: tabletop, or libero:SUITE/NUMBER in place of --task.", show_default="tabletop"
+        ),
+    ] = None,
     robot: RobotFlag = None,
     policy: PolicyFlag = None,
     label: LabelFlag = None,
@@ -137,9 +143,10 @@ def command(
     from vlafuzz.diagnostics.before_run import checked_plan
     from vlafuzz.search.base import about, looks_for_causes
     from vlafuzz.triage.jobs import Allowance
+    from vlafuzz.worlds import task_of
 
     values = {
-        "task": task,
+        "task": task_of(world, task),
         "robot": robot,
         "policy": policy,
         "label": label,

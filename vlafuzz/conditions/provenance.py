@@ -18,14 +18,11 @@ _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
 def here(name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = False) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed (``Origin.HERE``); see ``place.here``."""
-    packages = ("vlafuzz", "mani_skill", "sapien")
-    installed = versions()
+    """The fields of conditions that come with what is installed (``Origin.HERE``) but ``simulator``."""
     return {
         "spec": described(policy.spec),
         "source": source_digest(name, policy),
         "catalogue_digest": catalogue.digest,
-        "simulator": "/".join(f"{package} {installed.get(package)}" for package in packages),
         "commit": commit(),
         "place": place.here(name, policy.spec, workers=workers),
     }

@@ -8,7 +8,7 @@ from vlafuzz import assets
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import StoreError
 from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
-from vlafuzz.space import OPERATORS, OperatorSet, SearchSpace, load_operators
+from vlafuzz.space import OPERATORS, OperatorSet, load_operators
 from vlafuzz.space.operators import EXTRAS
 from vlafuzz.validity import Visible
 
@@ -75,14 +75,3 @@ def stored_packs(*several: Conditions) -> tuple[Pack, ...]:
 def stored_catalogue(*several: Conditions) -> Catalogue:
     """The catalogue with the packs of all these conditions; a UsageError if one is gone."""
     return load_catalogue(packs=stored_packs(*several))
-
-
-def stored_space(source: Path, conditions: Conditions) -> SearchSpace:
-    """The space that contains the scenes of a run; ``source`` is the store or corpus, for messages.
-
-    Raises:
-        StoreError: another version wrote it, with other operators.
-        UsageError: an object pack is gone.
-    """
-    operators = stored_operators(source, conditions)
-    return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)

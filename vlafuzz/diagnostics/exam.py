@@ -27,12 +27,12 @@ from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds import make_evaluator
 
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")

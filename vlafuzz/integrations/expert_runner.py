@@ -18,12 +18,12 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.scene import Latency, Scene
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.triage.witness import Player
+from vlafuzz.worlds import make_evaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.evaluator import SceneEvaluator
 
 UNFAIR = "its scene is not fair"
 BROKEN = "the simulator broke"
@@ -55,8 +55,8 @@ class ExpertRunner:
         self.interface: Interface = interface_of(run.policy, run.spec)
         self._catalogue = stored_catalogue(run)
         self._demonstrator = Demonstrator(self.interface)
-        self._solving: ManiSkillEvaluator | None = None
-        self._playing: dict[bool, ManiSkillEvaluator] = {}  # by whether there are pictures
+        self._solving: SceneEvaluator | None = None
+        self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
 
     def solve(self, scene: Scene, first: int = 0) -> Solution | str:
         """The expert's solution, beginning with its ``first`` attempt; or why there is nothing to be solved.
@@ -125,7 +125,7 @@ class ExpertRunner:
         still[-1] = last[-1]
         return still
 
-    def _player(self, *, pictures: bool) -> ManiSkillEvaluator:
+    def _player(self, *, pictures: bool) -> SceneEvaluator:
         if pictures not in self._playing:
             player, spec = Player(self.interface.spec), self.interface.spec
             cameras = spec.cameras if pictures else ()

@@ -46,12 +46,12 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.rigs.robots import rig
-from vlafuzz.sim.base import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
+from vlafuzz.worlds import make_evaluator
 
 if TYPE_CHECKING:  # vla-eval chooses the renderer before the simulator is imported
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.sim.evaluator import SceneEvaluator
 
 NAME = "vla-eval"  # in messages
 UNUSED = {"batch", "deterministic", "timeout"}  # options of the policy that vla-eval itself decides here
@@ -91,7 +91,7 @@ class CorpusBenchmark(StepBenchmark):
         self._catalogue = stored_catalogue(*self._corpus.runs)
         self._player = Player(self.spec)
         self._player.spec = replace(self.spec, execute=1)
-        self._evaluators: dict[str, ManiSkillEvaluator] = {}  # by conditions
+        self._evaluators: dict[str, SceneEvaluator] = {}  # by conditions
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
@@ -176,7 +176,7 @@ class CorpusBenchmark(StepBenchmark):
                 evaluator.renew()
             raise
 
-    def _evaluator(self, run: Manifest) -> ManiSkillEvaluator:
+    def _evaluator(self, run: Manifest) -> SceneEvaluator:
         key = run.key(seeded=False)
         if key not in self._evaluators:
             once = replace(run, repeats=1)

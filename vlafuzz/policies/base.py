@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,6 +194,7 @@ class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
     ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``.
+    ``privileged``: the ground truth of the world, on the tabletop a ``Privileged``.
     """
 
     episode: str
@@ -203,7 +204,7 @@ class Observation:
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     state: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
-    privileged: Privileged | None = None
+    privileged: Any = None
     calibration: Calibration | None = None
 
 

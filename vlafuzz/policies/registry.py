@@ -30,9 +30,10 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": Random,
     "frozen": Frozen,
 }
+# Policies of other worlds than the tabletop, by module and class.
+OF_WORLDS = {"libero-expert": "vlafuzz.sim.libero.expert_policy:LiberoExpert"}
 RETRAINED = "mini:"  # and the folder of other weights for the same network
 # Policies behind model servers, by protocol; named protocol:address, or just by the address for HTTP.
-# The layers import clients after policies, so a client is only loaded when its protocol is named.
 SERVERS = {
     "vla-eval": "vlafuzz.clients.vla_eval:VlaEval",
     "openpi": "vlafuzz.clients.openpi:OpenPi",
@@ -60,19 +61,25 @@ class Client(Protocol):
 
 def client(protocol: str) -> Client:
     """The class of policies that speak a protocol, a key of ``SERVERS``."""
-    module, _, name = SERVERS[protocol].partition(":")
-    return cast(Client, getattr(importlib.import_module(module), name))
+    return cast(Client, _named(SERVERS[protocol]))
+
+
+def _named(place: str) -> Any:
+    """What stands at ``module:name``. The layers import it after policies, so only when it is asked for."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)
 
 
 def is_built_in(name: str) -> bool:
     """Whether a policy is one of ours, with whatever weights."""
-    return name in POLICIES or name.startswith(RETRAINED)
+    return name in POLICIES or name in OF_WORLDS or name.startswith(RETRAINED)
 
 
 def known_policies() -> dict[str, str]:
     """Name → description, one sentence each."""
     clients = [client(protocol) for protocol in SERVERS]
-    named = POLICIES | {kind.form: kind for kind in clients}
+    others = {name: _named(place) for name, place in OF_WORLDS.items()}
+    named = POLICIES | others | {kind.form: kind for kind in clients}
     return {
         name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
         for name, factory in named.items()
@@ -92,7 +99,7 @@ def check_policy_name(name: str) -> None:
         form = client(name).form
         raise UsageError(f"unknown policy {name!r}: no address", hint=f"expected {form}?option=value&…")
     elif not is_built_in(name):
-        near = suggestion(name.partition(":")[0], [*POLICIES, *SERVERS])
+        near = suggestion(name.partition(":")[0], [*POLICIES, *OF_WORLDS, *SERVERS])
         raise UsageError(f"unknown policy {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
 
 
@@ -148,6 +155,8 @@ def make_policy(name: str) -> Policy:
         return kind(_address(name, kind))
     if name.startswith(RETRAINED):
         return _mini(Path(name.removeprefix(RETRAINED)).expanduser())
+    if name in OF_WORLDS:
+        return cast(Policy, _named(OF_WORLDS[name])())
     if not is_reference(name):
         return POLICIES[name]()
     policy = make_of(name)

@@ -5,7 +5,6 @@ from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 
-from vlafuzz.conditions.stored import stored_space
 from vlafuzz.deadline import Deadline
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.plugins import check_trusted
@@ -22,6 +21,7 @@ from vlafuzz.renderer import probe_once
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage import scene_runner
 from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds import stored_space
 
 
 def compare_policies(

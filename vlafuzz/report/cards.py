@@ -4,7 +4,6 @@ import shlex
 from contextlib import suppress
 from pathlib import Path
 
-from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes, Rate
 from vlafuzz.regression.corpus import Case, Corpus
@@ -16,6 +15,7 @@ from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.text import interval
 from vlafuzz.triage.path import deviating
+from vlafuzz.worlds import stored_space
 
 _DIGITS = 12  # of a digest, in a command
 

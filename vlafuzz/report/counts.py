@@ -9,7 +9,7 @@ from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.tasks.tabletop import task
+from vlafuzz.worlds import world_of
 
 _VERDICTS = {
     Verdict.FAILED: "of the judged scenes",
@@ -83,7 +83,8 @@ def funnels(counts: Counts) -> tuple[Chart, ...]:
     """How many rollouts reached each stage: one chart per task and policy."""
     charts = []
     for (name, policy), begun in counts.begun.items():
-        reached = {stage: counts.reached[name, policy, stage] for stage in task(name).stage_names}
+        stages = world_of(name).task(name).stage_names
+        reached = {stage: counts.reached[name, policy, stage] for stage in stages}
         measures = [
             Measure(stage, Share.of_counts(number, begun), rate=not counts.guided)
             for stage, number in reached.items()

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import stored_catalogue, stored_space
+from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes
 from vlafuzz.phrasing import failing_range
@@ -24,6 +24,7 @@ from vlafuzz.space.operators import (
     Wording,
 )
 from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+from vlafuzz.worlds import stored_space
 
 UNLOCATED = "its threshold did not fit into the rollouts"
 

@@ -32,10 +32,10 @@ from vlafuzz.search.base import UNGUIDED
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.tasks.tabletop import task
 from vlafuzz.text import duration, interval, named, percent, plural
 from vlafuzz.triage.pipeline import hours
 from vlafuzz.triage.summary import TriageSummary, summarise
+from vlafuzz.worlds import world_of
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 
@@ -264,6 +264,6 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
 
 def _lost(corpus: Corpus) -> Chart:
     lost, cases = Counter(case.lost_stage for case in corpus.cases), len(corpus.cases)
-    stages = task(corpus.task).stage_names
+    stages = world_of(corpus.task).task(corpus.task).stage_names
     measures = (Measure(stage, Share.of_counts(lost[stage], cases)) for stage in stages)
     return Chart("Lost stage", "The stage that the policy does not reach; of all cases.", tuple(measures))

@@ -141,6 +141,7 @@ class Rig:
         photos: by task, the photo below ``overlays/`` in a pack that replaces the background of the
             third-person camera. Matches the nominal view only.
         operators: name of the operator set that is used by default.
+        initial_states: that a task has of its own; 0 where the operators say how it begins.
     """
 
     robot: str
@@ -162,6 +163,7 @@ class Rig:
     surface: Workspace | None = None
     photos: Mapping[str, str] = field(default_factory=dict)
     operators: str = "tabletop"
+    initial_states: int = 0
     original: Original | None = None
 
     @property

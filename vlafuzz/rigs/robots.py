@@ -131,6 +131,20 @@ _ALL = (
 )
 RIGS = {rig.robot: rig for rig in _ALL}
 
+# LIBERO's Panda. Places are offsets from a suite's own initial state; base, joints and view are robosuite's,
+# and nothing reads the Panda's here. The variants differ in what is left out of pictures:
+# sim/libero/pictures.py.
+LIBERO = replace(
+    PANDA,
+    robot="libero",
+    workspace=Workspace(x=(-0.2, 0.2), y=(-0.2, 0.2)),
+    control_hz=20,
+    seconds=26,  # of the longest suite
+    operators="libero",
+    initial_states=50,
+)
+OF_LIBERO = {name: replace(LIBERO, robot=name) for name in ("libero", "libero-coarse", "libero-fast")}
+
 
 def rig(robot: str) -> Rig:
     """The rig of a robot.
@@ -138,6 +152,7 @@ def rig(robot: str) -> Rig:
     Raises:
         SceneError: no such robot.
     """
-    if robot not in RIGS:
-        raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, RIGS))
-    return RIGS[robot]
+    known = RIGS | OF_LIBERO
+    if robot not in known:
+        raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, known))
+    return known[robot]

@@ -1,24 +1,16 @@
-"""Evaluator: scenes in, outcomes out; and how one is made from conditions."""
+"""Evaluator: scenes in, outcomes out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import stored_catalogue
-from vlafuzz.objects import Catalogue
 from vlafuzz.outcome import Outcome
-from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.sim.stepping import Evaluation
 
-if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.sim.maniskill.recording import Recording
-
+FRAMES = 5  # of a film, for a second of the rollout
 FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
 
 
@@ -51,27 +43,3 @@ class SteppedEvaluator(Evaluator, Protocol):
 
         Only PrerequisiteError is raised.
         """
-
-
-def make_evaluator(
-    conditions: Conditions,
-    policy: Policy | None = None,
-    *,
-    catalogue: Catalogue | None = None,
-    checked: bool = True,
-    recording: Recording | None = None,
-) -> ManiSkillEvaluator:
-    """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
-
-    By default the policy is the one that the conditions name, made anew, and the catalogue the built-in one
-    with their packs. ``checked``: whether validity is checked before a rollout.
-    """
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-
-    return ManiSkillEvaluator(
-        conditions,
-        policy or make_policy(conditions.policy),
-        catalogue or stored_catalogue(conditions),
-        checked=checked,
-        recording=recording,
-    )

@@ -18,6 +18,7 @@ from vlafuzz.space.compose import Composer, Values, camera
 from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import OPERATORS, CameraPosition, TargetType
 from vlafuzz.space.params import Gene, Genome
+from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task as task_named
 
 Vector = NDArray[np.float64]
@@ -34,8 +35,9 @@ class Codec:
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
         self.operators = operators.in_task(task)
-        self.catalogue, self.task, self.rig = catalogue, task_named(task), rig(robot)
-        self.composer = Composer(self.operators, catalogue, self.task, robot)
+        self.catalogue, self.rig = catalogue, rig(robot)
+        self.task = self._find_task(task)
+        self.composer = self._make_composer()
         self.by_path = {gene.path: gene for gene in self.composer.genes}
         self.genes = tuple(gene for gene in self.composer.genes if self.varies(gene))
         self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
@@ -43,6 +45,12 @@ class Codec:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.operators, self.catalogue, self.task.name, self.rig.robot)
+
+    def _find_task(self, name: str) -> Task:
+        return task_named(name)
+
+    def _make_composer(self) -> Composer:
+        return Composer(self.operators, self.catalogue, self.task, self.rig.robot)
 
     @property
     def dim(self) -> int:

@@ -26,7 +26,7 @@ from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.instructions import load_wordings, say
 
 Values = dict[str, float]  # by path in a scene; a category by its index
-_PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with one gene per field
+PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with one gene per field
 
 
 class Composer:
@@ -44,7 +44,7 @@ class Composer:
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
         self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
         self.genes = [gene for name in OPERATORS for gene in operators.operators[name].genes(self.layout)]
-        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in _PARTS}
+        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         """The scene with these values. A name that is taken is replaced by the next free one."""
@@ -62,7 +62,7 @@ class Composer:
             confounders=placed[self._task.targets :],
             camera=camera(values),
             robot=self._robot,
-            **{part: self._composed(part, values) for part in _PARTS},
+            **{part: self._composed(part, values) for part in PARTS},
         )
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
@@ -74,22 +74,27 @@ class Composer:
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
-        values: Values = {"confounders": len(scene.confounders)}
-        for part, genes in self._fields.items():
-            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
+        values = self._shared_values(scene) | {"confounders": len(scene.confounders)}
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self._placed(slot, placement)
-        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
-            values[f"camera.{field}"] = getattr(scene.camera, field)
         known = [target.object for target in scene.targets if target.object in self._catalogue]
         spoken = [self._catalogue[name].spoken for name in known]
         wordings = [say(wording, spoken) for wording in self._wordings]
-        return values | {"instruction": math.nan if scene.then else _index(wordings, scene.instruction)}
+        return values | {"instruction": math.nan if scene.then else index_of(wordings, scene.instruction)}
+
+    def _shared_values(self, scene: Scene) -> Values:
+        """The values of camera, light and extras."""
+        values: Values = {}
+        for part, genes in self._fields.items():
+            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
+        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
+            values[f"camera.{field}"] = getattr(scene.camera, field)
+        return values
 
     def _composed(self, part: str, values: Mapping[str, float]) -> Any:
         """A part of the scene that has one gene per field."""
-        nominal, changed = _PARTS[part], dict[str, object]()
+        nominal, changed = PARTS[part], dict[str, object]()
         for gene in self._fields[part]:
             field, value = gene.path.rpartition(".")[2], values[gene.path]
             usual = getattr(nominal, field)
@@ -102,8 +107,8 @@ class Composer:
         known = placement.object in self._catalogue and placement.quaternion is None
         poses = [pose.name for pose in self._catalogue[placement.object].stable_poses] if known else []
         return {
-            f"{slot}.object": _index(self.layout.slots[slot], placement.object),
-            f"{slot}.rest": _index(poses, placement.rest),
+            f"{slot}.object": index_of(self.layout.slots[slot], placement.object),
+            f"{slot}.rest": index_of(poses, placement.rest),
             f"{slot}.x": placement.x,
             f"{slot}.y": placement.y,
             f"{slot}.yaw": placement.yaw if placement.quaternion is None else math.nan,
@@ -119,7 +124,7 @@ class Composer:
 def _value(gene: Gene, part: Any) -> float:
     """The value of a gene in a part of a scene."""
     shown = getattr(part, gene.path.rpartition(".")[2])
-    return _index(gene.options, shown) if gene.options else float(shown)
+    return index_of(gene.options, shown) if gene.options else float(shown)
 
 
 def camera(values: Mapping[str, float]) -> Camera:
@@ -130,7 +135,8 @@ def camera(values: Mapping[str, float]) -> Camera:
     return Camera(distance, azimuth, 0.0 if distance == 0 else elevation, **turned)
 
 
-def _index(known: Sequence[str], name: str) -> float:
+def index_of(known: Sequence[str], name: str) -> float:
+    """The index of a name among those that are known; NaN if it is not."""
     return known.index(name) if name in known else math.nan
 
 

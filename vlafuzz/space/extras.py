@@ -102,4 +102,16 @@ class ControlLatency(Extra):
     delay: Span
 
 
-ALL: tuple[type[Extra], ...] = (Backdrop, InitialPose, SensorNoise, ControlLatency)
+class InitialState(Extra):
+    """From which of the task's own initial states a scene deviates, where the world has several."""
+
+    name, says, part = "initial-state", "which of the task's own initial states it is", "start"
+    state: Span
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        if layout.rig.initial_states > 1:
+            last = min(int(self.state.high), layout.rig.initial_states - 1)
+            yield self._gene(f"{self.part}.state", "category", Grid.choice(last + 1))
+
+
+ALL: tuple[type[Extra], ...] = (Backdrop, InitialPose, SensorNoise, ControlLatency, InitialState)

@@ -6,6 +6,7 @@ Stages and progress are pure functions of a State, a snapshot of the simulation 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,12 +85,13 @@ class Situation:
 class Stage:
     """A milestone, reached when ``holds`` has been true for ``steps`` consecutive control steps.
 
-    ``nearness`` measures in [0, 1] how close a situation is to it.
+    ``nearness`` measures in [0, 1] how close a situation is to it. What a situation is depends on the world:
+    on the tabletop a ``Situation``.
     """
 
     name: str
-    holds: Callable[[Situation], bool]
-    nearness: Callable[[Situation], float]
+    holds: Callable[[Any], bool]
+    nearness: Callable[[Any], float]
     steps: int = 2
 
 
@@ -120,33 +122,38 @@ class Task:
 
 
 class Monitor:
-    """Tracks stages and progress of a rollout."""
+    """Tracks stages and progress of a rollout.
 
-    def __init__(self, task: Task, models: tuple[ObjectModel, ...], start: State) -> None:
-        self._task, self._models, self._start = task, models, start
-        self._streaks = [0] * len(task.stages)
+    Args:
+        stages: in order; the last one is success.
+        published: the weaker success, see ``Task.published``.
+    """
+
+    def __init__(self, stages: tuple[Stage, ...], published: Callable[[Any], bool]) -> None:
+        self._stages, self._published = stages, published
+        self._streaks = [0] * len(stages)
         self.reached: list[str] = []
         self.published_success = self.published_now = False
         self._trace: list[float] = []
 
-    def observe(self, state: State) -> None:
-        situation = Situation(self._models, self._start, state)
-        for index, stage in enumerate(self._task.stages):
+    def observe(self, situation: Any) -> None:
+        """Take notice of the situation after a control step."""
+        for index, stage in enumerate(self._stages):
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
         self._advance()
         self._trace.append(self._progress(situation))
-        self.published_now = self._task.published(situation)
+        self.published_now = self._published(situation)
         self.published_success = self.published_success or self.published_now
 
     @property
     def success_now(self) -> bool:
         """Whether success holds at the last step, and has for long enough."""
-        return self._streaks[-1] >= self._task.stages[-1].steps
+        return self._streaks[-1] >= self._stages[-1].steps
 
     @property
     def success_once(self) -> bool:
         """Whether success has been reached at any step."""
-        return len(self.reached) == len(self._task.stages)
+        return len(self.reached) == len(self._stages)
 
     @property
     def progress(self) -> float:
@@ -159,18 +166,30 @@ class Monitor:
         return np.array(self._trace, dtype=np.float32)
 
     def _advance(self) -> None:
-        stages = self._task.stages
+        stages = self._stages
         if self.success_now:
-            self.reached = list(self._task.stage_names)
+            self.reached = [stage.name for stage in stages]
         while len(self.reached) < len(stages) - 1:
             index = len(self.reached)
             if self._streaks[index] < stages[index].steps:
                 break
             self.reached.append(stages[index].name)
 
-    def _progress(self, situation: Situation) -> float:
-        stages, done = self._task.stages, len(self.reached)
+    def _progress(self, situation: Any) -> float:
+        stages, done = self._stages, len(self.reached)
         if done == len(stages):
             return 1.0
         streak = self._streaks[done] / stages[done].steps
         return (done + min(max(stages[done].nearness(situation), streak, 0.0), 0.99)) / len(stages)
+
+
+class StateMonitor(Monitor):
+    """A monitor of a task on the tabletop, which observes states."""
+
+    def __init__(self, task: Task, models: tuple[ObjectModel, ...], start: State) -> None:
+        super().__init__(task.stages, task.published)
+        self._models, self._start = models, start
+
+    def observe(self, situation: State) -> None:
+        """Take notice of the state after a control step."""
+        super().observe(Situation(self._models, self._start, situation))

@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vlafuzz.conditions import provenance
 from vlafuzz.conditions.place import elsewhere
-from vlafuzz.conditions.stored import stored_space
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.evidence import Actions, Solver
 from vlafuzz.execute.base import evaluate_safely
@@ -17,20 +15,20 @@ from vlafuzz.execute.lockstep import LockstepExecutor, Results, Seeded, lanes_fo
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.policies.seeing import SeeingExpert
 from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.sim.base import FILM_SPEED, Film, make_evaluator
+from vlafuzz.sim.base import FILM_SPEED, FRAMES, Film
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.triage.witness import Player
 from vlafuzz.watch import Watch
+from vlafuzz.worlds import here, make_evaluator, stored_space, world_of
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-    from vlafuzz.sim.maniskill.recording import Recording, Stills
+    from vlafuzz.sim.evaluator import SceneEvaluator
+    from vlafuzz.sim.recording import Recording
+    from vlafuzz.worlds.base import Stills
 
 
 class SimulatorSceneRunner:
@@ -57,19 +55,20 @@ class SimulatorSceneRunner:
         name = policy if isinstance(policy, str) else manifest.policy
         self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
         self._manifest = manifest
-        self._solvers: dict[Solver, Expert | SeeingExpert] = {"expert": Expert(), "seeing": SeeingExpert()}
+        self._world = world_of(manifest.task)
+        self._solvers = self._world.solvers()
         self._player = Player(self._solvers["expert"].spec)
         spec = self._policy.spec
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
         self.renderer = probe_once().name if spec.cameras else None
-        here = replace(manifest, **provenance.here(name, self._policy, self.space.catalogue))
-        self.changed = tuple(name for name in manifest.differences(here) if name != "place")
-        self.elsewhere = elsewhere(manifest.place, here.place)
+        now = replace(manifest, **here(manifest.task, name, self._policy, self.space.catalogue))
+        self.changed = tuple(name for name in manifest.differences(now) if name != "place")
+        self.elsewhere = elsewhere(manifest.place, now.place)
         self._stills: Stills | None = None
         # By whether given actions are played
-        self._filmed: dict[bool, tuple[ManiSkillEvaluator, Recording]] = {}
+        self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
         self.lanes = lanes_for(self._policy)
         self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
@@ -84,7 +83,7 @@ class SimulatorSceneRunner:
         checked: bool = True,
         recording: Recording | None = None,
         visible: str | None = None,
-    ) -> ManiSkillEvaluator:
+    ) -> SceneEvaluator:
         once = replace(self._manifest, repeats=1)
         if visible is not None:
             once = replace(once, visible=visible)
@@ -110,6 +109,8 @@ class SimulatorSceneRunner:
         return self._lockstep.run_seeded(seeded)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        if solver not in self._solvers:
+            return Outcome.invalid("semantic", f"there is no {solver} expert in this world")
         self._solvers[solver].attempt = attempt
         return evaluate_safely(self._experts[solver], [scene])[0]
 
@@ -120,10 +121,7 @@ class SimulatorSceneRunner:
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
         if self._stills is None:
-            from vlafuzz.sim.maniskill.recording import Stills
-
-            manifest = self._manifest
-            self._stills = Stills(manifest.task, self.space.catalogue, placement=manifest.placement)
+            self._stills = self._world.stills(self._manifest, self.space.catalogue)
         try:
             return self._stills.png(scene)
         except PrerequisiteError:
@@ -131,12 +129,12 @@ class SimulatorSceneRunner:
 
     def film(self, scene: Scene, actions: Actions | None = None) -> Film | None:
         """What the policy does in a fair scene, or the robot that executes actions; None if that broke."""
-        from vlafuzz.sim.maniskill.recording import Recording, to_jpeg, to_mp4
+        from vlafuzz.sim.recording import Recording, to_jpeg, to_mp4
 
         played = actions is not None
         of: Policy = self._player if played else self._policy
         if played not in self._filmed:
-            recording = Recording(224, captions=False)
+            recording = Recording(224, captions=False, hz=FRAMES)
             self._filmed[played] = self._evaluator(of, checked=False, recording=recording), recording
         evaluator, recording = self._filmed[played]
         if actions is not None:
@@ -144,7 +142,7 @@ class SimulatorSceneRunner:
         outcome = evaluate_safely(evaluator, [scene])[0]
         if not outcome.rollouts:
             return None
-        hz = rig(scene.robot).control_hz or of.spec.action.hz
+        hz = min(rig(scene.robot).control_hz or of.spec.action.hz, FRAMES)
         video = to_mp4(recording.frames, hz * FILM_SPEED)
         return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
 

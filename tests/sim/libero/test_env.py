@@ -5,7 +5,7 @@ from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.packages import load, quiet
 from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
-from vlafuzz.sim.libero.stages import Stages, stage_names
+from vlafuzz.sim.libero.stages import Moment, find_stages, monitor_of
 from vlafuzz.sim.libero.suites import find_task
 
 pytestmark = pytest.mark.libero
@@ -57,17 +57,16 @@ def test_savings_change_pictures_a_little_and_states_not_at_all(bowls):
 
 
 def test_stages_follow_one_another_and_the_goal_implies_them(bowls):
-    assert stage_names(bowls.task) == ("reach", "grasp", "move", "goal")
     bowls.reset()
-    stages = Stages(bowls)
-    stages.observe()
-    assert stages.reached == []
+    moment, monitor = Moment(bowls), monitor_of(bowls)
+    monitor.observe(moment)
+    assert monitor.reached == []
     put_bowl_on_plate(bowls)
-    stages.observe()
-    assert not stages.success  # for one step only
+    monitor.observe(moment)
+    assert not monitor.success_once  # for one step only
     bowls.settle(1)
-    stages.observe()
-    assert stages.success
+    monitor.observe(moment)
+    assert monitor.reached == ["reach", "grasp", "move", "goal"]
 
 
 def put_bowl_on_plate(env: LiberoEnv) -> None:
@@ -77,7 +76,7 @@ def put_bowl_on_plate(env: LiberoEnv) -> None:
 
 
 def test_stages_of_several_things_are_numbered():
-    names = stage_names(find_task("libero_10/0"))
+    names = tuple(stage.name for stage in find_stages(find_task("libero_10/0")))
     assert names == ("reach 1", "grasp 1", "move 1", "reach 2", "grasp 2", "move 2", "goal")
 
 

@@ -6,21 +6,21 @@ import pytest
 from vlafuzz.sim.libero.env import STILL, LiberoEnv
 from vlafuzz.sim.libero.expert import Expert, can_solve
 from vlafuzz.sim.libero.grasps import find_grasps
-from vlafuzz.sim.libero.stages import Stages
+from vlafuzz.sim.libero.stages import Moment, monitor_of
 from vlafuzz.sim.libero.suites import SETTLING, find_task
 
 pytestmark = pytest.mark.libero
 
 
 def rollout(env: LiberoEnv, actions) -> list[str]:
-    stages = Stages(env)
+    moment, monitor = Moment(env), monitor_of(env)
     for action in actions:
         assert np.abs(action).max() <= 1.0
         env.step(action)
-        stages.observe()
-        if stages.success:
+        monitor.observe(moment)
+        if monitor.success_once:
             break
-    return stages.reached
+    return monitor.reached
 
 
 def test_the_expert_puts_the_bowl_on_the_plate_by_all_stages(bowls):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,35 +48,40 @@ def audit(name: str, scope: Scope) -> AuditedSuite:
 
 def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
     env = LiberoEnv(task)
-    defects: list[Defect] = []
+    known: list[Defect] = []
     try:
         count = len(env.states) if scope.states is None else min(scope.states, len(env.states))
         for number in range(count):
-            found = list(_defects(env, number))
-            fresh = {defect.check for defect in found} - {defect.check for defect in defects}
+            found = list(defects(env, number, partial(env.reset, number)))
+            fresh = {defect.check for defect in found} - {defect.check for defect in known}
             if scope.pictures and fresh:
                 from vlafuzz.sim.libero.sheet import write_sheet
 
                 for check in sorted(fresh):
                     place = scope.pictures / f"{task.suite}-{task.number}-{check}-{number}.png"
                     write_sheet(env, number, SECONDS, place)
-            defects += found
+            known += found
     finally:
         env.close()
-    return AuditedTask(str(task), task.instruction, count, tuple(defects))
+    return AuditedTask(str(task), task.instruction, count, tuple(known))
 
 
-def _defects(env: LiberoEnv, number: int) -> Iterator[Defect]:
-    """All defects of an initial state."""
+def defects(
+    env: LiberoEnv, number: int, begin: Callable[[], None], *, regions: bool = True
+) -> Iterator[Defect]:
+    """All defects of initial state ``number``, as ``begin`` sets it up; those that cost least come first.
+
+    ``regions``: see ``broken_premises``.
+    """
     names = list(env.robosuite.objects_dict)
     bodies = [env.robosuite.obj_body_id[name] for name in names]
-    env.reset(number)
+    begin()
     start, solved = _moment(env, bodies), env.solved()
     for pair, depth in _overlaps(env).items():
         yield Defect(number, "overlaps", f"{' and '.join(pair)} overlap by {1000 * depth:.0f} mm", depth)
     env.settle(SETTLING)
     seen, solved = _moment(env, bodies), solved or env.solved()
-    for reason in broken_premises(env):
+    for reason in broken_premises(env, regions=regions):
         yield Defect(number, "premise", reason, 0.0)
     env.settle(round(SECONDS * HZ) - SETTLING)
     end = _moment(env, bodies)

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.grasps import Grasp, find_grasps, obstacles, surface
-from vlafuzz.sim.libero.stages import PLACING, find_shapes, held
-from vlafuzz.sim.libero.suites import Atom
+from vlafuzz.sim.libero.stages import find_shapes, held
+from vlafuzz.sim.libero.suites import PLACING, Atom
 
 Array = NDArray[np.float64]
 HOVER = 0.08  # metres above a grasp, from where the hand comes down
@@ -48,10 +48,11 @@ class Expert:
     """Solves a task from the environment's present state on.
 
     ``for action in Expert(env).actions(): env.step(action)``; it looks at the state before each action.
+    ``attempt``: index of the grasp with which it begins.
     """
 
-    def __init__(self, env: LiberoEnv) -> None:
-        self._env = env
+    def __init__(self, env: LiberoEnv, attempt: int = 0) -> None:
+        self._env, self._first = env, attempt
         robot = env.robosuite.robots[0]
         self._site = robot.eef_site_id
         self._upright = env.data.site_xmat[self._site].reshape(3, 3).copy()
@@ -60,7 +61,7 @@ class Expert:
     def actions(self) -> Iterator[Array]:
         """Actions ``(7,)`` until everything is at its place, or no try is left."""
         for atom in self._env.task.goal:
-            for attempt in range(TRIES):
+            for attempt in range(self._first, self._first + TRIES):
                 if atom[0] not in PLACING or self._env.holds(atom):
                     break
                 yield from self._place(atom, attempt)

@@ -40,18 +40,23 @@ SAVINGS = {
 
 
 class Pictures:
-    """Draws a MuJoCo model as robosuite does, pixel by pixel. The renderer starts with the first picture."""
+    """Draws a MuJoCo model as robosuite does, pixel by pixel. The renderer starts with the first picture.
+
+    Args:
+        size: of a picture's sides at most, pixels.
+    """
 
     def __init__(self, model: Any, size: int, savings: Savings) -> None:
         self._mujoco = load("mujoco")
         self._model, self._size, self._savings = model, size, savings
         self._context: Any = None
 
-    def take(self, data: Any, camera: str) -> Image:
+    def take(self, data: Any, camera: str, size: int | None = None) -> Image:
         """``(size, size, 3)`` of a camera, turned by 180° as LIBERO's models expect it."""
+        size = size or self._size
         if self._context is None:
             self._start()
-        mujoco, size = self._mujoco, self._size
+        mujoco = self._mujoco
         self._gl.make_current()
         self._camera.fixedcamid = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
         everything = mujoco.mjtCatBit.mjCAT_ALL

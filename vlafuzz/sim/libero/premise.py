@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.stages import PLACING, carried
-from vlafuzz.sim.libero.suites import Atom
+from vlafuzz.sim.libero.suites import PLACING, Atom
 
 # "next to the plate", "between the plate and the ramekin", "in the top drawer of the wooden cabinet"
 _WHERE = re.compile(
@@ -27,30 +26,38 @@ ASIDE = 0.1  # metres from the line between two things, for "between"
 OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states reach
 
 
-def broken_premises(env: LiberoEnv) -> Iterator[str]:
-    """What the task says of its start and is not true now, one sentence each."""
+def broken_premises(env: LiberoEnv, *, regions: bool = True) -> Iterator[str]:
+    """What the task says of its start and is not true now, one sentence each.
+
+    ``regions``: whether things must be in the parts of table or floor that the suite gives them.
+    """
     for atom in env.task.initial:
-        if not _holds(env, atom):
+        if (regions or not _is_floor(env, atom)) and not _holds(env, atom):
             yield f"{' '.join(atom[1:2])} is not {atom[0]} {' '.join(atom[2:])}".strip()
     yield from _misleading(env)
 
 
 def _holds(env: LiberoEnv, atom: Atom) -> bool:
     """LIBERO's own judgement; its regions of tables and floors have neither contact nor slack, so ours."""
-    place = env.robosuite.object_sites_dict.get(atom[-1])
-    if atom[0] not in PLACING or place is None or getattr(place, "parent_name", None):
+    if not _is_floor(env, atom):
         return env.holds(atom)
     site = env.data.site(atom[-1])
     away = np.abs(_position(env, atom[1]) - site.xpos) - env.model.site_size[site.id]
     return bool((away[:2] <= OUTSIDE).all())
 
 
+def _is_floor(env: LiberoEnv, atom: Atom) -> bool:
+    """Whether a predicate places something in a region of table or floor."""
+    place = env.robosuite.object_sites_dict.get(atom[-1])
+    return atom[0] in PLACING and place is not None and not getattr(place, "parent_name", None)
+
+
 def _misleading(env: LiberoEnv) -> Iterator[str]:
     """Where the target is not where the instruction says, or something of its kind is there instead."""
     found = _WHERE.search(env.task.instruction)
-    if not (found and carried(env.task)):
+    if not (found and env.task.carried):
         return
-    target = carried(env.task)[0]
+    target = env.task.carried[0]
     anchors = [_named(env, found[part], target) for part in ("first", "second") if found[part]]
     if None in anchors:
         return

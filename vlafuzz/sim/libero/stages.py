@@ -3,30 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.suites import LiberoTask
+from vlafuzz.tasks.base import Monitor, Stage
 
 Array = NDArray[np.float64]
 NEAR = 0.02  # metres between the hand's centre and the boxes about an object's shapes, for reach
 MOVED = 0.05  # metres from its place at the start, for move
-STEPS = 2  # consecutive control steps for which a stage must hold
-PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
-
-
-def carried(task: LiberoTask) -> tuple[str, ...]:
-    """Names of the things that a task's goal wants elsewhere, in its order."""
-    return tuple(atom[1] for atom in task.goal if atom[0] in PLACING)
-
-
-def stage_names(task: LiberoTask) -> tuple[str, ...]:
-    """``reach``, ``grasp``, ``move`` and ``goal``; the first three numbered if several things are carried."""
-    count = len(carried(task))
-    suffixes = [""] if count == 1 else [f" {number}" for number in range(1, count + 1)]
-    return (*(stage + suffix for suffix in suffixes for stage in ("reach", "grasp", "move")), "goal")
+FAR = 0.4  # metres at which the nearness of reach and goal is 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,47 +26,93 @@ class Shapes:
     body: int
 
 
-class Stages:
-    """Tracks which stages a rollout has reached. It begins with the environment's present state.
+class Moment:
+    """An environment, as stages look at it. It begins with the environment's present state.
 
-    Stages are reached in order; the goal implies those before it.
+    Attributes:
+        start: where the things to be carried were then, metres.
     """
 
     def __init__(self, env: LiberoEnv) -> None:
-        self._env, self.names = env, stage_names(env.task)
-        self._things = [find_shapes(env, name) for name in carried(env.task)]
-        self._start = [env.data.xpos[thing.body].copy() for thing in self._things]
-        self._hand = env.robosuite.robots[0].eef_site_id
-        self._streak = self._solved = 0
-        self.reached: list[str] = []
+        self.env = env
+        self.things = [find_shapes(env, name) for name in env.task.carried]
+        self.start = [env.data.xpos[thing.body].copy() for thing in self.things]
+        self.hand = env.robosuite.robots[0].eef_site_id
 
-    @property
-    def success(self) -> bool:
-        """Whether the goal has held for long enough at any step."""
-        return len(self.reached) == len(self.names)
+    def away(self, number: int) -> float:
+        """Metres between the hand's centre and a thing."""
+        return distance(self.env, self.things[number], self.env.data.site_xpos[self.hand])
 
-    def observe(self) -> None:
-        """Look at the environment after a control step."""
-        if self.success:
-            return
-        self._solved = self._solved + 1 if self._env.solved() else 0
-        if self._solved >= STEPS:
-            self.reached = list(self.names)
-            return
-        if len(self.reached) < len(self.names) - 1:
-            self._streak = self._streak + 1 if self._holds(len(self.reached)) else 0
-            if self._streak >= STEPS:
-                self.reached.append(self.names[len(self.reached)])
-                self._streak = 0
+    def moved(self, number: int) -> float:
+        """Metres by which a thing has been moved."""
+        return float(np.linalg.norm(self.env.data.xpos[self.things[number].body] - self.start[number]))
 
-    def _holds(self, stage: int) -> bool:
-        number, kind = divmod(stage, 3)
-        thing = self._things[number]
-        if kind == 0:
-            return distance(self._env, thing, self._env.data.site_xpos[self._hand]) < NEAR
-        if kind == 1:
-            return held(self._env, thing)
-        return float(np.linalg.norm(self._env.data.xpos[thing.body] - self._start[number])) > MOVED
+    def missing(self) -> float:
+        """Metres, horizontally, from the things to their goals, on average."""
+        if not self.things:
+            return FAR
+        return float(np.mean([self._from_goal(index) for index in range(len(self.things))]))
+
+    def _from_goal(self, number: int) -> float:
+        env = self.env
+        goal = next(atom[2] for atom in env.task.goal if atom[1] == env.task.carried[number])
+        bodies = env.robosuite.obj_body_id
+        place = env.data.xpos[bodies[goal]] if goal in bodies else env.data.site(goal).xpos
+        return float(np.linalg.norm((env.data.xpos[self.things[number].body] - place)[:2]))
+
+
+def monitor_of(env: LiberoEnv) -> Monitor:
+    """A monitor of a rollout that begins now. It observes a ``Moment`` of the environment."""
+    stages = find_stages(env.task)
+    return Monitor(stages, stages[-1].holds)
+
+
+def find_stages(task: LiberoTask) -> tuple[Stage, ...]:
+    """``reach``, ``grasp``, ``move`` and ``goal``; the first three numbered if several things are carried."""
+    count = len(task.carried)
+    suffixes = [""] if count == 1 else [f" {number}" for number in range(1, count + 1)]
+    carrying = [
+        stage
+        for number, suffix in enumerate(suffixes)
+        for stage in (
+            Stage(f"reach{suffix}", partial(_reached, number), partial(_nearly_reached, number)),
+            Stage(f"grasp{suffix}", partial(_grasped, number), partial(_nearly_grasped, number)),
+            Stage(f"move{suffix}", partial(_moved, number), partial(_nearly_moved, number)),
+        )
+    ]
+    return (*carrying, Stage("goal", _solved, _nearly_solved))
+
+
+def _reached(number: int, moment: Moment) -> bool:
+    return moment.away(number) < NEAR
+
+
+def _nearly_reached(number: int, moment: Moment) -> float:
+    return 1 - moment.away(number) / FAR
+
+
+def _grasped(number: int, moment: Moment) -> bool:
+    return held(moment.env, moment.things[number])
+
+
+def _nearly_grasped(number: int, moment: Moment) -> float:
+    return 0.5 * (moment.away(number) < NEAR)
+
+
+def _moved(number: int, moment: Moment) -> bool:
+    return moment.moved(number) > MOVED
+
+
+def _nearly_moved(number: int, moment: Moment) -> float:
+    return moment.moved(number) / MOVED
+
+
+def _solved(moment: Moment) -> bool:
+    return moment.env.solved()
+
+
+def _nearly_solved(moment: Moment) -> float:
+    return 1 - moment.missing() / FAR
 
 
 def find_shapes(env: LiberoEnv, name: str) -> Shapes:

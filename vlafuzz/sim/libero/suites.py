@@ -19,6 +19,7 @@ SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 # Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite.
 HORIZONS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520}
 LONGEST = 520
+PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
 SETTLING = 10  # control steps with the hand held still, before a policy is asked first
 
 
@@ -32,6 +33,7 @@ class LiberoTask:
         initial: what the problem says of the start, as predicates.
         goal: predicates that all hold where the task is solved.
         interest: names of the objects of interest.
+        things: names of all that can be moved: what is to be carried, the rest of interest, then the others.
     """
 
     suite: str
@@ -42,6 +44,17 @@ class LiberoTask:
     initial: tuple[Atom, ...]
     goal: tuple[Atom, ...]
     interest: tuple[str, ...]
+    things: tuple[str, ...]
+
+    @property
+    def carried(self) -> tuple[str, ...]:
+        """Names of the things that the goal wants elsewhere, in its order."""
+        return tuple(atom[1] for atom in self.goal if atom[0] in PLACING)
+
+    @property
+    def concerned(self) -> int:
+        """How many of the things, the first ones, the task is about."""
+        return len({*self.carried, *self.interest} & set(self.things))
 
     def __str__(self) -> str:
         return f"{self.suite}/{self.number}"
@@ -106,6 +119,9 @@ def _task(suite: str, number: int) -> LiberoTask:
             hint="`libero-pro list` shows which suites are complete",
         )
     problem = load("libero.libero.envs.bddl_utils").robosuite_parse_problem(str(file))
+    goal, interest = _atoms(problem["goal_state"]), tuple(problem["obj_of_interest"])
+    movable = [name for names in problem["objects"].values() for name in names]
+    wanted = [*(atom[1] for atom in goal if atom[0] in PLACING), *interest]
     return LiberoTask(
         suite=suite,
         number=number,
@@ -113,8 +129,9 @@ def _task(suite: str, number: int) -> LiberoTask:
         instruction=found.language,
         bddl=file,
         initial=_atoms(problem["initial_state"]),
-        goal=_atoms(problem["goal_state"]),
-        interest=tuple(problem["obj_of_interest"]),
+        goal=goal,
+        interest=interest,
+        things=tuple(name for name in dict.fromkeys([*wanted, *movable]) if name in movable),
     )
 
 

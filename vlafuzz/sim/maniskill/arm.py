@@ -1,11 +1,10 @@
-"""MetricArm: an end-effector controller in metres; and commands that reach it some control steps late.
+"""MetricArm: an end-effector controller in metres.
 
 ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips; this one does
 neither.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,8 +12,6 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-
-from vlafuzz.scene import Latency
 
 Array = NDArray[np.float64]
 # Half a Newton step per iteration converges in a dozen iterations. SAPIEN's default of a tenth takes four
@@ -181,24 +178,3 @@ class Profile:
         self._velocity += np.clip(wanted - self._velocity, -change, change)
         self._position = self._position + self._velocity * seconds
         return self._position
-
-
-Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``MetricArm``
-_HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay, with the gripper open
-
-
-class DelayedCommands:
-    """Commands on their way to the robot, which holds still until the first one arrives."""
-
-    def __init__(self, latency: Latency) -> None:
-        self._commands: deque[Command] = deque([_HOLD] * latency.delay)
-
-    @property
-    def latency(self) -> Latency:
-        """The delay of the next command."""
-        return Latency(len(self._commands))
-
-    def exchange(self, action: Array, relative_to: str) -> Command:
-        """Send a command; return the one that arrives in its place."""
-        self._commands.append((action, relative_to))
-        return self._commands.popleft()

@@ -1,11 +1,10 @@
-"""The cameras of an environment: what ManiSkill is to create, the images that they take, and sensor noise.
+"""The cameras of an environment: what ManiSkill is to create, and the images that they take.
 
 A photo may replace the background of the third-person camera, as in VLATest's environments.
 """
 
 from collections.abc import Sequence
 from typing import Any
-from zlib import crc32
 
 import cv2
 import imageio.v3 as imageio
@@ -19,7 +18,6 @@ from vlafuzz import assets
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.camera import CameraPose, camera_pose
 from vlafuzz.rigs.rig import Rig
-from vlafuzz.scene import Noise
 from vlafuzz.sim.maniskill.rendering import use_shaders
 from vlafuzz.sim.maniskill.robots import wrist_of
 
@@ -107,28 +105,3 @@ def _before(photo: Picture, image: Picture, foreground: NDArray[np.bool_]) -> Pi
     height, width = foreground.shape
     background = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
     return np.where(foreground[..., None], image, background).astype(np.uint8)
-
-
-class SensorNoise:
-    """Degrades the images of one rollout. Seed, step and camera determine the noise."""
-
-    def __init__(self, noise: Noise, seed: int) -> None:
-        self.noise, self._seed = noise, seed
-
-    def degraded(self, image: Picture, step: int, camera: str) -> Picture:
-        """A ``(height, width, 3)`` image as the policy sees it; the same image without noise."""
-        if self.noise.blur:
-            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.noise.blur), dtype=np.uint8)
-        if self.noise.grain:
-            rng = np.random.default_rng([self._seed, step, crc32(camera.encode())])
-            noisy = image + rng.normal(0.0, self.noise.grain, image.shape)
-            image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
-        if self.noise.jpeg < 100:
-            image = _compressed(image, round(self.noise.jpeg))
-        return image
-
-
-def _compressed(image: Picture, quality: int) -> Picture:
-    _, encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    decoded = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
-    return np.ascontiguousarray(decoded[..., ::-1])  # torch takes no negative strides

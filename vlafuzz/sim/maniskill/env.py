@@ -24,17 +24,18 @@ from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.robots import PANDA, rig
-from vlafuzz.scene import Scene
+from vlafuzz.scene import Scene, Start
+from vlafuzz.sim.latency import DelayedCommands
 from vlafuzz.sim.maniskill.applied import Applied
-from vlafuzz.sim.maniskill.arm import DelayedCommands
-from vlafuzz.sim.maniskill.cameras import Cameras, SensorNoise, sapien_pose
+from vlafuzz.sim.maniskill.cameras import Cameras, sapien_pose
 from vlafuzz.sim.maniskill.objects import CONTACT_OFFSET, models_of
 from vlafuzz.sim.maniskill.rendering import SceneLights, render_backend
 from vlafuzz.sim.maniskill.robots import AGENTS, CONTROL_MODE
 from vlafuzz.sim.maniskill.settle import start_poses
 from vlafuzz.sim.maniskill.table import BackdropPainter, add_table
 from vlafuzz.sim.maniskill.world import Robot, World, substeps
-from vlafuzz.tasks.base import Monitor, State
+from vlafuzz.sim.noise import SensorNoise
+from vlafuzz.tasks.base import State, StateMonitor
 from vlafuzz.tasks.instructions import default_scene
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.tasks.tabletop import task as task_named
@@ -95,7 +96,7 @@ class TabletopEnv(BaseEnv):
             self._aim()
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
-        self.monitor = Monitor(self.task, self.models, start)
+        self.monitor = StateMonitor(self.task, self.models, start)
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
@@ -130,6 +131,7 @@ class TabletopEnv(BaseEnv):
                 "initial_pose": self.world.initial_pose,
                 "noise": self._noise.noise,
                 "latency": self._commands.latency,
+                "start": Start(),  # there is only one
             },
         )
 

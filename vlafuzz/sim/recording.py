@@ -1,8 +1,9 @@
-"""Images of rollouts and scenes: recordings with captions or without, stills, and their encoding."""
+"""Images of rollouts: recordings with captions or without, and their encoding."""
 
-from dataclasses import replace
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import imageio.v3 as imageio
@@ -11,11 +12,10 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
 from vlafuzz.files import write_whole, writing
-from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.episode import Episode
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
@@ -24,31 +24,36 @@ _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to bla
 
 
 class Recording:
-    """Collects frames and observations of one rollout. ``size``: height of a frame in pixels; 0 for none.
+    """Collects frames and observations of one rollout.
 
     Without frames no renderer is needed. Captions show the instruction and the progress.
+
+    Args:
+        size: height of a frame in pixels; 0 for no frames.
+        hz: frames a second of the rollout, if it has more control steps; None for one a step.
     """
 
-    def __init__(self, size: int = 480, *, captions: bool = True) -> None:
+    def __init__(self, size: int = 480, *, captions: bool = True, hz: int | None = None) -> None:
         self.camera = CameraRequest("recording", size, size) if size else None
-        self._captions = captions
+        self._captions, self._hz, self._stride = captions, hz, 1
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
 
     def clear(self) -> None:
         self.frames, self.observations = [], []
 
-    def note(self, env: TabletopEnv, instruction: str) -> None:
-        """Keep a frame of the present state."""
-        if self.camera is None:
+    def note(self, episode: Episode) -> None:
+        """Keep a frame of the present state, if it is time for one."""
+        self._stride = max(1, round(episode.hz / self._hz)) if self._hz else 1
+        if self.camera is None or len(episode.actions) % self._stride:
             return
-        frame = env.picture(self.camera.name)
+        frame = episode.picture(self.camera.name)
         if self._captions:
-            monitor = env.monitor
+            monitor = episode.monitor
             stages = " > ".join(monitor.reached) or "-"
-            seconds = len(monitor.trace) / env.control_hz
+            seconds = len(monitor.trace) / episode.hz
             status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
-            frame = _captioned(frame, instruction, status)
+            frame = _captioned(frame, episode.instruction, status)
         self.frames.append(frame.copy())
 
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
@@ -57,7 +62,7 @@ class Recording:
         Args:
             trace: ``(steps,)`` progress after each control step.
         """
-        stuck = int(np.argmax(trace)) + 1 if len(trace) else 0
+        stuck = (int(np.argmax(trace)) + 1) // self._stride if len(trace) else 0
         for index in range(stuck, len(self.frames)):
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]
@@ -90,36 +95,6 @@ class Recording:
             raise UsageError("this policy asks for no pictures", hint="leave --seen out")
         height = max(picture.shape[0] for picture in pictures)
         return np.concatenate([_padded(picture, height) for picture in pictures], axis=1)
-
-
-class Stills:
-    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
-
-    def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
-        self._task, self._catalogue, self._placement = task, catalogue, placement
-        self._camera = CameraRequest("still", size, size)
-        self._env: TabletopEnv | None = None
-
-    def png(self, scene: Scene) -> bytes:
-        """A picture of a valid scene by the third-person camera.
-
-        Raises:
-            PrerequisiteError: nothing here can render.
-        """
-        if self._env is not None and self._env.rig.robot != scene.robot:
-            self.close()
-        if self._env is None:
-            camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
-            self._env = make_env(
-                self._task, self._catalogue, (camera,), robot=scene.robot, placement=self._placement
-            )
-        self._env.begin(scene)
-        return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
-
-    def close(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
 
 
 def draw_outlines(outlines: Outlines, size: int = 256) -> Picture:

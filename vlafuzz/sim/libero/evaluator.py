@@ -1,0 +1,209 @@
+"""LiberoEvaluator runs a policy in scenes of LIBERO, as the suites' own evaluations do."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import imageio.v3 as imageio
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
+from vlafuzz.scene import Scene
+from vlafuzz.sim.episode import Episode
+from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.sim.latency import DelayedCommands
+from vlafuzz.sim.libero.env import HZ, LiberoEnv
+from vlafuzz.sim.libero.expert import Expert
+from vlafuzz.sim.libero.expert_policy import UNITS
+from vlafuzz.sim.libero.fairness import Fairness
+from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
+from vlafuzz.sim.libero.setting import VIEW, Setting
+from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.libero.stages import Moment, monitor_of
+from vlafuzz.sim.libero.suites import SETTLING, find_task
+from vlafuzz.sim.libero.tasks import task as task_named
+from vlafuzz.sim.noise import SensorNoise
+from vlafuzz.validity import Rejection
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.recording import Recording
+
+Array = NDArray[np.float64]
+OPENING = 0.08  # metres between the open fingers
+
+
+@dataclass(frozen=True, eq=False)
+class LiberoState:
+    """What LIBERO's expert knows: everything."""
+
+    env: LiberoEnv
+
+    def plan(self, attempt: int) -> Iterator[Array]:
+        """The expert's actions from the present state on."""
+        return Expert(self.env, attempt).actions()
+
+
+class LiberoEpisode(Episode):
+    """Begins a rollout of a scene in an environment, after the suites' settling steps."""
+
+    def __init__(
+        self,
+        env: LiberoEnv,
+        setting: Setting,
+        spec: PolicySpec,
+        scene: Scene,
+        seed: int,
+        conditions: Conditions,
+    ) -> None:
+        self._env, self._spec = env, spec
+        setting.begin(scene)
+        env.settle(SETTLING)
+        self._moment = Moment(env)
+        self._substeps = HZ // spec.action.hz
+        self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
+        self._hash = hashlib.blake2b(env.state().tobytes(), digest_size=8)
+        super().__init__(scene, seed, conditions, monitor_of(env), task_named(scene.task).stage_names)
+
+    @property
+    def hz(self) -> int:
+        return self._spec.action.hz
+
+    def observe(self) -> Observation:
+        env, spec, step = self._env, self._spec, len(self.actions)
+        return Observation(
+            episode=self.start.episode,
+            step=step,
+            instruction=self.instruction,
+            images={
+                camera.name: self._noise.degraded(
+                    env.picture(view_of(camera), camera.width), step, camera.name
+                )
+                for camera in spec.cameras
+            },
+            state=proprioception(env) if spec.state else None,
+            privileged=LiberoState(env) if spec.privileged else None,
+        )
+
+    def picture(self, camera: str) -> NDArray[np.uint8]:
+        return self._env.picture(VIEW, self._env.size)[:, ::-1]  # upright for people, not turned by 180°
+
+    def _horizon(self) -> int:
+        return self._env.task.horizon // self._substeps
+
+    def _execute(self, action: Array) -> None:
+        due, _ = self._commands.exchange(action, self._spec.action.relative_to)
+        own = due / UNITS
+        own[:6] /= self._substeps
+        for _ in range(self._substeps):
+            self._env.step(own)
+        self._hash.update(self._env.state().tobytes())
+        self.monitor.observe(self._moment)
+
+    def _states_hash(self) -> str:
+        return self._hash.hexdigest()
+
+
+def view_of(camera: CameraRequest) -> str:
+    """The name of LIBERO's camera that a policy asks for."""
+    return CAMERAS[camera.role == "wrist"]
+
+
+def proprioception(env: LiberoEnv) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), share of the fingers' opening."""
+    own = env.proprioception()
+    return np.array([*own[:6], (own[6] - own[7]) / OPENING], dtype=np.float32)
+
+
+class LiberoEvaluator(SceneEvaluator):
+    """Runs a policy in scenes of one task.
+
+    Raises:
+        UsageError: the policy asks for what LIBERO does not have.
+    """
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        *,
+        recording: Recording | None = None,
+        checked: bool = True,
+    ) -> None:
+        stages = task_named(conditions.task).stage_names
+        super().__init__(conditions, policy, stages, recording=recording, checked=checked)
+        check_spec(policy.spec)
+        self._env: LiberoEnv | None = None
+
+    def check(self, scene: Scene) -> Rejection | None:
+        if scene.task != self._conditions.task:
+            return Rejection("semantic", f"its task is {scene.task!r}, not {self._conditions.task!r}")
+        self._environment(scene.robot)
+        return self._fairness.check(nominal_scene(scene.task, scene.robot), scene)
+
+    def begin(self, scene: Scene, seed: int) -> LiberoEpisode:
+        env = self._environment(scene.robot)
+        return LiberoEpisode(env, self._setting, self._policy.spec, scene, seed, self._conditions)
+
+    def renew(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    def _environment(self, robot: str) -> LiberoEnv:
+        if self._env is None:
+            cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
+            size = max((camera.width for camera in cameras), default=64)
+            self._env = LiberoEnv(find_task(self._conditions.task), size=size, savings=savings_of(robot))
+            self._setting = Setting(self._env)
+            self._fairness = Fairness(self._env, self._setting)
+        return self._env
+
+
+class LiberoStills:
+    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
+
+    def __init__(self, task: str, size: int = 256) -> None:
+        self._task, self._size = task, size
+        self._env: LiberoEnv | None = None
+
+    def png(self, scene: Scene) -> bytes:
+        """A picture of a valid scene by the third-person camera."""
+        if self._env is None:
+            self._env = LiberoEnv(find_task(self._task), size=self._size, savings=savings_of(scene.robot))
+            self._setting = Setting(self._env)
+        self._setting.begin(scene)
+        self._env.settle(SETTLING)
+        picture = self._env.picture(VIEW, self._size)[:, ::-1]
+        return imageio.imwrite("<bytes>", picture, extension=".png")
+
+    def close(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+def savings_of(robot: str) -> Savings:
+    """What is left out of the pictures of a robot's variant."""
+    return SAVINGS[robot.partition("-")[2] or "none"]
+
+
+def check_spec(spec: PolicySpec) -> None:
+    """Raise UsageError for a policy that asks for what LIBERO does not have."""
+    if spec.silhouettes or spec.calibrated:
+        problem = f"policy {spec.name!r} works on the tabletop only"
+        raise UsageError(problem, hint="LIBERO gives pictures and the robot's state")
+    if HZ % spec.action.hz:
+        raise UsageError(
+            f"policy {spec.name!r} acts {spec.action.hz} times a second, LIBERO {HZ} times or a part of it"
+        )
+    for camera in spec.cameras:
+        if camera.width != camera.height:
+            raise UsageError(
+                f"camera {camera.name!r}: {camera.width} x {camera.height}, LIBERO's pictures are square"
+            )

@@ -1,0 +1,136 @@
+"""The scenes of LIBERO: the suites' own initial states, and what the operators make of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import cache
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from vlafuzz.assets import operators_dir
+from vlafuzz.errors import CatalogueError
+from vlafuzz.reading import read_yaml, validated
+from vlafuzz.rigs.robots import rig
+from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.libero.suites import LiberoTask, find_task
+from vlafuzz.sim.libero.tasks import task as task_named
+from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space.base import Layout
+from vlafuzz.space.compose import PARTS, Composer, Values, camera, index_of
+from vlafuzz.space.operators import (
+    EXTRAS,
+    CameraOrientation,
+    CameraPosition,
+    ConfounderOrientation,
+    ConfounderPosition,
+    Light,
+    TargetOrientation,
+    TargetPosition,
+    Wording,
+)
+from vlafuzz.space.params import Gene
+from vlafuzz.tasks.base import Task
+
+REST = "initial"  # the only rest pose: as in the suite's own initial state
+_WORDINGS = TypeAdapter(list[str])
+_PLACING = (TargetPosition, TargetOrientation, ConfounderPosition, ConfounderOrientation)
+# Operators that are the same as on the tabletop, beside the extras. LIBERO has no backdrops of ours.
+_SHARED = (
+    Light.name,
+    CameraPosition.name,
+    CameraOrientation.name,
+    Wording.name,
+    *sorted(EXTRAS - {"backdrop"}),
+)
+
+
+def nominal_scene(task: str, robot: str) -> Scene:
+    """The suite's own initial state 0, with nothing changed."""
+    found = find_task(task)
+    things = tuple(Placement(name, REST, 0.0, 0.0) for name in found.things)
+    return Scene(task, things, found.instruction, robot=robot)
+
+
+@cache
+def load_wordings() -> tuple[str, ...]:
+    """How an instruction is said, ``{instruction}`` standing for the suite's own, which comes first.
+
+    Raises:
+        CatalogueError: the file is malformed, or a wording lacks the instruction.
+    """
+    path, hint = operators_dir() / "libero-wordings.yaml", "expected a list of wordings"
+    wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
+    for wording in wordings:
+        if "{instruction}" not in wording:
+            raise CatalogueError(f"{path}: {wording!r} does not say {{instruction}}", hint)
+    return tuple(wordings)
+
+
+class LiberoComposer(Composer):
+    """Composes scenes of one task. Places are offsets from an initial state, so that nominal is zero."""
+
+    def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
+        self._libero, self._nominal = task, nominal_scene(str(task), robot)
+        wordings = [wording.replace("{instruction}", task.instruction) for wording in load_wordings()]
+        self._said = tuple(dict.fromkeys(wordings))
+        self.layout = Layout({}, {}, 1, len(self._said), rig(robot))
+        placing = [gene for kind in _PLACING for gene in self._placing(operators, kind.name)]
+        shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
+        self.genes = [*placing, *shared]
+        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
+
+    def _placing(self, operators: OperatorSet, name: str) -> Iterator[Gene]:
+        """The genes of places or yaws: of what the task is about, or of what stands around."""
+        operator, concerned = operators.operators[name], self._libero.concerned
+        around = name in (ConfounderPosition.name, ConfounderOrientation.name)
+        slots = range(concerned, len(self._libero.things)) if around else range(concerned)
+        for slot in slots:
+            if isinstance(operator, (TargetPosition, ConfounderPosition)):
+                yield Gene(name, f"targets.{slot}.x", "real", operator.x.grid(0.0))
+                yield Gene(name, f"targets.{slot}.y", "real", operator.y.grid(0.0))
+            elif isinstance(operator, (TargetOrientation, ConfounderOrientation)):
+                yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values."""
+        placed = tuple(
+            Placement(name, REST, *(values[f"targets.{slot}.{part}"] for part in ("x", "y", "yaw")))
+            for slot, name in enumerate(self._libero.things)
+        )
+        return Scene(
+            task=self._nominal.task,
+            targets=placed,
+            instruction=self._said[int(values["instruction"])],
+            camera=camera(values),
+            robot=self._nominal.robot,
+            **{part: self._composed(part, values) for part in PARTS},
+        )
+
+    def values(self, scene: Scene) -> Values:
+        """The values of everything that a scene has; NaN where no index stands for it."""
+        values = self._shared_values(scene)
+        for slot, placement in enumerate(scene.targets):
+            known = placement.object == self._libero.things[slot] and placement.quaternion is None
+            for part in ("x", "y", "yaw"):
+                values[f"targets.{slot}.{part}"] = getattr(placement, part) if known else math.nan
+        return values | {"instruction": math.nan if scene.then else index_of(self._said, scene.instruction)}
+
+
+class LiberoSpace(SearchSpace):
+    """Every scene that the operators can make of a task's initial states."""
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene. Whether it is fair is judged by physics, before a rollout."""
+        return self.composer.compose({path: self.draw(path, rng) for path in self.by_path})
+
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """The scene as it is."""
+        return scene
+
+    def _find_task(self, name: str) -> Task:
+        return task_named(name)
+
+    def _make_composer(self) -> Composer:
+        return LiberoComposer(self.operators, find_task(self.task.name), self.rig.robot)
