@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.policies.base import Observation
+
 Array = NDArray[np.float64]
 State = NDArray[np.float32]
 Layout = Callable[[State], State]
@@ -168,6 +170,15 @@ def _bridge(state: State) -> State:
     now = Rotation.from_rotvec(state[3:6])
     turn = min((now * down for down in DOWN), key=lambda turned: float(turned.magnitude()))
     return np.concatenate([state[:3], turn.as_euler("xyz"), [0.0], state[6:]], dtype=np.float32)
+
+
+def sent(layout: Layout, seen: Observation) -> State:
+    """The state of an observation in a layout; of two fingers as they are, where they were measured."""
+    assert seen.state is not None, "the spec asks for it"
+    state = layout(seen.state)
+    if layout is _two_fingers and seen.fingers is not None:
+        state[6:] = seen.fingers
+    return state
 
 
 def layout_width(layout: str) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from vlafuzz.clients.conventions import LAYOUTS, OWN, SCALED, Convention
+from vlafuzz.clients.conventions import LAYOUTS, OWN, SCALED, Convention, sent
 from vlafuzz.clients.remote import SIDE, CommonOptions, Size, State, cameras_of, divisor
 from vlafuzz.policies.base import ActionSpec, Observation, PolicySpec
 
@@ -115,7 +115,7 @@ class Model:
         names = [camera.name for camera in self.spec.cameras]
         message: dict[str, Any] = {keys[name]: seen.images[name] for name in names}
         if self._layout is not None and seen.state is not None:
-            message[options.state_key] = self._layout(seen.state)
+            message[options.state_key] = sent(self._layout, seen)
         return message | {options.instruction_key: seen.instruction}
 
     def actions(self, chunk: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vlafuzz import __version__
 from vlafuzz.clients import wire
-from vlafuzz.clients.conventions import LAYOUTS, Layout
+from vlafuzz.clients.conventions import LAYOUTS, Layout, sent
 from vlafuzz.clients.remote import Address, CommonOptions, VlaEvalOptions, needed
 from vlafuzz.clients.sessions import Sessions
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
@@ -117,7 +117,7 @@ def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layo
         "task_description": seen.instruction,
     }
     if layout is not None and seen.state is not None:
-        state = layout(seen.state)
+        state = sent(layout, seen)
         message |= {"state": state, "states": state}  # servers read either of the two
     return message
 

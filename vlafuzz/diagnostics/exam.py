@@ -29,10 +29,9 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
-from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
-from vlafuzz.worlds import make_evaluator
+from vlafuzz.worlds import make_evaluator, world_of
 
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
@@ -59,6 +58,7 @@ class Exam:
         once = replace(manifest, repeats=1, stop_early=True)
         self._evaluator = make_evaluator(once, self._recorder)
         self._manifest, self._catalogue = manifest, stored_catalogue(manifest)
+        self._space = self._space_of(TARGETS)
         self._nominal = self._drawn(TARGETS)
         self._outcomes: list[tuple[Scene, Outcome]] = []  # of complete rollouts in nominal scenes
         self._rewordings: dict[str, str] = {}  # instructions that name another object on the table
@@ -154,8 +154,8 @@ class Exam:
         recorder, seen = self._recorder, 0
         recorder.most = ANSWERS
         for scene in islice(self._drawn(TARGETS + CLUTTER), SCENES * UNFAIR):
-            if scene.confounders:
-                self._rewordings[scene.instruction] = self._misnamed(scene)
+            if other := self._space.misnamed(scene):
+                self._rewordings[scene.instruction] = other
             outcome = self._roll(scene)
             if recorder.broken:
                 return verdicts.on_break(recorder.broken, first=not recorder.moments)
@@ -192,15 +192,13 @@ class Exam:
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
         """An endless series of scenes in which these operators vary."""
         manifest = self._manifest
-        operators = stored_operators(Path("the run"), manifest).only(vary)
-        space = SearchSpace(operators, self._catalogue, manifest.task, manifest.robot)
+        space = self._space_of(vary)
         return (space.sample(np.random.default_rng([manifest.seed, number])) for number in count())
 
-    def _misnamed(self, scene: Scene) -> str:
-        """The scene's instruction, with the name of a confounder in place of the first target's."""
-        objects = (scene.confounders[0], *scene.targets[1:])
-        names = [self._catalogue[placed.object].spoken for placed in objects]
-        return say(load_wordings()[scene.task][0], names)
+    def _space_of(self, vary: Sequence[str]) -> SearchSpace:
+        manifest = self._manifest
+        operators = stored_operators(Path("the run"), manifest).only(vary)
+        return world_of(manifest.task).space(operators, self._catalogue, manifest.task, manifest.robot)
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
         """A rollout to find out what is the wrong way round."""

@@ -194,6 +194,7 @@ class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
     ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``.
+    ``fingers``: ``(2,)`` positions of both, metres, where a world measures them apart.
     ``privileged``: the ground truth of the world, on the tabletop a ``Privileged``.
     """
 
@@ -203,6 +204,7 @@ class Observation:
     _: KW_ONLY
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     state: NDArray[np.float32] | None = None
+    fingers: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
     privileged: Any = None
     calibration: Calibration | None = None

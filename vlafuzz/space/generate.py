@@ -16,6 +16,7 @@ from vlafuzz.scene import Camera, Placement, Scene
 from vlafuzz.space.codec import Codec
 from vlafuzz.space.compose import Values, camera
 from vlafuzz.space.operators import TargetPosition
+from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.validity.checks import (
     ambiguous,
     cannot_grasp,
@@ -72,6 +73,14 @@ class SearchSpace(Codec):
         kept = all(attempt.keep(slot, values) for slot in slots)
         moved = self.composer.compose(values) if kept else None
         return None if moved is None or self._unseen(moved) else moved
+
+    def misnamed(self, scene: Scene) -> str | None:
+        """The instruction with a confounder's name instead of the first target's; None without one."""
+        if not scene.confounders:
+            return None
+        objects = (scene.confounders[0], *scene.targets[1:])
+        names = [self.catalogue[placed.object].spoken for placed in objects]
+        return say(load_wordings()[scene.task][0], names)
 
     def _unseen(self, scene: Scene) -> str | None:
         """Why a target cannot be seen, if that is checked."""

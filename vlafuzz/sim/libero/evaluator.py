@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from vlafuzz.sim.recording import Recording
 
 Array = NDArray[np.float64]
+SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
 
 
@@ -81,12 +83,11 @@ class LiberoEpisode(Episode):
             step=step,
             instruction=self.instruction,
             images={
-                camera.name: self._noise.degraded(
-                    env.picture(view_of(camera), camera.width), step, camera.name
-                )
+                camera.name: self._noise.degraded(shown(env, camera), step, camera.name)
                 for camera in spec.cameras
             },
             state=proprioception(env) if spec.state else None,
+            fingers=env.proprioception()[6:].astype(np.float32) if spec.state else None,
             privileged=LiberoState(env) if spec.privileged else None,
         )
 
@@ -109,9 +110,17 @@ class LiberoEpisode(Episode):
         return self._hash.hexdigest()
 
 
-def view_of(camera: CameraRequest) -> str:
-    """The name of LIBERO's camera that a policy asks for."""
-    return CAMERAS[camera.role == "wrist"]
+def shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
+    """What a policy asks for, turned by 180°.
+
+    As in evaluations of LIBERO, openpi's among them, pictures have 256 pixels a side, and are made smaller
+    for models that take smaller ones.
+    """
+    picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
+    if camera.width >= SIDE:
+        return picture
+    smaller = Image.fromarray(picture).resize((camera.width, camera.width), Image.Resampling.BILINEAR)
+    return np.asarray(smaller)
 
 
 def proprioception(env: LiberoEnv) -> NDArray[np.float32]:
@@ -158,7 +167,7 @@ class LiberoEvaluator(SceneEvaluator):
     def _environment(self, robot: str) -> LiberoEnv:
         if self._env is None:
             cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
-            size = max((camera.width for camera in cameras), default=64)
+            size = max((max(camera.width, SIDE) for camera in cameras), default=64)
             self._env = LiberoEnv(find_task(self._conditions.task), size=size, savings=savings_of(robot))
             self._setting = Setting(self._env)
             self._fairness = Fairness(self._env, self._setting)

@@ -14,7 +14,7 @@ from vlafuzz.errors import CatalogueError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.sim.libero.suites import LiberoTask, find_task
+from vlafuzz.sim.libero.suites import LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.base import Layout
@@ -128,6 +128,13 @@ class LiberoSpace(SearchSpace):
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
         """The scene as it is."""
         return scene
+
+    def misnamed(self, scene: Scene) -> str | None:
+        """The instruction of another task of the suite, if possible about something that is here."""
+        task = find_task(self.task.name)
+        others = [other for other in find_tasks(task.suite) if other.instruction != task.instruction]
+        here = [other for other in others if other.carried and set(other.carried) < set(task.things)]
+        return next((other.instruction for other in here + others), None)
 
     def _find_task(self, name: str) -> Task:
         return task_named(name)

@@ -1,0 +1,220 @@
+"""LIBERO as a world: its scenes, what is fair of them, and rollouts in them."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vlafuzz.clients.openpi import OpenPi
+from vlafuzz.clients.profiled import Model
+from vlafuzz.clients.remote import parse
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Verdict
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.controls import Frozen
+from vlafuzz.policies.pinhole import Pinhole
+from vlafuzz.scene import Camera, InitialPose, Light, Scene, Start
+from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.expert_policy import LiberoExpert
+from vlafuzz.sim.libero.setting import Setting
+from vlafuzz.sim.libero.suites import SETTLING, find_task
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.operators import OPERATORS
+from vlafuzz.worlds import make_evaluator, make_space
+
+pytestmark = pytest.mark.libero
+TASK = "libero_goal/8"  # the environment of the fixture ``bowls``: a bowl belongs on a plate
+SOUP = "libero_object/0"
+
+
+@pytest.fixture(scope="module")
+def space() -> SearchSpace:
+    return make_space(load_operators("libero"), load_catalogue(), TASK, "libero")
+
+
+@pytest.fixture
+def setting(bowls: LiberoEnv, space: SearchSpace) -> Iterator[Setting]:
+    made = Setting(bowls)
+    yield made
+    made.begin(space.nominal())  # light and camera as they were
+
+
+@pytest.fixture(scope="module")
+def soup() -> Iterator[SceneEvaluator]:
+    """LIBERO's expert in scenes in which a can of soup belongs in a basket."""
+    evaluator = make_evaluator(Conditions(task=SOUP, robot="libero", stop_early=True), LiberoExpert())
+    yield evaluator
+    evaluator.close()
+
+
+@pytest.fixture(scope="module")
+def cans() -> SearchSpace:
+    return make_space(load_operators("libero"), load_catalogue(), SOUP, "libero")
+
+
+def moved(scene: Scene, name: str, **changes: float) -> Scene:
+    """The scene with one thing elsewhere."""
+    things = (replace(one, **changes) if one.object == name else one for one in scene.targets)
+    return replace(scene, targets=tuple(things))
+
+
+class Unasked:
+    """A policy of which only the spec is needed."""
+
+    def __init__(self, spec: PolicySpec) -> None:
+        self.spec = spec
+
+    def reset(self, episodes): ...
+
+    def close(self): ...
+
+
+class TestSpace:
+    def test_the_nominal_scene_is_the_suites_own(self, space: SearchSpace):
+        nominal = space.nominal()
+        assert nominal.instruction == "put the bowl on the plate"
+        assert all((one.x, one.y, one.yaw) == (0.0, 0.0, 0.0) for one in nominal.targets)
+        assert space.severity(nominal) == 0.0
+
+    def test_what_is_carried_comes_first(self, space: SearchSpace):
+        names = [one.object for one in space.nominal().targets]
+        assert names[:2] == ["akita_black_bowl_1", "plate_1"]
+        assert len(names) == space.task.targets
+
+    def test_every_scene_comes_back_from_its_genome_and_from_json(self):
+        everything = load_operators("libero").only(set(OPERATORS) - {"backdrop", "target-type"})
+        full = make_space(everything, load_catalogue(), TASK, "libero")
+        rng = np.random.default_rng(0)
+        for scene in [full.sample(rng) for _ in range(20)]:
+            assert full.decode(full.encode(scene)) == scene
+            assert Scene.from_json(scene.to_json()) == scene
+        assert len({full.sample(rng).start.state for _ in range(20)}) > 5
+
+    def test_an_operator_that_has_nothing_to_vary_is_refused(self):
+        operators = load_operators("libero").only(["backdrop"])
+        with pytest.raises(UsageError, match=f"backdrop: nothing of {TASK} varies so"):
+            make_space(operators, load_catalogue(), TASK, "libero")
+
+
+class TestSetting:
+    def test_a_nominal_scene_begins_bit_for_bit_in_the_suites_state(
+        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+    ):
+        bowls.reset(3)
+        bowls.settle(2)
+        expected = bowls.state()
+        setting.begin(replace(space.nominal(), start=Start(3)))
+        bowls.settle(2)
+        assert np.array_equal(bowls.state(), expected)
+
+    def test_only_the_thing_that_is_moved_moves(self, bowls: LiberoEnv, space: SearchSpace, setting: Setting):
+        nominal = space.nominal()
+        setting.begin(nominal)
+        before = {
+            name: bowls.data.xpos[bowls.robosuite.obj_body_id[name]].copy() for name in bowls.task.things
+        }
+        setting.begin(moved(nominal, "plate_1", x=0.03, y=-0.02))
+        for name, place in before.items():
+            away = bowls.data.xpos[bowls.robosuite.obj_body_id[name]] - place
+            assert away == pytest.approx(
+                [0.03, -0.02, 0.0] if name == "plate_1" else [0.0, 0.0, 0.0], abs=1e-9
+            )
+
+    def test_a_brighter_scene_has_brighter_lamps_and_the_next_one_not(
+        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+    ):
+        nominal = space.nominal()
+        usual = bowls.model.light_diffuse.copy()
+        setting.begin(replace(nominal, light=Light(2.0)))
+        assert bowls.model.light_diffuse == pytest.approx(2 * usual)
+        setting.begin(nominal)
+        assert np.array_equal(bowls.model.light_diffuse, usual)
+
+    @pytest.mark.parametrize(("turn", "axis"), [("yaw", 0), ("pitch", 1)])
+    def test_a_turned_camera_shifts_the_picture(
+        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting, turn: str, axis: int
+    ):
+        """To the left everything goes to the right, and down everything goes up."""
+        nominal = space.nominal()
+        setting.begin(nominal)
+        camera = bowls.data.camera("agentview")
+        before = camera.xmat.reshape(3, 3).copy()
+        setting.begin(replace(nominal, camera=Camera(**{turn: 5.0})))
+        after = bowls.data.camera("agentview").xmat.reshape(3, 3)
+        seen = after.T @ -before[:, 2]  # where the middle of the old picture is in the new one
+        expected = [np.sin(np.radians(5.0)), 0.0] if turn == "yaw" else [0.0, np.sin(np.radians(5.0))]
+        assert seen[:2] == pytest.approx(expected, abs=1e-6)
+
+    def test_a_moved_camera_and_bent_joints_are_as_far_off_as_asked(
+        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+    ):
+        nominal = space.nominal()
+        setting.begin(nominal)
+        eye, joints = bowls.data.camera("agentview").xpos.copy(), bowls.data.qpos[:7].copy()
+        setting.begin(replace(nominal, camera=Camera(0.1, 90.0, 0.0), initial_pose=InitialPose(j2=2.0)))
+        assert bowls.data.camera("agentview").xpos - eye == pytest.approx([0.0, 0.1, 0.0], abs=1e-9)
+        assert np.degrees(bowls.data.qpos[:7] - joints) == pytest.approx([0, 2, 0, 0, 0, 0, 0], abs=1e-9)
+
+
+class TestEvaluator:
+    def test_the_expert_solves_the_nominal_scene_and_one_in_which_the_target_is_elsewhere(self, soup, cans):
+        scenes = [cans.nominal(), moved(cans.nominal(), "alphabet_soup_1", x=-0.04, y=0.02)]
+        outcomes = soup.evaluate(scenes)
+        assert [outcome.verdict for outcome in outcomes] == [Verdict.PASSED, Verdict.PASSED]
+        assert outcomes[0].rollouts[0].reached == ("reach", "grasp", "move", "goal")
+        assert len({outcome.rollouts[0].states_hash for outcome in outcomes}) == 2
+
+    def test_equal_scenes_have_equal_rollouts_whatever_lies_between(self, soup, cans):
+        other = replace(cans.nominal(), light=Light(0.5), camera=Camera(0.1), start=Start(4))
+        first, _, again = soup.evaluate([cans.nominal(), other, cans.nominal()])
+        assert first.rollouts[0].states_hash == again.rollouts[0].states_hash
+
+    def test_things_inside_each_other_are_not_fair(self, soup, cans):
+        onto = moved(cans.nominal(), "alphabet_soup_1", x=0.135, y=0.49)  # where the basket stands
+        outcome = soup.evaluate([onto])[0]
+        assert outcome.verdict is Verdict.INVALID
+        assert "alphabet_soup_1" in outcome.detail
+
+    def test_a_target_that_the_camera_does_not_show_is_not_fair(self, soup, cans):
+        assert soup.check(replace(cans.nominal(), camera=Camera(yaw=60.0))).check == "unseen"
+
+    def test_holding_still_solves_nothing_at_any_control_rate(self, cans):
+        conditions = Conditions(task=SOUP, robot="libero")
+        evaluator = make_evaluator(conditions, Frozen())  # decides five times a second
+        outcome = evaluator.evaluate([cans.nominal()])[0]
+        evaluator.close()
+        assert outcome.verdict is Verdict.FAILED
+        assert len(outcome.rollouts[0].actions) == 280 // 4
+
+    def test_a_policy_that_needs_the_tabletop_is_refused(self):
+        with pytest.raises(UsageError, match="works on the tabletop only"):
+            make_evaluator(Conditions(task=SOUP, robot="libero"), Pinhole())
+
+    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: SearchSpace):
+        """Keys, sizes and numbers of openpi's example for LIBERO: 256 pixels made 224, fingers apart."""
+        address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
+        model = Model("openpi", address.options)
+        evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), Unasked(model.spec))
+        message = model.message(evaluator.begin(space.nominal(), 0).observe())
+        evaluator.close()
+        stock = LiberoEnv(find_task(TASK), size=256)
+        stock.reset(0)
+        stock.settle(SETTLING)
+        expected = stock.observe()
+        stock.close()
+        assert message.keys() == {
+            "observation/image",
+            "observation/wrist_image",
+            "observation/state",
+            "prompt",
+        }
+        for key, camera in (("image", "agentview"), ("wrist_image", "robot0_eye_in_hand")):
+            smaller = Image.fromarray(expected.pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
+            assert np.array_equal(message[f"observation/{key}"], np.asarray(smaller))
+        assert message["observation/state"] == pytest.approx(expected.state, abs=1e-6)
+        assert message["prompt"] == "put the bowl on the plate"
