@@ -173,12 +173,11 @@ def _bridge(state: State) -> State:
 
 
 def sent(layout: Layout, seen: Observation) -> State:
-    """The state of an observation in a layout; of two fingers as they are, where they were measured."""
+    """The state of an observation in a layout; where a world measures both fingers, all of it as measured."""
     assert seen.state is not None, "the spec asks for it"
-    state = layout(seen.state)
     if layout is _two_fingers and seen.fingers is not None:
-        state[6:] = seen.fingers
-    return state
+        return np.concatenate([seen.state[:6], seen.fingers])
+    return layout(seen.state)
 
 
 def layout_width(layout: str) -> int:
