@@ -4,7 +4,7 @@ import pytest
 
 from tests.doubles import manifest
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz.conditions import provenance
+from vlafuzz import worlds
 from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Verdict
 from vlafuzz.plugins import EVERYTHING, trusting
@@ -103,7 +103,7 @@ def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal()
 
 
 def test_it_names_what_changed_since_the_run():
-    here = provenance.here(run("make_frozen").policy, Frozen(), CATALOGUE)
+    here = worlds.here("pick-up", run("make_frozen").policy, Frozen(), CATALOGUE)
     of_users_code = {"source": "of a module that has changed since"}
     for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",)), (of_users_code, ("source",))):
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))

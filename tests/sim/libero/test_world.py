@@ -21,6 +21,7 @@ from vlafuzz.scene import Camera, InitialPose, Light, Scene, Start
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.expert_policy import LiberoExpert
+from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import Setting
 from vlafuzz.sim.libero.suites import SETTLING, find_task
 from vlafuzz.space import SearchSpace, load_operators
@@ -94,6 +95,21 @@ class TestSpace:
             assert full.decode(full.encode(scene)) == scene
             assert Scene.from_json(scene.to_json()) == scene
         assert len({full.sample(rng).start.state for _ in range(20)}) > 5
+
+    def test_random_scenes_have_room_for_everything(self, space: SearchSpace):
+        room, rng = room_of(TASK), np.random.default_rng(1)
+        assert [room.crowded(space.sample(rng)) for _ in range(20)] == [set()] * 20
+
+    def test_two_things_in_one_place_are_moved_apart_and_the_others_stay(self, space: SearchSpace):
+        room, nominal = room_of(TASK), space.nominal()
+        plate, bowl = (room.places[0][nominal_index] for nominal_index in (1, 0))
+        x, y = np.round(plate - bowl, 3).tolist()
+        onto = moved(nominal, "akita_black_bowl_1", x=x, y=y)
+        assert room.crowded(onto) == {0, 1}
+        apart = space.repaired(onto, np.random.default_rng(0))
+        assert apart is not None
+        assert room.crowded(apart) == set()
+        assert apart.targets[2:] == onto.targets[2:]
 
     def test_an_operator_that_has_nothing_to_vary_is_refused(self):
         operators = load_operators("libero").only(["backdrop"])

@@ -10,15 +10,17 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from vlafuzz.assets import operators_dir
-from vlafuzz.errors import CatalogueError
+from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.suites import LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.base import Layout
 from vlafuzz.space.compose import PARTS, Composer, Values, camera, index_of
+from vlafuzz.space.generate import HINT, REDRAWS, RESTARTS
 from vlafuzz.space.operators import (
     EXTRAS,
     CameraOrientation,
@@ -122,12 +124,27 @@ class LiberoSpace(SearchSpace):
     """Every scene that the operators can make of a task's initial states."""
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene. Whether it is fair is judged by physics, before a rollout."""
-        return self.composer.compose({path: self.draw(path, rng) for path in self.by_path})
+        """A random scene with room for everything. What else is fair is judged by physics, before a rollout.
+
+        Raises:
+            UsageError: the ranges leave no room.
+        """
+        for _ in range(RESTARTS):
+            drawn = self.composer.compose({path: self.draw(path, rng) for path in self.by_path})
+            if (scene := self.repaired(drawn, rng)) is not None:
+                return scene
+        raise UsageError(f"{self.task.name}: no scene in these ranges has room for everything", hint=HINT)
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene as it is."""
-        return scene
+        """The scene, with things that come too close to others put elsewhere; None when there is no room."""
+        room = room_of(self.task.name)
+        for _ in range(REDRAWS):
+            if not (crowded := room.crowded(scene)):
+                return scene
+            slot = f"targets.{rng.choice(sorted(crowded))}"
+            again = {path: self.draw(path, rng) for path in (f"{slot}.x", f"{slot}.y")}
+            scene = self.composer.compose(self.values(scene) | again)
+        return None
 
     def misnamed(self, scene: Scene) -> str | None:
         """The instruction of another task of the suite, if possible about something that is here."""

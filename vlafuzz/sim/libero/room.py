@@ -1,0 +1,76 @@
+"""How much room there is between the things of a task: known before anything is simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.processor import kept
+from vlafuzz.scene import Scene
+from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.grasps import surface
+from vlafuzz.sim.libero.packages import versions
+from vlafuzz.sim.libero.suites import PLACING, LiberoTask, find_task
+
+Array = NDArray[np.float64]
+OUTLINE = 1500  # points of a thing's surface
+SLACK = 0.005  # metres by which two things may come closer than in the initial state
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Where things stand in the initial states, and how far they reach.
+
+    Attributes:
+        places: ``(states, things, 2)`` of their middles, metres.
+        radii: ``(things,)`` of circles about them, metres.
+        pairs: of things that may not overlap: neither stands on the other.
+    """
+
+    places: Array
+    radii: Array
+    pairs: tuple[tuple[int, int], ...]
+
+    def crowded(self, scene: Scene) -> set[int]:
+        """The things that come too close to another one: nearer than in the initial state, and too near."""
+        start = self.places[scene.start.state]
+        now = start + np.array([(one.x, one.y) for one in scene.targets])
+        found: set[int] = set()
+        for a, b in self.pairs:
+            apart, before = (float(np.linalg.norm(at[a] - at[b])) for at in (now, start))
+            if apart < min(self.radii[a] + self.radii[b], before - SLACK):
+                found |= {a, b}
+        return found
+
+
+@cache
+def room_of(name: str) -> Room:
+    """The room in a task; looking takes seconds once on a machine."""
+    task = find_task(name)
+    places, radii = kept(f"libero-{name.replace('/', '-')}", lambda: _look(task), str(versions()))
+    carriers = {frozenset(atom[1:3]) for atom in task.initial if atom[0] in PLACING}
+    pairs = (
+        (a, b)
+        for a, b in combinations(range(len(task.things)), 2)
+        if frozenset((task.things[a], task.things[b])) not in carriers
+    )
+    return Room(np.array(places), np.array(radii), tuple(pairs))
+
+
+def _look(task: LiberoTask) -> list[Any]:
+    env = LiberoEnv(task)
+    bodies = [env.robosuite.obj_body_id[name] for name in task.things]
+    places, radii = list[Any](), list[float]()
+    for number in range(len(env.states)):
+        env.reset(number)
+        places.append(env.data.xpos[bodies][:, :2].tolist())
+    for body, place in zip(bodies, places[-1], strict=True):
+        outline = surface(env, body, OUTLINE)[:, :2] - place
+        radii.append(float(np.linalg.norm(outline, axis=1).max()))
+    env.close()
+    return [places, radii]
