@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -173,6 +174,7 @@ def command(
         plan = resume_run(flags)
     else:
         plan = plan_of(RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
+        note_defaults(plan, flags)
     with Bar() as bar:
         plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
     certifying = looks_for_causes(plan.strategy) if certify is None else certify
@@ -203,6 +205,24 @@ def command(
     if triaged is None:
         raise typer.Exit(INTERRUPTED)
     _end(summary, fail_on_finding)
+
+
+def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
+    """Say which defaults follow from this machine, where the user would want to know."""
+    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.renderer import probe_once
+    from vlafuzz.rigs.robots import PANDA
+
+    if "policy" not in flags and plan.manifest.robot == PANDA.robot and not probe_once().works:
+        hint = "`vlafuzz doctor` says what to install"
+        Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
+    used, batch = plan.place.workers, plan.manifest.batch
+    if "workers" not in flags and plan.place.kind == "processes" and used == batch < most_workers():
+        room = most_workers()
+        Bar.note(
+            f"note: {batch} scenes at a time keep {used} of {room} cores busy; --batch {room} is faster, and "
+            "chooses them by less of what came before"
+        )
 
 
 def _end(summary: Summary, fail_on_finding: bool) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.clients.interface import Interface, Written, interface_of
 from vlafuzz.conditions.stored import stored_catalogue
+from vlafuzz.errors import UsageError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.integrations.demonstrator import TRIES, Demonstrator
@@ -20,7 +21,7 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.scene import Latency, Scene
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.triage.witness import Player
-from vlafuzz.worlds import make_evaluator
+from vlafuzz.worlds import TABLETOP, WORLDS, make_evaluator, world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -48,9 +49,18 @@ class Demonstration:
 
 
 class ExpertRunner:
-    """Solves scenes as the policy of a run would have to, and records what it would see meanwhile."""
+    """Solves scenes as the policy of a run would have to, and records what it would see meanwhile.
+
+    Raises:
+        UsageError: the run is of another world than the tabletop.
+    """
 
     def __init__(self, run: Manifest) -> None:
+        if world_of(run.task) is not WORLDS[TABLETOP]:
+            raise UsageError(
+                f"{run.task}: demonstrations are made on the tabletop only",
+                hint="export its scenes without --format lerobot",
+            )
         self._run = replace(run, repeats=1, stop_early=True)
         self.interface: Interface = interface_of(run.policy, run.spec)
         self._catalogue = stored_catalogue(run)

@@ -196,6 +196,11 @@ class TestEvaluator:
         assert outcome.verdict is Verdict.INVALID
         assert "alphabet_soup_1" in outcome.detail
 
+    def test_a_target_that_the_robot_does_not_reach_is_not_fair(self, soup, cans):
+        rejection = soup.check(moved(cans.nominal(), "alphabet_soup_1", x=0.5))
+        assert rejection.check == "geometry"
+        assert "m from the robot, which reaches 0.79 m" in rejection.reason
+
     def test_a_target_that_the_camera_does_not_show_is_not_fair(self, soup, cans):
         assert soup.check(replace(cans.nominal(), camera=Camera(yaw=60.0))).check == "unseen"
 

@@ -8,11 +8,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.rigs.robots import LIBERO
 from vlafuzz.scene import Light, Scene
 from vlafuzz.sim.audit import Defect
 from vlafuzz.sim.libero.audit import defects
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.grasps import surface
+from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import VIEW, Setting
 from vlafuzz.validity import Rejection
 
@@ -57,6 +59,10 @@ class Fairness:
         known, usual = self._own[number]
         if scene == replace(nominal, start=scene.start):
             return None
+        for thing, away in room_of(str(self._env.task)).out_of_reach(scene).items():
+            name = self._env.task.things[thing]
+            reason = f"{name} is {away:.2f} m from the robot, which reaches {LIBERO.reach:g} m"
+            return Rejection("geometry", reason)
         for defect in self._defects(scene):
             if kind_of(defect) not in known:
                 return Rejection(CHECKS[defect.check], defect.reason)

@@ -1,4 +1,4 @@
-"""How much room there is between the things of a task: known before anything is simulated."""
+"""Where the things of a task have room and are in reach: known before anything is simulated."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.processor import kept
+from vlafuzz.rigs.robots import LIBERO
 from vlafuzz.scene import Scene
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.grasps import surface
 from vlafuzz.sim.libero.packages import versions
-from vlafuzz.sim.libero.suites import PLACING, LiberoTask, find_task
+from vlafuzz.sim.libero.suites import LiberoTask, find_task
 
 Array = NDArray[np.float64]
 OUTLINE = 1500  # points of a thing's surface
@@ -29,17 +30,20 @@ class Room:
     Attributes:
         places: ``(states, things, 2)`` of their middles, metres.
         radii: ``(things,)`` of circles about them, metres.
+        base: ``(2,)`` of the robot, metres.
+        concerned: the number of things that the task is about; they come first.
         pairs: of things that may not overlap: neither stands on the other.
     """
 
     places: Array
     radii: Array
+    base: Array
+    concerned: int
     pairs: tuple[tuple[int, int], ...]
 
     def crowded(self, scene: Scene) -> set[int]:
         """The things that come too close to another one: nearer than in the initial state, and too near."""
-        start = self.places[scene.start.state]
-        now = start + np.array([(one.x, one.y) for one in scene.targets])
+        start, now = self.places[scene.start.state], self._now(scene)
         found: set[int] = set()
         for a, b in self.pairs:
             apart, before = (float(np.linalg.norm(at[a] - at[b])) for at in (now, start))
@@ -47,19 +51,37 @@ class Room:
                 found |= {a, b}
         return found
 
+    def out_of_reach(self, scene: Scene) -> dict[int, float]:
+        """The things that the task is about and the robot does not reach, with their distance from its base.
+
+        What is as near as in the initial state counts as in reach.
+        """
+        start, now = self.places[scene.start.state], self._now(scene)
+        found: dict[int, float] = {}
+        for thing in range(self.concerned):
+            away, before = (float(np.linalg.norm(at[thing] - self.base)) for at in (now, start))
+            if away > max(LIBERO.reach, before):
+                found[thing] = away
+        return found
+
+    def _now(self, scene: Scene) -> Array:
+        """``(things, 2)`` of their middles, as far as their own offsets say."""
+        offsets = np.array([(one.x, one.y) for one in scene.targets])
+        return np.asarray(self.places[scene.start.state] + offsets)
+
 
 @cache
 def room_of(name: str) -> Room:
     """The room in a task; looking takes seconds once on a machine."""
     task = find_task(name)
-    places, radii = kept(f"libero-{name.replace('/', '-')}", lambda: _look(task), str(versions()))
-    carriers = {frozenset(atom[1:3]) for atom in task.initial if atom[0] in PLACING}
+    places, radii, base = kept(f"libero-room-{name.replace('/', '-')}", lambda: _look(task), str(versions()))
+    carriers = {frozenset(pair) for pair in task.riders.items()}
     pairs = (
         (a, b)
         for a, b in combinations(range(len(task.things)), 2)
         if frozenset((task.things[a], task.things[b])) not in carriers
     )
-    return Room(np.array(places), np.array(radii), tuple(pairs))
+    return Room(np.array(places), np.array(radii), np.array(base), task.concerned, tuple(pairs))
 
 
 def _look(task: LiberoTask) -> list[Any]:
@@ -72,5 +94,6 @@ def _look(task: LiberoTask) -> list[Any]:
     for body, place in zip(bodies, places[-1], strict=True):
         outline = surface(env, body, OUTLINE)[:, :2] - place
         radii.append(float(np.linalg.norm(outline, axis=1).max()))
+    base = env.robosuite.robots[0].base_pos[:2].tolist()
     env.close()
-    return [places, radii]
+    return [places, radii, base]

@@ -39,11 +39,6 @@ class Setting:
         self._camera = env.model.camera(VIEW).id
         self._eye = model.cam_pos[self._camera].copy()
         self._turn = model.cam_quat[self._camera].copy()
-        self._riders = {
-            atom[1]: atom[2]
-            for atom in env.task.initial
-            if atom[0] == "on" and {atom[1], atom[2]} <= set(env.task.things)
-        }
 
     def begin(self, scene: Scene) -> None:
         """Begin an episode in a scene.
@@ -72,11 +67,11 @@ class Setting:
         middles = {name: self._address(name) for name in placed}
         start = {name: positions[at : at + 2].copy() for name, at in middles.items()}
         for name, at in middles.items():
-            carrier, chain = self._riders.get(name), [placed[name]]
+            carrier, chain = self._env.task.riders.get(name), [placed[name]]
             while carrier is not None:  # what stands on something goes along with it
                 chain.append(placed[carrier])
                 _turned(positions, at, start[carrier], placed[carrier])
-                carrier = self._riders.get(carrier)
+                carrier = self._env.task.riders.get(carrier)
             _turned(positions, at, positions[at : at + 2].copy(), placed[name])
             for axis, offset in enumerate((sum(p.x for p in chain), sum(p.y for p in chain))):
                 if offset:

@@ -18,7 +18,7 @@ from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.suites import LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace
-from vlafuzz.space.base import Layout
+from vlafuzz.space.base import Layout, Span
 from vlafuzz.space.compose import PARTS, Composer, Values, camera, index_of
 from vlafuzz.space.generate import HINT, REDRAWS, RESTARTS
 from vlafuzz.space.operators import (
@@ -32,9 +32,10 @@ from vlafuzz.space.operators import (
     TargetPosition,
     Wording,
 )
-from vlafuzz.space.params import Gene
+from vlafuzz.space.params import Gene, Grid
 from vlafuzz.tasks.base import Task
 
+RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 REST = "initial"  # the only rest pose: as in the suite's own initial state
 _WORDINGS = TypeAdapter(list[str])
 _PLACING = (TargetPosition, TargetOrientation, ConfounderPosition, ConfounderOrientation)
@@ -89,9 +90,10 @@ class LiberoComposer(Composer):
         around = name in (ConfounderPosition.name, ConfounderOrientation.name)
         slots = range(concerned, len(self._libero.things)) if around else range(concerned)
         for slot in slots:
+            share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
             if isinstance(operator, (TargetPosition, ConfounderPosition)):
-                yield Gene(name, f"targets.{slot}.x", "real", operator.x.grid(0.0))
-                yield Gene(name, f"targets.{slot}.y", "real", operator.y.grid(0.0))
+                yield Gene(name, f"targets.{slot}.x", "real", _grid(operator.x, share))
+                yield Gene(name, f"targets.{slot}.y", "real", _grid(operator.y, share))
             elif isinstance(operator, (TargetOrientation, ConfounderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
@@ -120,6 +122,11 @@ class LiberoComposer(Composer):
         return values | {"instruction": math.nan if scene.then else index_of(self._said, scene.instruction)}
 
 
+def _grid(span: Span, share: float) -> Grid:
+    """A share of a range about zero."""
+    return Grid(share * span.low, share * span.high, span.step, 0.0)
+
+
 class LiberoSpace(SearchSpace):
     """Every scene that the operators can make of a task's initial states."""
 
@@ -136,12 +143,12 @@ class LiberoSpace(SearchSpace):
         raise UsageError(f"{self.task.name}: no scene in these ranges has room for everything", hint=HINT)
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene, with things that come too close to others put elsewhere; None when there is no room."""
+        """The scene, with things elsewhere that are too close to others or out of reach; None without room."""
         room = room_of(self.task.name)
         for _ in range(REDRAWS):
-            if not (crowded := room.crowded(scene)):
+            if not (misplaced := room.crowded(scene) | room.out_of_reach(scene).keys()):
                 return scene
-            slot = f"targets.{rng.choice(sorted(crowded))}"
+            slot = f"targets.{rng.choice(sorted(misplaced))}"
             again = {path: self.draw(path, rng) for path in (f"{slot}.x", f"{slot}.y")}
             scene = self.composer.compose(self.values(scene) | again)
         return None

@@ -52,6 +52,15 @@ class LiberoTask:
         return tuple(atom[1] for atom in self.goal if atom[0] in PLACING)
 
     @property
+    def riders(self) -> dict[str, str]:
+        """By the names of things that stand on another thing: which one that is."""
+        return {
+            atom[1]: atom[2]
+            for atom in self.initial
+            if atom[0] == "on" and {atom[1], atom[2]} <= set(self.things)
+        }
+
+    @property
     def concerned(self) -> int:
         """How many of the things, the first ones, the task is about."""
         return len({*self.carried, *self.interest} & set(self.things))
