@@ -143,7 +143,7 @@ class LiberoSpace(SearchSpace):
         raise UsageError(f"{self.task.name}: no scene in these ranges has room for everything", hint=HINT)
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """The scene, with things elsewhere that are too close to others or out of reach; None without room."""
+        """The scene, with things moved that are too close to others or out of reach; None without room."""
         room = room_of(self.task.name)
         for _ in range(REDRAWS):
             if not (misplaced := room.crowded(scene) | room.out_of_reach(scene).keys()):
