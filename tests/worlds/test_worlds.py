@@ -1,0 +1,54 @@
+"""Worlds: which one a task is of, how users name them, and what they refuse."""
+
+import pytest
+
+from vlafuzz.errors import UsageError
+from vlafuzz.objects import load_catalogue
+from vlafuzz.space import load_operators
+from vlafuzz.worlds import TABLETOP, WORLDS, make_space, task_of, world_of
+
+
+def test_a_tasks_name_says_which_world_it_is_of():
+    assert world_of("pick-up") is WORLDS[TABLETOP]
+    assert world_of("libero_object/0") is WORLDS["libero"]
+
+
+@pytest.mark.parametrize(
+    ("world", "task", "named"),
+    [
+        (None, None, None),
+        (None, "put-on", "put-on"),
+        ("tabletop", None, None),
+        ("tabletop", "put-on", "put-on"),
+        ("tabletop:put-on", None, "put-on"),
+        ("libero:libero_object/0", None, "libero_object/0"),
+        ("libero:libero_object/0", "libero_object/0", "libero_object/0"),
+    ],
+)
+def test_a_world_or_a_task_is_named(world: str | None, task: str | None, named: str | None):
+    assert task_of(world, task) == named
+
+
+@pytest.mark.parametrize(
+    ("world", "task", "problem"),
+    [
+        ("moon", None, "unknown world 'moon'"),
+        ("libero", None, "--world libero: names no task"),
+        ("libero:libero_object", None, "--world libero:libero_object: names no task"),
+        ("libero:libero_object/0", "pick-up", "--world libero:libero_object/0, --task pick-up: two tasks"),
+    ],
+)
+def test_what_names_no_task_is_refused(world: str, task: str | None, problem: str):
+    with pytest.raises(UsageError, match=problem):
+        task_of(world, task)
+
+
+def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
+    operators = load_operators().only(["initial-state"])
+    with pytest.raises(UsageError, match="initial-state: nothing of pick-up varies so"):
+        make_space(operators, load_catalogue(), "pick-up", "panda")
+
+
+def test_every_world_has_robots_and_its_default_one_a_rig():
+    assert next(iter(WORLDS[TABLETOP].robots)) == "panda"
+    assert next(iter(WORLDS["libero"].robots)) == "libero"
