@@ -8,14 +8,11 @@ from tests.doubles import ClosedForm, Gone, Raising, scene
 from tests.triage.planted import CONDITIONS
 from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
-from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
-from vlafuzz.cli.run import note_defaults
 from vlafuzz.deadline import Deadline
 from vlafuzz.diagnostics import before_run
 from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.renderer import Renderer
 from vlafuzz.store.store import Store
 from vlafuzz.triage import scene_runner as runner
 
@@ -342,27 +339,3 @@ def test_one_failure_has_its_cause(capsys: pytest.CaptureFixture[str], folder: P
     write_scenes(folder / "dark.jsonl", [scene(light=0.3)])
     assert main(["run", *IDLE, "--scenes", "dark.jsonl", "--store", "a.db"]) == 0
     assert "1 failure; `vlafuzz triage a.db --trust` finds its cause\n" in capsys.readouterr().out
-
-
-def planned(**flags) -> Plan:
-    return plan(RunConfig(policy="frozen", strategy="random", **flags))
-
-
-def test_a_run_says_when_its_batch_leaves_cores_idle(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("VLAFUZZ_WORKERS", "16")
-    note_defaults(planned(batch=2), {})
-    assert "2 scenes at a time keep 2 of 16 cores busy; --batch 16 is faster" in capsys.readouterr().err
-    note_defaults(planned(batch=2, workers=2), {"workers": 2})
-    assert capsys.readouterr().err == ""
-
-
-def test_a_run_says_why_its_policy_needs_no_pictures(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr("vlafuzz.renderer.probe_once", lambda: Renderer(None, None, "no device"))
-    note_defaults(planned(), {})
-    assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
-    note_defaults(planned(), {"policy": "frozen"})
-    assert capsys.readouterr().err == ""

@@ -17,7 +17,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.policies.pinhole import Pinhole
-from vlafuzz.scene import Camera, InitialPose, Light, Scene, Start
+from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.expert_policy import LiberoExpert
@@ -200,6 +200,22 @@ class TestEvaluator:
         rejection = soup.check(moved(cans.nominal(), "alphabet_soup_1", x=0.5))
         assert rejection.check == "geometry"
         assert "m from the robot, which reaches 0.79 m" in rejection.reason
+
+    @pytest.mark.parametrize(
+        ("changes", "problem"),
+        [
+            ({"backdrop": Backdrop(wall="red")}, "backdrop: scenes of libero_object/0 have none"),
+            ({"confounders": (Placement("apple", "standing", 0.0, 0.0),)}, "confounders: scenes of"),
+            ({"start": Start(50)}, "50 initial states, not 51"),
+            ({"targets": (Placement("apple", "initial", 0.0, 0.0),)}, "apple are not the things of"),
+            ({"targets": (Placement("apple", "initial", 0.0, 0.0, scale=2.0),)}, "have one size"),
+            ({"light": Light(-1.0)}, "light: an intensity of -1"),
+        ],
+    )
+    def test_what_cannot_be_set_up_is_refused_and_never_ignored(self, soup, cans, changes, problem: str):
+        rejection = soup.check(replace(cans.nominal(), **changes))
+        assert rejection.check == "semantic"
+        assert problem in rejection.reason
 
     def test_a_target_that_the_camera_does_not_show_is_not_fair(self, soup, cans):
         assert soup.check(replace(cans.nominal(), camera=Camera(yaw=60.0))).check == "unseen"

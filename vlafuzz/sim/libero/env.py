@@ -23,6 +23,7 @@ from vlafuzz.sim.libero.suites import Atom, LiberoTask, initial_states
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 HZ = 20
+METRES, RADIANS = 0.05, 0.5  # that an action of 1 asks for
 ACTION = 7  # translation and rotation vector of the hand, then the gripper: 1 closes, -1 opens
 STILL = np.array([0.0] * 6 + [-1.0])  # what LIBERO's evaluations do while a scene settles
 SEED = 0  # of LIBERO's generator, which places the furniture

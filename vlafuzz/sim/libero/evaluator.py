@@ -148,6 +148,7 @@ class LiberoEvaluator(SceneEvaluator):
         super().__init__(conditions, policy, stages, recording=recording, checked=checked)
         check_spec(policy.spec)
         self._env: LiberoEnv | None = None
+        self._robot = ""
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._conditions.task:
@@ -165,6 +166,9 @@ class LiberoEvaluator(SceneEvaluator):
             self._env = None
 
     def _environment(self, robot: str) -> LiberoEnv:
+        if self._robot != robot:
+            self.renew()
+            self._robot = robot
         if self._env is None:
             cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
             size = max((max(camera.width, SIDE) for camera in cameras), default=64)

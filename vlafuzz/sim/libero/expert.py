@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.env import METRES, RADIANS, LiberoEnv
 from vlafuzz.sim.libero.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.sim.libero.stages import find_shapes, held
 from vlafuzz.sim.libero.suites import PLACING, Atom
@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 HOVER = 0.08  # metres above a grasp, from where the hand comes down
 CARRY = 0.06  # metres between what is carried and all that stands around
 DROP = 0.01  # metres above its place at which a thing is let go
-METRES, RADIANS = 0.05, 0.5  # that an action of 1 asks for
 FAST = 2.0  # errors are asked for that many times: the controller covers a part of them in a step
 CLOSE = 0.008  # metres from a place that count as there
 PATIENCE = 60  # control steps for one move

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.sim.libero.env import HZ, METRES, RADIANS
 
 Array = NDArray[np.float64]
-HZ = 20
 # Metres, radians and our gripper (1 is open) for one unit of an action of LIBERO's (1 is closed).
-UNITS = np.array([0.05] * 3 + [0.5] * 3 + [-1.0])
+UNITS = np.array([METRES] * 3 + [RADIANS] * 3 + [-1.0])
 STILL = np.array([0.0] * 6 + [1.0])
 
 

@@ -8,14 +8,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.errors import SceneError
 from vlafuzz.rigs.robots import LIBERO
-from vlafuzz.scene import Light, Scene
+from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.sim.audit import Defect
 from vlafuzz.sim.libero.audit import defects
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.grasps import surface
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import VIEW, Setting
+from vlafuzz.sim.libero.suites import REST
 from vlafuzz.validity import Rejection
 
 Array = NDArray[np.float64]
@@ -43,6 +45,8 @@ class Fairness:
 
     def check(self, nominal: Scene, scene: Scene) -> Rejection | None:
         """Why a scene is not fair; None if it is. ``nominal``: without deviations, of any initial state."""
+        if problem := _unknown(nominal, scene):
+            return Rejection("semantic", problem)
         placed = replace(nominal, targets=scene.targets, start=scene.start, initial_pose=scene.initial_pose)
         seen = replace(placed, camera=scene.camera, light=Light())
         if seen not in self._known:
@@ -52,6 +56,10 @@ class Fairness:
         return self._known[seen]
 
     def _judged(self, nominal: Scene, scene: Scene) -> Rejection | None:
+        try:
+            self._setting.begin(scene)
+        except SceneError as error:
+            return Rejection("semantic", error.message)
         number = scene.start.state
         if number not in self._own:
             own = replace(nominal, start=scene.start)
@@ -81,6 +89,16 @@ class Fairness:
         self._setting.begin(scene)
         env = self._env
         return {name: _share(env, name) for name in env.task.things[: env.task.concerned]}
+
+
+def _unknown(nominal: Scene, scene: Scene) -> str | None:
+    """What a scene has and LIBERO's scenes do not; nothing of a scene may be ignored."""
+    for part in ("confounders", "backdrop", "frame", "then"):
+        if getattr(scene, part) != getattr(nominal, part):
+            return f"{part}: scenes of {nominal.task} have none of their own"
+    if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.targets):
+        return "targets: LIBERO's things have one size, and rest as they do in the initial state"
+    return f"light: an intensity of {scene.light.intensity:g}" if scene.light.intensity < 0 else None
 
 
 def kind_of(defect: Defect) -> tuple[str, str]:

@@ -32,6 +32,7 @@ class Room:
         radii: ``(things,)`` of circles about them, metres.
         base: ``(2,)`` of the robot, metres.
         concerned: the number of things that the task is about; they come first.
+        carriers: ``(things,)`` what each stands on, itself for most.
         pairs: of things that may not overlap: neither stands on the other.
     """
 
@@ -39,6 +40,7 @@ class Room:
     radii: Array
     base: Array
     concerned: int
+    carriers: tuple[int, ...]
     pairs: tuple[tuple[int, int], ...]
 
     def crowded(self, scene: Scene) -> set[int]:
@@ -65,9 +67,10 @@ class Room:
         return found
 
     def _now(self, scene: Scene) -> Array:
-        """``(things, 2)`` of their middles, as far as their own offsets say."""
-        offsets = np.array([(one.x, one.y) for one in scene.targets])
-        return np.asarray(self.places[scene.start.state] + offsets)
+        """``(things, 2)`` of their middles; what stands on something goes along with it."""
+        own = np.array([(one.x, one.y) for one in scene.targets])
+        along = [own[on] if on != thing else 0.0 * own[on] for thing, on in enumerate(self.carriers)]
+        return np.asarray(self.places[scene.start.state] + own + along)
 
 
 @cache
@@ -75,13 +78,11 @@ def room_of(name: str) -> Room:
     """The room in a task; looking takes seconds once on a machine."""
     task = find_task(name)
     places, radii, base = kept(f"libero-room-{name.replace('/', '-')}", lambda: _look(task), str(versions()))
-    carriers = {frozenset(pair) for pair in task.riders.items()}
-    pairs = (
-        (a, b)
-        for a, b in combinations(range(len(task.things)), 2)
-        if frozenset((task.things[a], task.things[b])) not in carriers
+    carriers = tuple(task.things.index(task.riders.get(name, name)) for name in task.things)
+    pairs = tuple(
+        (a, b) for a, b in combinations(range(len(task.things)), 2) if carriers[a] != b and carriers[b] != a
     )
-    return Room(np.array(places), np.array(radii), np.array(base), task.concerned, tuple(pairs))
+    return Room(np.array(places), np.array(radii), np.array(base), task.concerned, carriers, pairs)
 
 
 def _look(task: LiberoTask) -> list[Any]:

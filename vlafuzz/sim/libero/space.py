@@ -15,7 +15,7 @@ from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.libero.room import room_of
-from vlafuzz.sim.libero.suites import LiberoTask, find_task, find_tasks
+from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.base import Layout, Span
@@ -36,7 +36,6 @@ from vlafuzz.space.params import Gene, Grid
 from vlafuzz.tasks.base import Task
 
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
-REST = "initial"  # the only rest pose: as in the suite's own initial state
 _WORDINGS = TypeAdapter(list[str])
 _PLACING = (TargetPosition, TargetOrientation, ConfounderPosition, ConfounderOrientation)
 # Operators that are the same as on the tabletop, beside the extras. LIBERO has no backdrops of ours.
