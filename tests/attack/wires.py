@@ -21,8 +21,8 @@ from vlafuzz.clients.openpi import OpenPi
 from vlafuzz.clients.openvla import ActSession, OpenVla
 from vlafuzz.clients.profiled import Model
 from vlafuzz.clients.remote import parse
-from vlafuzz.clients.vla_eval import VlaEval
-from vlafuzz.clients.vla_eval_spec import layout_of, spec_of
+from vlafuzz.clients.vla_eval import Messages, VlaEval
+from vlafuzz.clients.vla_eval_spec import spec_of
 
 ACTIONS = np.tile([0.01, 0.0, -0.01, 0.0, 0.1, 0.0, 1.0], (3, 1))
 HELLO = {
@@ -157,9 +157,7 @@ def vla_eval_frames(rng: Rng, folder: Path) -> None:
     )
     _, declared = policy._open()
     policy.spec = spec_of(policy._name, declared, policy._options)
-    policy._layout = (
-        None if layout_of(policy._name, declared, policy._options) is None else lambda state: state
-    )
+    policy._messages = Messages(policy._name, declared, policy._options)
     if declared.model_server == "m":
         _rolled(policy)
 

@@ -37,6 +37,7 @@ class Served(PredictModelServer):
         self.policy, self._lock = policy, threading.Lock()
         self.started: list[EpisodeStart] = []
         self.ended: list[str] = []
+        self.suites: list[str] = []
         self.seen: list[dict[str, Any]] = []
         self.batches: list[int] = []
 
@@ -44,6 +45,7 @@ class Served(PredictModelServer):
         await super().on_episode_start(config, ctx)
         task = config["task"]
         with self._lock:
+            self.suites.append(task["suite"])
             self.started.append(EpisodeStart(task["episode"], task["name"], task["task"], task["seed"]))
             self.policy.reset([EpisodeStart(ctx.session_id, task["name"], task["task"], task["seed"])])
 

@@ -63,15 +63,21 @@ class TestKnown:
         options = act("profile=libero")
         assert (options.image_key, options.gripper, options.chunk) == ("full_image", "open_01", 8)
 
-    def test_libero_behind_vla_eval_says_what_its_servers_do_not_declare(self):
+    @pytest.mark.parametrize(("asked", "pictures"), [(True, 2), (False, 1)])
+    def test_libero_behind_vla_eval_sends_what_its_servers_ask_for(self, asked: bool, pictures: int):
         options = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
-        declared = {"action_spec": {"rotation": {"format": "euler_xyz"}}, "protocol_version": 1}
+        declared = {
+            "action_spec": {"rotation": {"format": "euler_xyz"}},
+            "observation_spec": {"image": {"format": "rgb_hwc_uint8"}, "state": {"format": "raw"}},
+            "observation_params": {"send_wrist_image": asked, "send_state": asked},
+            "protocol_version": 1,
+        }
         spec = spec_of("it", Hello.model_validate(declared), options)
         assert spec.action == ActionSpec(
             relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
         )
-        assert [camera.width for camera in spec.cameras] == [256, 256]
-        assert (spec.state, spec.execute, spec.provenance["profile"]) == (True, 5, "libero")
+        assert [camera.width for camera in spec.cameras] == [256] * pictures
+        assert (spec.state, spec.execute, spec.provenance["profile"]) == (asked, 5, "libero")
 
     def test_bridge(self):
         options = act("profile=bridge")

@@ -1,6 +1,7 @@
 """The vla-eval client: against the real server of PyPI, and against servers that misbehave."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,6 +127,15 @@ class TestWire:
         assert message["state"].dtype == np.float32
         assert message["task_description"] == "pick up apple"
         assert server.started == [start("one", 3)]
+
+    def test_a_server_learns_the_suite_of_libero(self):
+        server = Served(Rounded(Random()))
+        with serving(server) as name:
+            policy = make_policy(name)
+            policy.reset([replace(start("one"), task="libero_goal/8"), start("two")])
+            policy.act([seen("one"), seen("two")])
+            policy.close()
+        assert sorted(server.suites) == ["libero_goal", "vlafuzz"]
 
     def test_each_rollout_has_a_connection_which_ends_with_it(self, opened):
         server = Served(Rounded(Random()))

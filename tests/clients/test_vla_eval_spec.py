@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from tests.clients.served import HELLO, STATE
 from vlafuzz.clients.conventions import LAYOUTS, OWN
 from vlafuzz.clients.remote import VlaEvalOptions
+from vlafuzz.clients.vla_eval import Messages
 from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
 from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 
 RGB = "rgb_hwc_uint8"
 
@@ -143,6 +144,11 @@ class TestSpec:
             spec(hello(observation={"state": "joint_positions"}))
         assert "supported: eef_pos3_axisangle3_gripper1" in caught.value.hint
 
+    def test_poses_of_the_hand_are_refused(self):
+        """As X-VLA's: it declares no format of its actions, only that they are absolute."""
+        with pytest.raises(UsageError, match="poses of the hand"):
+            spec(hello(action={"actions": "raw"}, params={"absolute_action": True}))
+
     def test_it_says_where_its_conventions_come_from(self):
         greeting = hello(action={"rotation": "euler_xyz"})
         assert spec(greeting, gripper="open_01").provenance == {
@@ -207,3 +213,24 @@ def test_layouts_of_proprioception(layout, length, rest):
     turn = sent[3 : length - len(rest)]
     rotation = Rotation.from_quat(np.roll(turn, -1)) if len(turn) == 4 else Rotation.from_rotvec(turn)
     assert (rotation * Rotation.from_rotvec(STATE[3:6]).inv()).magnitude() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("params", "turn"),
+    [
+        ({}, [-(2 * np.pi - 3.5), 0.0, 0.0]),  # vla-eval's LIBERO turns by less than 180° the other way
+        ({"quat_no_antipodal": True}, [3.5, 0.0, 0.0]),  # as robosuite, which goes on beyond 180°
+    ],
+)
+def test_a_model_of_libero_gets_what_vla_evals_own_benchmark_sends(params, turn):
+    picture = np.zeros((256, 256, 3), dtype=np.uint8)
+    state = np.array([0.1, 0.2, 0.3, 3.5, 0.0, 0.0, 0.5], dtype=np.float32)
+    fingers = np.array([0.03, -0.02], dtype=np.float32)
+    images = {"front": picture, "wrist": picture + 1}
+    seen = Observation("e", 0, "lift it", images=images, state=state, fingers=fingers)
+    asked = hello(params={"send_state": True, "send_wrist_image": True} | params)
+    message = Messages("it", asked, VlaEvalOptions(benchmark="libero"))(seen)
+    assert list(message["images"]) == ["agentview", "wrist"]
+    assert message["images"]["wrist"].max() == 1
+    assert message["states"] == pytest.approx([0.1, 0.2, 0.3, *turn, 0.03, -0.02])
+    assert message["task_description"] == "lift it"

@@ -102,11 +102,14 @@ class VlaEvalOptions(CommonOptions):
         state: ``0``, ``1`` (the layout that the server declares) or the name of a layout.
         action: the only kind of vla-eval's actions that can be executed.
         frame: of deltas: the robot's base.
+        benchmark: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends
+            proprioception and the wrist picture to servers that ask for them.
     """
 
     protocol: ClassVar[str] = "vla-eval"
 
     state: State | None = None
+    benchmark: Literal["libero"] | None = None
     action: Literal["eef_delta"] = "eef_delta"
     frame: Literal["base"] = "base"
     rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None

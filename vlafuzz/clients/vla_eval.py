@@ -8,15 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from vlafuzz import __version__
 from vlafuzz.clients import wire
-from vlafuzz.clients.conventions import LAYOUTS, Layout, sent
+from vlafuzz.clients.conventions import LAYOUTS, sent
 from vlafuzz.clients.remote import Address, CommonOptions, VlaEvalOptions, needed
 from vlafuzz.clients.sessions import Sessions
-from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
+from vlafuzz.clients.vla_eval_spec import Hello, layout_of, picture_names, spec_of, wants_short_turns
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation
+from vlafuzz.policies.base import EpisodeStart, Observation
 
 PROTOCOL_VERSION = 1
 GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PROTOCOL_VERSION}
@@ -44,8 +45,8 @@ class VlaEval(Sessions):
         with wire.required("vla-eval", "start it first: vla-eval serve --config …"):
             session, hello = wire.with_retries(self._open)
         session.close()
-        self._layout = LAYOUTS.get(layout_of(self._name, hello, self._options) or "")
         self.spec = spec_of(self._name, hello, self._options)
+        self._messages = Messages(self._name, hello, self._options)
 
     def _begin(self, start: EpisodeStart) -> VlaEvalSession:
         session, hello = wire.with_retries(self._open)
@@ -68,7 +69,7 @@ class VlaEval(Sessions):
         return session, hello
 
     def _message(self, seen: Observation) -> dict[str, Any]:
-        return message_of(seen, self.spec.cameras, self._layout)
+        return self._messages(seen)
 
 
 class VlaEvalSession:
@@ -110,18 +111,29 @@ class VlaEvalSession:
         return payload  # type: ignore[no-any-return]
 
 
-def message_of(seen: Observation, cameras: Sequence[CameraRequest], layout: Layout | None) -> dict[str, Any]:
-    """The message with an observation. Servers identify pictures by their order, that of the cameras."""
-    message: dict[str, Any] = {
-        "images": {camera.name: seen.images[camera.name] for camera in cameras},
-        "task_description": seen.instruction,
-    }
-    if layout is not None and seen.state is not None:
-        state = sent(layout, seen)
-        message |= {"state": state, "states": state}  # servers read either of the two
-    return message
+class Messages:
+    """Observations as a server is sent them: servers identify pictures by their order or by their names."""
+
+    def __init__(self, name: str, hello: Hello, options: VlaEvalOptions) -> None:
+        self._names = picture_names(spec_of(name, hello, options), options)
+        self._layout = LAYOUTS.get(layout_of(name, hello, options) or "")
+        self._short = wants_short_turns(hello, options)
+
+    def __call__(self, seen: Observation) -> dict[str, Any]:
+        message: dict[str, Any] = {
+            "images": {name: seen.images[camera] for camera, name in self._names.items()},
+            "task_description": seen.instruction,
+        }
+        if self._layout is not None and seen.state is not None:
+            state = sent(self._layout, seen)
+            if self._short:
+                state[3:6] = Rotation.from_rotvec(state[3:6]).as_rotvec()
+            message |= {"state": state, "states": state}  # servers read either of the two
+        return message
 
 
-def _task(start: EpisodeStart) -> Mapping[str, Any]:
-    task = {"name": start.instruction, "suite": "vlafuzz", "task": start.task}
-    return task | {"episode": start.episode, "seed": start.seed}
+def _task(start: EpisodeStart) -> dict[str, Any]:
+    suite, _, number = start.task.rpartition("/")  # of LIBERO; some servers have settings for each suite
+    place = {"suite": suite, "task_id": int(number)} if suite else {"suite": "vlafuzz"}
+    task = {"name": start.instruction, "task": start.task}
+    return task | place | {"episode": start.episode, "seed": start.seed}

@@ -20,8 +20,9 @@ GRIPPERS = {
     "binary_close_01": "close_01",
     "continuous_01": "open_01",
 }
-
-
+# vla-eval's own LIBERO: the names of its pictures by those of our cameras, and its proprioception.
+LIBERO_PICTURES = {"front": "agentview", "wrist": "wrist"}
+LIBERO_STATE = "eef_pos3_axisangle3_gripper2"
 Name = Annotated[str, Field(max_length=1000)]  # stores keep them with every run
 
 
@@ -36,6 +37,8 @@ class Parameters(BaseModel, frozen=True):
 
     send_state: bool | None = None
     send_wrist_image: bool | None = None
+    quat_no_antipodal: bool | None = None
+    absolute_action: bool | None = None
 
 
 class Hello(BaseModel, frozen=True, protected_namespaces=()):
@@ -82,6 +85,17 @@ def spec_of(name: str, hello: Hello, options: VlaEvalOptions) -> PolicySpec:
     )
 
 
+def picture_names(spec: PolicySpec, options: VlaEvalOptions) -> dict[str, str]:
+    """The names under which pictures are sent, by those of the cameras, in their order."""
+    known = LIBERO_PICTURES if options.benchmark == "libero" else {}
+    return {camera.name: known.get(camera.name, camera.name) for camera in spec.cameras}
+
+
+def wants_short_turns(hello: Hello, options: VlaEvalOptions) -> bool:
+    """Whether rotation vectors are sent as vla-eval's LIBERO does unasked: no longer than half a turn."""
+    return options.benchmark == "libero" and not hello.observation_params.quat_no_antipodal
+
+
 def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
     """Our actions in vla-eval's terms, as far as there are any."""
     rotations = {name: declared for declared, name in ROTATIONS.items()}
@@ -108,6 +122,8 @@ def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
         return None
     if options.state not in (None, "1"):
         return options.state
+    if options.benchmark == "libero":
+        return LIBERO_STATE if options.state or hello.observation_params.send_state else None
     declared = hello.observation_spec.get("state")
     if options.state is None and declared is None and not hello.observation_params.send_state:
         return None
@@ -119,6 +135,9 @@ def layout_of(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
 
 
 def _check_components(name: str, hello: Hello) -> None:
+    if hello.observation_params.absolute_action:
+        message = f"{name}: the server's actions are poses of the hand (absolute_action)"
+        raise UsageError(message, hint="supported: moves of the hand (delta_xyz)")
     for component, declared in hello.action_spec.items():
         if component in ("rotation", "gripper"):
             continue  # an option may override it

@@ -27,9 +27,8 @@ from vla_eval.benchmarks.base import StepBenchmark, StepResult
 from vla_eval.render import configure_sapien_render
 from vla_eval.specs import DimSpec
 
-from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.clients.remote import parse
-from vlafuzz.clients.vla_eval import PROTOCOL_VERSION, VlaEval, message_of
+from vlafuzz.clients.vla_eval import PROTOCOL_VERSION, Messages, VlaEval
 from vlafuzz.clients.vla_eval_spec import (
     Hello,
     Parameters,
@@ -86,6 +85,7 @@ class CorpusBenchmark(StepBenchmark):
             observation_params=Parameters(send_state=send_state, send_wrist_image=send_wrist_image),
         )
         self.spec, self._layout = spec_of(NAME, hello, parsed), layout_of(NAME, hello, parsed)
+        self._message = Messages(NAME, hello, parsed)
         self._corpus = read_corpus(Path(corpus))
         self._probes = {probe.scene.digest: probe for probe in probes(self._corpus)}
         self._catalogue = stored_catalogue(*self._corpus.runs)
@@ -139,7 +139,7 @@ class CorpusBenchmark(StepBenchmark):
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
         """The same message that vlafuzz sends to a vla-eval server."""
-        return message_of(raw_obs, self.spec.cameras, LAYOUTS.get(self._layout or ""))
+        return self._message(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Success as vlafuzz judges it, and progress."""

@@ -10,6 +10,7 @@ from vlafuzz.watch import Watch
 
 # By name: what a defect of an initial state means.
 CHECKS = {
+    "setup": "the suite's own package cannot build the task: a file is missing, or a thing is named twice",
     "overlaps": "two things begin inside each other, by more than 5 mm",
     "slides": "something moves sideways by more than 1 cm while the robot keeps still",
     "falls": "something topples by more than 20° or falls down while the robot keeps still",
@@ -45,7 +46,7 @@ class AuditedTask:
     @property
     def sound(self) -> int:
         """The number of states without any defect."""
-        return self.states - len({defect.state for defect in self.defects})
+        return len(set(range(self.states)) - {defect.state for defect in self.defects})
 
     def kinds(self) -> list[tuple[Defect, int]]:
         """Defects that differ by more than state and amount, worst example and number of states each."""

@@ -1,8 +1,10 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
 from vlafuzz.sim.audit import Scope
-from vlafuzz.sim.libero.audit import audit
+from vlafuzz.sim.libero.audit import audit, defects
 from vlafuzz.sim.libero.premise import broken_premises
 
 pytestmark = pytest.mark.libero
@@ -23,6 +25,31 @@ def test_the_bowl_that_cannot_stay_on_the_ramekin_is_found_with_a_picture(tmp_pa
 def test_a_sound_task_has_no_defects():
     (task,) = audit("libero_goal/8", Scope(states=2)).tasks
     assert (task.states, task.sound, task.defects) == (2, 2, ())
+
+
+def test_settling_ends_where_nothing_moves_any_more(bowls):
+    assert list(defects(bowls, 0, partial(bowls.reset, 0))) == []
+    assert bowls.steps < 30  # of 40
+
+
+def test_what_still_moves_is_watched_on(bowls):
+    """A bowl that falls from three metres above the table comes down after 0.8 seconds."""
+
+    def lifted() -> None:
+        bowls.reset()
+        bowls.data.joint("akita_black_bowl_1_joint0").qpos[2] += 3.0
+
+    found = {defect.check: defect for defect in defects(bowls, 0, lifted)}
+    assert found["moving"].amount > 1.0
+    assert bowls.steps > 20
+
+
+def test_a_task_that_the_package_cannot_build_is_a_defect():
+    """It names the milk twice."""
+    (task,) = audit("libero_10_with_milk/3", Scope()).tasks
+    (defect,) = task.defects
+    assert (task.states, task.sound, defect.check) == (0, 0, "setup")
+    assert "milk_1" in defect.reason
 
 
 def test_a_thing_that_is_not_where_the_problem_says_is_named(bowls):

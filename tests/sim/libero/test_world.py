@@ -10,16 +10,18 @@ from PIL import Image
 from vlafuzz.clients.openpi import OpenPi
 from vlafuzz.clients.profiled import Model
 from vlafuzz.clients.remote import parse
+from vlafuzz.clients.vla_eval import Messages, VlaEval
+from vlafuzz.clients.vla_eval_spec import Hello, Parameters, spec_of
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.env import LiberoEnv, LiberoObservation
 from vlafuzz.sim.libero.expert_policy import LiberoExpert
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import Setting
@@ -73,6 +75,25 @@ class Unasked:
     def reset(self, episodes): ...
 
     def close(self): ...
+
+
+@pytest.fixture(scope="module")
+def shown() -> LiberoObservation:
+    """What LIBERO itself shows of initial state 0 when a policy begins."""
+    stock = LiberoEnv(find_task(TASK), size=256)
+    stock.reset(0)
+    stock.settle(SETTLING)
+    observation = stock.observe()
+    stock.close()
+    return observation
+
+
+def first_seen(space: SearchSpace, spec: PolicySpec) -> Observation:
+    """What a policy sees first of the same state in a rollout."""
+    evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), Unasked(spec))
+    seen = evaluator.begin(space.nominal(), 0).observe()
+    evaluator.close()
+    return seen
 
 
 class TestSpace:
@@ -232,18 +253,11 @@ class TestEvaluator:
         with pytest.raises(UsageError, match="works on the tabletop only"):
             make_evaluator(Conditions(task=SOUP, robot="libero"), Pinhole())
 
-    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: SearchSpace):
+    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: SearchSpace, shown):
         """Keys, sizes and numbers of openpi's example for LIBERO: 256 pixels made 224, fingers apart."""
         address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
         model = Model("openpi", address.options)
-        evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), Unasked(model.spec))
-        message = model.message(evaluator.begin(space.nominal(), 0).observe())
-        evaluator.close()
-        stock = LiberoEnv(find_task(TASK), size=256)
-        stock.reset(0)
-        stock.settle(SETTLING)
-        expected = stock.observe()
-        stock.close()
+        message = model.message(first_seen(space, model.spec))
         assert message.keys() == {
             "observation/image",
             "observation/wrist_image",
@@ -251,7 +265,29 @@ class TestEvaluator:
             "prompt",
         }
         for key, camera in (("image", "agentview"), ("wrist_image", "robot0_eye_in_hand")):
-            smaller = Image.fromarray(expected.pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
+            smaller = Image.fromarray(shown.pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
             assert np.array_equal(message[f"observation/{key}"], np.asarray(smaller))
-        assert message["observation/state"] == pytest.approx(expected.state, abs=1e-6)
+        assert message["observation/state"] == pytest.approx(shown.state, abs=1e-6)
         assert message["prompt"] == "put the bowl on the plate"
+
+    def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space: SearchSpace, shown):
+        """As ``LIBEROBenchmark.make_obs`` of vla-eval 0.8.0 (benchmarks/libero/benchmark.py).
+
+        It sends rotation vectors of at most half a turn, and in this state robosuite's is longer.
+        """
+        options = parse("vla-eval:ws://localhost:1?profile=libero", VlaEval).options
+        asked = Hello(
+            protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True)
+        )
+        seen = first_seen(space, spec_of("vla-eval", asked, options))
+        message = Messages("vla-eval", asked, options)(seen)
+        assert list(message["images"]) == ["agentview", "wrist"]
+        for key, camera in (("agentview", "agentview"), ("wrist", "robot0_eye_in_hand")):
+            assert np.array_equal(message["images"][key], shown.pictures[camera])
+        turn = shown.state[3:6]
+        angle = np.linalg.norm(turn)
+        assert angle > np.pi
+        short = turn * (1 - 2 * np.pi / angle)
+        expected = [*shown.state[:3], *short, *shown.state[6:]]
+        assert message["states"] == pytest.approx(expected, abs=1e-6)
+        assert message["task_description"] == "put the bowl on the plate"

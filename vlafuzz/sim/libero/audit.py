@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.errors import UsageError
 from vlafuzz.sim.audit import AuditedSuite, AuditedTask, Defect, Scope
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
 from vlafuzz.sim.libero.packages import versions
@@ -22,6 +23,7 @@ SLID = 0.01  # metres sideways; straight down is no defect: all of LIBERO's obje
 MOVING = 0.005  # metres, after the settling steps
 TIPPED = 20.0  # degrees
 DROPPED = 0.25  # metres: from a table to the floor
+LULL, REST = 5, 3e-5  # control steps in which nothing moves by so much (metres, radians): it has come to rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,10 @@ def audit(name: str, scope: Scope) -> AuditedSuite:
 
 
 def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
-    env = LiberoEnv(task)
+    try:
+        env = LiberoEnv(task)
+    except UsageError as error:
+        return AuditedTask(str(task), task.instruction, 0, (Defect(0, "setup", error.message, 0.0),))
     known: list[Defect] = []
     try:
         count = len(env.states) if scope.states is None else min(scope.states, len(env.states))
@@ -83,12 +88,23 @@ def defects(
     seen, solved = _moment(env, bodies), solved or env.solved()
     for reason in broken_premises(env, regions=regions):
         yield Defect(number, "premise", reason, 0.0)
-    env.settle(round(SECONDS * HZ) - SETTLING)
+    _come_to_rest(env, round(SECONDS * HZ) - SETTLING)
     end = _moment(env, bodies)
     if solved or env.solved():
         yield Defect(number, "solved", "the goal holds at the start", 0.0)
     for index, name in enumerate(names):
         yield from _moved(number, name, *(_only(moment, index) for moment in (start, seen, end)))
+
+
+def _come_to_rest(env: LiberoEnv, steps: int) -> None:
+    """Keep the robot still for that long, or until nothing else moves: the rest changes no verdict."""
+    robot = env.robosuite.robots[0]
+    own = [*robot._ref_joint_pos_indexes, *robot._ref_gripper_joint_pos_indexes]
+    for _ in range(0, steps, LULL):
+        before = env.data.qpos.copy()
+        env.settle(LULL)
+        if np.delete(np.abs(env.data.qpos - before), own).max() < REST:
+            return
 
 
 def _moved(number: int, name: str, start: _Moment, seen: _Moment, end: _Moment) -> Iterator[Defect]:

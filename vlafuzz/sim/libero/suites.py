@@ -17,7 +17,13 @@ Array = NDArray[np.float64]
 Atom = tuple[str, ...]  # a predicate with its arguments: ("on", "bowl_1", "plate_1")
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 # Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite.
-HORIZONS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520}
+HORIZONS = {
+    "libero_spatial": 220,
+    "libero_object": 280,
+    "libero_goal": 300,
+    "libero_10": 520,
+    "libero_90": 400,
+}
 LONGEST = 520
 REST = "initial"  # the rest pose of scenes' things: as in the suite's own initial state
 PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
