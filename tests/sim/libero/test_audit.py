@@ -5,7 +5,9 @@ import pytest
 
 from vlafuzz.sim.audit import Scope
 from vlafuzz.sim.libero.audit import audit, defects
+from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.premise import broken_premises
+from vlafuzz.sim.libero.suites import find_task
 
 pytestmark = pytest.mark.libero
 
@@ -60,3 +62,37 @@ def test_a_thing_that_is_not_where_the_problem_says_is_named(bowls):
     bowls.settle(1)
     (reason,) = broken_premises(bowls)
     assert reason.startswith("akita_black_bowl_1 is not on main_table_")
+
+
+def test_a_bowl_on_the_microwave_is_there_although_liberos_region_hovers_above_it():
+    env = LiberoEnv(find_task("libero_90/36"), size=64)
+    env.reset()
+    env.settle(10)
+    assert not env.holds(("on", "white_bowl_1", "microwave_1_top_side"))
+    assert list(broken_premises(env)) == []
+    env.data.joint("white_bowl_1_joint0").qpos[1] += 0.15
+    env.settle(1)
+    assert list(broken_premises(env)) == ["white_bowl_1 is not on microwave_1_top_side"]
+    env.close()
+
+
+def test_a_double_counts_where_the_words_fit_it_clearly_or_better_than_the_target():
+    """The other bowl stands beside the ramekin, always 24 to 30 cm from the plate: the target is meant."""
+    env = LiberoEnv(find_task("libero_spatial/8"), size=64)
+
+    def misled(*places: tuple[float, float]) -> list[str]:
+        """By the places of both bowls, as metres beside the plate."""
+        env.reset()
+        plate = env.data.joint("plate_1_joint0").qpos[:2]
+        for bowl, away in zip(
+            ("akita_black_bowl_1_joint0", "akita_black_bowl_2_joint0"), places, strict=True
+        ):
+            env.data.joint(bowl).qpos[:2] = plate + np.array(away)
+        env.settle(1)
+        return [reason for reason in broken_premises(env, regions=False) if reason.endswith("too")]
+
+    too = ["akita_black_bowl_2 is next to the plate, too"]
+    assert misled((0.0, 0.14), (0.0, -0.24)) == []
+    assert misled((0.0, 0.14), (0.14, 0.0)) == too
+    assert misled((0.0, 0.23), (0.0, -0.2)) == too
+    env.close()

@@ -80,6 +80,20 @@ def test_stages_of_several_things_are_numbered():
     assert names == ("reach 1", "grasp 1", "move 1", "reach 2", "grasp 2", "move 2", "goal")
 
 
+@pytest.mark.parametrize(
+    ("name", "instruction", "goal"),
+    [
+        ("libero_goal/0", "open the middle drawer of the cabinet", "wooden_cabinet_1_middle_region"),
+        ("libero_goal_task/0", "open the bottom drawer of the cabinet", "wooden_cabinet_1_bottom_region"),
+        ("libero_goal_lan/7", "switch on the stove", "flat_stove_1"),
+    ],
+)
+def test_where_the_words_are_what_is_new_they_are_those_of_the_problem(name, instruction, goal):
+    """The files of a suite and of its variants have the same names, from which LIBERO takes instructions."""
+    task = find_task(name)
+    assert (task.instruction, task.goal[0][1]) == (instruction, goal)
+
+
 def test_an_unusable_action_or_state_is_refused(bowls):
     with pytest.raises(SimulatorError, match="seven finite numbers"):
         bowls.step(np.full(7, np.nan))

@@ -23,6 +23,7 @@ _WHERE = re.compile(
 _WORDS = {"cookie": "cookies", "box": "cookies"}
 BESIDE = 0.25  # metres between two centres, for "next to"
 ASIDE = 0.1  # metres from the line between two things, for "between"
+CLEAR = 0.6  # share of these bounds: what is so near fits the words, too, if not better than the target
 OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states reach
 
 
@@ -38,12 +39,26 @@ def broken_premises(env: LiberoEnv, *, regions: bool = True) -> Iterator[str]:
 
 
 def _holds(env: LiberoEnv, atom: Atom) -> bool:
-    """LIBERO's own judgement; its regions of tables and floors have neither contact nor slack, so ours."""
-    if not _is_floor(env, atom):
-        return env.holds(atom)
+    """LIBERO's own judgement, with slack; its regions of tables and floors have no contact, so ours."""
+    if _is_floor(env, atom):
+        return bool((_outside(env, atom)[:2] <= OUTSIDE).all())
+    return env.holds(atom) or _rests_on(env, atom)
+
+
+def _rests_on(env: LiberoEnv, atom: Atom) -> bool:
+    """Whether something touches furniture, at a region that LIBERO puts a little beside or above it."""
+    place = env.robosuite.object_sites_dict.get(atom[-1])
+    if atom[0] != "on" or place is None:
+        return False
+    near = bool((_outside(env, atom) <= OUTSIDE).all())
+    return near and _touches(env, atom[1], place.parent_name)
+
+
+def _outside(env: LiberoEnv, atom: Atom) -> NDArray[np.float64]:
+    """``(3,)`` metres from the borders of a region to something, along the region's axes; negative inside."""
     site = env.data.site(atom[-1])
-    away = np.abs(_position(env, atom[1]) - site.xpos) - env.model.site_size[site.id]
-    return bool((away[:2] <= OUTSIDE).all())
+    way = site.xmat.reshape(3, 3).T @ (_position(env, atom[1]) - site.xpos)
+    return np.asarray(np.abs(way) - env.model.site_size[site.id])
 
 
 def _is_floor(env: LiberoEnv, atom: Atom) -> bool:
@@ -63,27 +78,29 @@ def _misleading(env: LiberoEnv) -> Iterator[str]:
         return
     relation, known = found["relation"], [anchor for anchor in anchors if anchor]
     words = f"{relation} the {' and the '.join(found[part] for part in ('first', 'second') if found[part])}"
-    if not _is_there(env, relation, target, known):
+    own = _misfit(env, relation, target, known)
+    if own >= 1.0:
         yield f"{target} is not {words}, as the instruction says"
     kind = target.rsplit("_", 1)[0]
     for other in env.robosuite.objects_dict:
         alike = other != target and other.rsplit("_", 1)[0] == kind
-        if alike and relation != "in" and _is_there(env, relation, other, known):
+        if alike and relation != "in" and _misfit(env, relation, other, known) < min(max(own, CLEAR), 1.0):
             yield f"{other} is {words}, too"
 
 
-def _is_there(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> bool:
+def _misfit(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> float:
+    """How badly words fit where something is: 0 perfectly, from 1 on not at all."""
     place, first = _position(env, name), _position(env, anchors[0])
     if relation == "between" and len(anchors) == 2:
         second = _position(env, anchors[1])
         line = (second - first)[:2]
         share = float((place - first)[:2] @ line / (line @ line))
         aside = float(np.linalg.norm((place - first)[:2] - share * line))
-        return 0.0 < share < 1.0 and aside < ASIDE
-    beside = float(np.linalg.norm((place - first)[:2]))
+        return aside / ASIDE if 0.0 < share < 1.0 else np.inf
+    touches = _touches(env, name, anchors[0])
     if relation == "next to":
-        return beside < BESIDE and not _touches(env, name, anchors[0])
-    return _touches(env, name, anchors[0])
+        return np.inf if touches else float(np.linalg.norm((place - first)[:2])) / BESIDE
+    return 0.0 if touches else np.inf
 
 
 def _touches(env: LiberoEnv, name: str, anchor: str) -> bool:
