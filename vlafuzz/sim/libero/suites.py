@@ -27,8 +27,8 @@ HORIZONS = {
 LONGEST = 520
 REST = "initial"  # the rest pose of scenes' things: as in the suite's own initial state
 PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
-# LIBERO-PRO's suites whose words or goals are new: the words stand in the problem's file, not in its name, from
-# which LIBERO takes them; its authors say to read the file (Zxy-MLlab/LIBERO-PRO, issues 14 and 27).
+# LIBERO-PRO's suites whose words or goals are new: the words stand in the problem's file. LIBERO takes them
+# from the file's name, which is the old one; the authors of LIBERO-PRO say to read the file.
 REWORDED = ("_lan", "_task")
 SETTLING = 10  # control steps with the hand held still, before a policy is asked first
 
