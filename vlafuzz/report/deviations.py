@@ -13,7 +13,7 @@ from vlafuzz.phrasing import failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.extras import Extra
+from vlafuzz.space.extras import BystanderOrientation, BystanderPosition, Extra
 from vlafuzz.space.operators import (
     OPERATORS,
     CameraOrientation,
@@ -43,7 +43,10 @@ def deviations(
         for name in causes.necessary
         if name not in thresholds and _is_numeric(space, scene, name, other)
     }
-    values = ((name, _value(name, scene, other), _value(name, other, scene)) for name in GROUPS)
+    slots = {name: _targets_of(space, name) for name in GROUPS}
+    values = (
+        (name, _value(name, scene, other, on), _value(name, other, scene, on)) for name, on in slots.items()
+    )
     return tuple(
         Deviation(name, value, usual, thresholds.get(name, ""), missing.get(name, ""))
         for name, value, usual in values
@@ -65,7 +68,13 @@ def _nominal(space: SearchSpace, scene: Scene) -> Scene:
         return space.nominal()
 
 
-def _value(operator: str, scene: Scene, other: Scene) -> str:
+def _targets_of(space: SearchSpace, name: str) -> list[int]:
+    """The numbers of the targets that an operator is about."""
+    slots = {gene.slot for gene in space.by_path.values() if gene.operator == name}
+    return sorted(int(slot.partition(".")[2]) for slot in slots if slot.startswith("targets"))
+
+
+def _value(operator: str, scene: Scene, other: Scene, slots: Sequence[int]) -> str:
     """An operator's values in a scene where they differ from the other scene; empty if none does."""
     if operator == CONFOUNDERS:
         same = scene.confounders == other.confounders
@@ -81,15 +90,19 @@ def _value(operator: str, scene: Scene, other: Scene) -> str:
         same = scene.instructions == other.instructions
         return "" if same else f"“{' / '.join(scene.instructions)}”"
     kind = OPERATORS[operator]
-    if issubclass(kind, Extra):
+    if issubclass(kind, Extra) and kind.part != "targets":
         shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
         return _fields(shown, usual, [field.name for field in fields(shown)])
-    return _targets(operator, scene.targets, other.targets)
+    return _targets(operator, scene.targets, other.targets, slots)
 
 
-def _targets(operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
+def _targets(
+    operator: str, targets: Sequence[Placement], others: Sequence[Placement], slots: Sequence[int]
+) -> str:
     parts = []
-    for target, other in zip(targets, others, strict=False):
+    for target, other in [
+        pair for slot, pair in enumerate(zip(targets, others, strict=False)) if slot in slots
+    ]:
         words = list(_words(operator, target, other))
         if words:
             parts.append((f"{_name(target)}: " if len(targets) > 1 else "") + ", ".join(words))
@@ -97,9 +110,12 @@ def _targets(operator: str, targets: Sequence[Placement], others: Sequence[Place
 
 
 def _words(operator: str, target: Placement, other: Placement) -> Iterable[str]:
-    if operator == TargetPosition.name and (target.x, target.y) != (other.x, other.y):
+    if operator in (TargetPosition.name, BystanderPosition.name) and (target.x, target.y) != (
+        other.x,
+        other.y,
+    ):
         yield f"x {target.x:g} m, y {target.y:g} m"
-    if operator == TargetOrientation.name:
+    if operator in (TargetOrientation.name, BystanderOrientation.name):
         if target.rest != other.rest:
             yield f"rests {target.rest}"
         if target.yaw != other.yaw:

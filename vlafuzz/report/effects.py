@@ -154,7 +154,8 @@ def _quantities(
             quantity = "" if name in ("object", "confounders", "instruction") else name
             values = [_value(value_at(scene, gene.path)) for scene in scenes]
             found[gene.operator, f"{quantity}{owner}".strip(), gene.path] = values
-    found[*_NEAREST, "x"] = [_nearest(scene) for scene in scenes]
+    if not space.composer.relative:
+        found[*_NEAREST, "x"] = [_nearest(scene) for scene in scenes]
     return {key: values for key, values in found.items() if len({*values} - {None}) > 1}
 
 

@@ -30,7 +30,12 @@ PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with on
 
 
 class Composer:
-    """Composes the scenes of one task, from the ``genes`` of all operators, in their order."""
+    """Composes the scenes of one task, from the ``genes`` of all operators, in their order.
+
+    ``relative``: whether the targets' places are offsets, which no confounder's place compares with.
+    """
+
+    relative = False
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot

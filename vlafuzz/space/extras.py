@@ -114,4 +114,42 @@ class InitialState(Extra):
             yield self._gene(f"{self.part}.state", "category", Grid.choice(last + 1))
 
 
-ALL: tuple[type[Extra], ...] = (Backdrop, InitialPose, SensorNoise, ControlLatency, InitialState)
+class _Bystander(Extra):
+    """An operator of what stands in a task's own states and the task is not about, as offsets from there.
+
+    A world that has such things makes the genes.
+    """
+
+    part = "targets"
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        yield from ()
+
+    def _nominal(self, field: str) -> float:
+        return 0.0
+
+
+class BystanderPosition(_Bystander):
+    """How far those things are from where they are in the task's own states."""
+
+    name, says = "bystander-position", "where the task's own things stand that it is not about"
+    x: Span
+    y: Span
+
+
+class BystanderOrientation(_Bystander):
+    """How far those things are turned from how they stand in the task's own states."""
+
+    name, says = "bystander-orientation", "how the task's own things are turned that it is not about"
+    yaw: Span
+
+
+ALL: tuple[type[Extra], ...] = (
+    Backdrop,
+    InitialPose,
+    SensorNoise,
+    ControlLatency,
+    InitialState,
+    BystanderPosition,
+    BystanderOrientation,
+)

@@ -22,7 +22,7 @@ from vlafuzz.text import shortened
 from vlafuzz.validity import Visible
 
 DEFAULT = "tabletop"
-_NO_OPERATORS = ("instructions", "jitter", "libero-wordings")
+_NO_OPERATORS = ("instructions", "jitter", "libero-objects", "libero-wordings")
 Kind = TypeVar("Kind", bound=Operator)
 _Raw = dict[str, dict[str, Any]]
 _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -13,7 +13,7 @@ from vlafuzz.objects import Catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.libero import Libero
 from vlafuzz.worlds.tabletop import Tabletop
@@ -105,11 +105,11 @@ def make_space(operators: OperatorSet, catalogue: Catalogue, task: str, robot: s
     """
     space = world_of(task).space(operators, catalogue, task, robot)
     offered = {gene.operator for gene in space.by_path.values()}
-    for name in sorted(space.operators.varied - offered):
-        if not name.startswith("confounder-"):  # there may be none of them
-            raise UsageError(
-                f"{name}: nothing of {task} varies so", hint=f"known: {', '.join(sorted(offered))}"
-            )
+    idle = space.operators.varied - offered
+    if idle and space.genes:  # some of a world's tasks lack what varies there by default
+        idle -= load_operators(space.rig.operators).varied
+    for name in sorted(idle):
+        raise UsageError(f"{name}: nothing of {task} varies so", hint=f"known: {', '.join(sorted(offered))}")
     return space
 
 

@@ -78,8 +78,8 @@ def defects(
 
     ``regions``: see ``broken_premises``.
     """
-    names = list(env.robosuite.objects_dict)
-    bodies = [env.robosuite.obj_body_id[name] for name in names]
+    names = env.movable
+    bodies = [env.bodies[name] for name in names]
     begin()
     start, solved = _moment(env, bodies), env.solved()
     for pair, depth in _overlaps(env).items():
@@ -138,7 +138,7 @@ def _tilt(before: Array, after: Array) -> float:
 def _overlaps(env: LiberoEnv) -> dict[tuple[str, str], float]:
     """Depth in metres by the names of two things that begin inside each other."""
     model, contact = env.model, env.data.contact
-    names = {body: name for name, body in env.robosuite.obj_body_id.items()}
+    names = {body: name for name, body in env.bodies.items()}
     depths: dict[tuple[str, str], float] = {}
     for geoms, gap in zip(contact.geom, contact.dist, strict=True):
         roots = [int(model.body_rootid[model.geom_bodyid[geom]]) for geom in geoms]

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import SimulatorError, UsageError
+from vlafuzz.sim.libero.away import Away, with_more
 from vlafuzz.sim.libero.control import Control
-from vlafuzz.sim.libero.packages import load, quiet
+from vlafuzz.sim.libero.packages import forget, load, quiet
 from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Pictures, Savings
 from vlafuzz.sim.libero.suites import Atom, LiberoTask, initial_states
 
@@ -52,6 +53,11 @@ class LiberoEnv:
         size: of a picture's sides, pixels.
         savings: how pictures are made cheaper; by default they are LIBERO's own.
         seed: of the generator that places furniture, as ``env.seed`` of LIBERO's evaluations.
+        more: objects that the problem does not have and the environment does. They are put away.
+
+    Attributes:
+        task: the task whose goal is judged; ``cast`` replaces it by one with other things.
+        bodies: the bodies of things and furniture that are there, by name.
 
     Raises:
         UsageError: LIBERO itself cannot build the task.
@@ -59,20 +65,39 @@ class LiberoEnv:
     """
 
     def __init__(
-        self, task: LiberoTask, *, size: int = 256, savings: Savings = SAVINGS["none"], seed: int = SEED
+        self,
+        task: LiberoTask,
+        *,
+        size: int = 256,
+        savings: Savings = SAVINGS["none"],
+        seed: int = SEED,
+        more: tuple[str, ...] = (),
     ) -> None:
-        self.task, self.size = task, size
+        self.task, self.size, self.more = task, size, more
         with _complete(task):
-            self.states = initial_states(task)
-            self.robosuite = _build(task, seed)
+            states = initial_states(task)
+            self.robosuite = _build(task, seed, more)
         self._mujoco = load("mujoco")
         self.model = self.robosuite.sim.model._model
         self.data = self.robosuite.sim.data._data
         self._control = Control(self.robosuite)
         self._built = self._snapshot()
+        self._away = Away(self.robosuite)
+        self.states = self._away.states(states, more)
+        self.cast(task)
         self._shown = self._mujoco.MjData(self.model)
         self._pictures = Pictures(self.model, size, savings)
         self.steps = 0
+
+    def cast(self, task: LiberoTask, added: tuple[str, ...] = ()) -> None:
+        """Have the things of a task there, and those that are added; all others are put away."""
+        self.task = task
+        self.bodies = self._away.leave({*task.things, *added})
+
+    @property
+    def movable(self) -> list[str]:
+        """The names of the things that are there."""
+        return [name for name in self.robosuite.objects_dict if name in self.bodies]
 
     def reset(self, number: int = 0) -> None:
         """Restore the suite's own initial state ``number``.
@@ -100,6 +125,23 @@ class LiberoEnv:
         self._control.reset()
         self.robosuite._post_process()
         self.steps = 0
+
+    def arrange(self, positions: Array) -> None:
+        """Have everything at ``(nq,)`` positions, as far as looking at it goes: no contacts, no episode."""
+        self.data.qpos[:] = positions
+        self._mujoco.mj_kinematics(self.model, self.data)
+
+    def address(self, name: str) -> int:
+        """Where the seven numbers of a thing begin in the ``(nq,)`` positions."""
+        return self._away.addresses[name]
+
+    def shapes(self, name: str) -> NDArray[np.int64]:
+        """The numbers of a thing's shapes that collide where it is there."""
+        return self._away.shapes[name]
+
+    def put_away(self, positions: Array, name: str) -> None:
+        """Change ``(nq,)`` positions so that a thing is out of the way."""
+        self._away.put(positions, name)
 
     def step(self, action: Array) -> None:
         """Simulate one control step of 1/20 s.
@@ -133,7 +175,7 @@ class LiberoEnv:
         return bool(self.robosuite._eval_predicate(list(atom)))
 
     def solved(self) -> bool:
-        return bool(self.robosuite._check_success())
+        return all(self.holds(atom) for atom in self.task.goal)
 
     def observe(self) -> LiberoObservation:
         """Two pictures and the state, as LIBERO's evaluations give them to models."""
@@ -168,7 +210,7 @@ class LiberoEnv:
     def close(self) -> None:
         """Release the renderer and the model, whose textures and meshes take hundreds of megabytes."""
         self._pictures.close()
-        del self._pictures, self._control, self._shown, self.model, self.data
+        del self._pictures, self._control, self._shown, self._away, self.model, self.data
         self.robosuite.close()  # it collects garbage
 
     def _snapshot(self) -> Array:
@@ -188,14 +230,14 @@ def _complete(task: LiberoTask) -> Iterator[None]:
         raise UsageError(f"{task} cannot be set up: {error}", hint) from None
 
 
-def _build(task: LiberoTask, seed: int) -> Any:
+def _build(task: LiberoTask, seed: int, more: tuple[str, ...]) -> Any:
     """LIBERO's environment as after ``seed`` and the first ``reset`` of its evaluations, without pictures."""
     domain = load("libero.libero.envs.bddl_base_domain")
     load("libero.libero.envs")  # registers the problems
     problem = load("libero.libero.envs.bddl_utils").get_problem_info(str(task.bddl))["problem_name"]
     config = load("robosuite").load_controller_config(default_controller="OSC_POSE")
     with quiet(), _seeded(seed):
-        env = domain.TASK_MAPPING[problem](
+        env = with_more(domain.TASK_MAPPING[problem], more)(
             str(task.bddl),
             robots=["Panda"],
             controller_configs=config,
@@ -209,6 +251,7 @@ def _build(task: LiberoTask, seed: int) -> Any:
         # LIBERO's first reset builds everything again and then has each of them twice, so it draws twice
         env.object_property_initializers *= 2
         _reset(env, seed)
+    forget()
     return env
 
 

@@ -20,6 +20,7 @@ from vlafuzz.sim.episode import Episode
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.latency import DelayedCommands
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
+from vlafuzz.sim.libero.environments import Environments
 from vlafuzz.sim.libero.expert import Expert
 from vlafuzz.sim.libero.expert_policy import UNITS
 from vlafuzz.sim.libero.fairness import Fairness
@@ -27,7 +28,7 @@ from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
 from vlafuzz.sim.libero.setting import VIEW, Setting
 from vlafuzz.sim.libero.space import nominal_scene
 from vlafuzz.sim.libero.stages import Moment, monitor_of
-from vlafuzz.sim.libero.suites import SETTLING, find_task
+from vlafuzz.sim.libero.suites import SETTLING
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.sim.noise import SensorNoise
 from vlafuzz.validity import Rejection
@@ -56,13 +57,13 @@ class LiberoEpisode(Episode):
 
     def __init__(
         self,
-        env: LiberoEnv,
         setting: Setting,
         spec: PolicySpec,
         scene: Scene,
         seed: int,
         conditions: Conditions,
     ) -> None:
+        env = setting.env
         self._env, self._spec = env, spec
         setting.begin(scene)
         env.settle(SETTLING)
@@ -147,35 +148,35 @@ class LiberoEvaluator(SceneEvaluator):
         stages = task_named(conditions.task).stage_names
         super().__init__(conditions, policy, stages, recording=recording, checked=checked)
         check_spec(policy.spec)
-        self._env: LiberoEnv | None = None
+        self._environments: Environments | None = None
         self._robot = ""
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._conditions.task:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._conditions.task!r}")
-        self._environment(scene.robot)
+        self._at(scene.robot)
         return self._fairness.check(nominal_scene(scene.task, scene.robot), scene)
 
     def begin(self, scene: Scene, seed: int) -> LiberoEpisode:
-        env = self._environment(scene.robot)
-        return LiberoEpisode(env, self._setting, self._policy.spec, scene, seed, self._conditions)
+        setting = self._at(scene.robot).of(scene)
+        return LiberoEpisode(setting, self._policy.spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
+        if self._environments is not None:
+            self._environments.close()
+            self._environments = None
 
-    def _environment(self, robot: str) -> LiberoEnv:
+    def _at(self, robot: str) -> Environments:
+        """The environments with a variant of the robot."""
         if self._robot != robot:
             self.renew()
             self._robot = robot
-        if self._env is None:
+        if self._environments is None:
             cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
             size = max((max(camera.width, SIDE) for camera in cameras), default=64)
-            self._env = LiberoEnv(find_task(self._conditions.task), size=size, savings=savings_of(robot))
-            self._setting = Setting(self._env)
-            self._fairness = Fairness(self._env, self._setting)
-        return self._env
+            self._environments = Environments(self._conditions.task, size, savings_of(robot))
+            self._fairness = Fairness(self._environments)
+        return self._environments
 
 
 class LiberoStills:
@@ -183,22 +184,22 @@ class LiberoStills:
 
     def __init__(self, task: str, size: int = 256) -> None:
         self._task, self._size = task, size
-        self._env: LiberoEnv | None = None
+        self._environments: Environments | None = None
 
     def png(self, scene: Scene) -> bytes:
         """A picture of a valid scene by the third-person camera."""
-        if self._env is None:
-            self._env = LiberoEnv(find_task(self._task), size=self._size, savings=savings_of(scene.robot))
-            self._setting = Setting(self._env)
-        self._setting.begin(scene)
-        self._env.settle(SETTLING)
-        picture = self._env.picture(VIEW, self._size)[:, ::-1]
+        if self._environments is None:
+            self._environments = Environments(self._task, self._size, savings_of(scene.robot))
+        setting = self._environments.of(scene)
+        setting.begin(scene)
+        setting.env.settle(SETTLING)
+        picture = setting.env.picture(VIEW, self._size)[:, ::-1]
         return imageio.imwrite("<bytes>", picture, extension=".png")
 
     def close(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
+        if self._environments is not None:
+            self._environments.close()
+            self._environments = None
 
 
 def savings_of(robot: str) -> Savings:

@@ -109,7 +109,7 @@ class Expert:
     def _goal(self, goal: str) -> tuple[Array, float]:
         """Where the lowest point of a thing is to go, and the height that its way there must clear."""
         env = self._env
-        bodies = env.robosuite.obj_body_id
+        bodies = env.bodies
         if goal in bodies:
             points = surface(env, bodies[goal], 3000)
             place = env.data.xpos[bodies[goal]].copy()
@@ -132,7 +132,7 @@ class Expert:
         things = [atom[1] for atom in self._env.task.goal if atom[0] == "on" and atom[2] == goal]
         if len(things) < 2:
             return np.zeros(3)
-        points = surface(self._env, self._env.robosuite.obj_body_id[name], 2000)
+        points = surface(self._env, self._env.bodies[name], 2000)
         narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
         half = self._env.model.site_size[self._env.data.site(goal).id]
         share = np.zeros(3)
@@ -173,10 +173,10 @@ class Expert:
         return held(self._env, find_shapes(self._env, name))
 
     def _lowest(self, name: str) -> float:
-        return float(surface(self._env, self._env.robosuite.obj_body_id[name], 2000)[:, 2].min())
+        return float(surface(self._env, self._env.bodies[name], 2000)[:, 2].min())
 
     def _middle(self, name: str) -> Array:
-        return np.array(self._env.data.xpos[self._env.robosuite.obj_body_id[name]])
+        return np.array(self._env.data.xpos[self._env.bodies[name]])
 
 
 def _level(rotation: Array) -> Array:

@@ -14,6 +14,7 @@ from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.sim.audit import Defect
 from vlafuzz.sim.libero.audit import defects
 from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.environments import Environments
 from vlafuzz.sim.libero.grasps import surface
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import VIEW, Setting
@@ -36,18 +37,24 @@ KEPT = 512  # verdicts
 
 
 class Fairness:
-    """Judges scenes in one environment, whose state it changes."""
+    """Judges scenes in the environments of a task, whose states it changes."""
 
-    def __init__(self, env: LiberoEnv, setting: Setting) -> None:
-        self._env, self._setting = env, setting
-        self._own: dict[int, tuple[set[tuple[str, str]], dict[str, float]]] = {}
+    def __init__(self, environments: Environments) -> None:
+        self._environments = environments
+        self._own: dict[int, tuple[set[tuple[str, str]], list[float]]] = {}
         self._known: dict[Scene, Rejection | None] = {}
 
     def check(self, nominal: Scene, scene: Scene) -> Rejection | None:
         """Why a scene is not fair; None if it is. ``nominal``: without deviations, of any initial state."""
         if problem := _unknown(nominal, scene):
             return Rejection("semantic", problem)
-        placed = replace(nominal, targets=scene.targets, start=scene.start, initial_pose=scene.initial_pose)
+        placed = replace(
+            nominal,
+            targets=scene.targets,
+            confounders=scene.confounders,
+            start=scene.start,
+            initial_pose=scene.initial_pose,
+        )
         seen = replace(placed, camera=scene.camera, light=Light())
         if seen not in self._known:
             if len(self._known) >= KEPT:
@@ -56,48 +63,54 @@ class Fairness:
         return self._known[seen]
 
     def _judged(self, nominal: Scene, scene: Scene) -> Rejection | None:
+        own = replace(nominal, start=scene.start)
         try:
-            self._setting.begin(scene)
+            setting = self._environments.of(scene)
+            setting.begin(scene)
+            if scene.start.state not in self._own:
+                usual = self._environments.of(own)
+                found = {kind_of(defect) for defect in _defects(usual, own)}
+                self._own[scene.start.state] = found, _shown(usual, own)
         except SceneError as error:
             return Rejection("semantic", error.message)
-        number = scene.start.state
-        if number not in self._own:
-            own = replace(nominal, start=scene.start)
-            self._own[number] = ({kind_of(defect) for defect in self._defects(own)}, self._shown(own))
-        known, usual = self._own[number]
-        if scene == replace(nominal, start=scene.start):
-            return None
-        for thing, away in room_of(str(self._env.task)).out_of_reach(scene).items():
-            name = self._env.task.things[thing]
+        return None if scene == own else self._compared(setting, scene)
+
+    def _compared(self, setting: Setting, scene: Scene) -> Rejection | None:
+        """What a scene has of defects that the initial state does not have."""
+        known, usual = self._own[scene.start.state]
+        for thing, away in room_of(scene.task).out_of_reach(scene).items():
+            name = scene.targets[thing].object
             reason = f"{name} is {away:.2f} m from the robot, which reaches {LIBERO.reach:g} m"
             return Rejection("geometry", reason)
-        for defect in self._defects(scene):
+        for defect in _defects(setting, scene):
             if kind_of(defect) not in known:
                 return Rejection(CHECKS[defect.check], defect.reason)
-        for name, share in self._shown(scene).items():
-            if share < UNSEEN * usual[name]:
-                return Rejection(
-                    "unseen", f"the camera shows {share:.0%} of {name}, usually {usual[name]:.0%}"
-                )
+        for placed, share, before in zip(scene.targets, _shown(setting, scene), usual, strict=False):
+            if share < UNSEEN * before:
+                reason = f"the camera shows {share:.0%} of {placed.object}, usually {before:.0%}"
+                return Rejection("unseen", reason)
         return None
 
-    def _defects(self, scene: Scene) -> list[Defect]:
-        return list(defects(self._env, scene.start.state, partial(self._setting.begin, scene), regions=False))
 
-    def _shown(self, scene: Scene) -> dict[str, float]:
-        """The share of the surface of each thing of interest that the camera shows."""
-        self._setting.begin(scene)
-        env = self._env
-        return {name: _share(env, name) for name in env.task.things[: env.task.concerned]}
+def _defects(setting: Setting, scene: Scene) -> list[Defect]:
+    begin = partial(setting.begin, scene)
+    return list(defects(setting.env, scene.start.state, begin, regions=False))
+
+
+def _shown(setting: Setting, scene: Scene) -> list[float]:
+    """The share of the surface of each thing that the task is about that the camera shows."""
+    setting.begin(scene)
+    env = setting.env
+    return [_share(env, name) for name in env.task.things[: env.task.concerned]]
 
 
 def _unknown(nominal: Scene, scene: Scene) -> str | None:
     """What a scene has and LIBERO's scenes do not; nothing of a scene may be ignored."""
-    for part in ("confounders", "backdrop", "frame", "then"):
+    for part in ("backdrop", "frame", "then"):
         if getattr(scene, part) != getattr(nominal, part):
             return f"{part}: scenes of {nominal.task} have none of their own"
-    if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.targets):
-        return "targets: LIBERO's things have one size, and rest as they do in the initial state"
+    if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.placements):
+        return "things: LIBERO's have one size, and rest as LIBERO places them"
     return f"light: an intensity of {scene.light.intensity:g}" if scene.light.intensity < 0 else None
 
 
@@ -108,7 +121,7 @@ def kind_of(defect: Defect) -> tuple[str, str]:
 
 def _share(env: LiberoEnv, name: str) -> float:
     """The share of a thing's surface that is in the picture, with nothing before it."""
-    root = env.robosuite.obj_body_id[name]
+    root = env.bodies[name]
     points = surface(env, root, POINTS)
     camera = env.data.camera(VIEW)
     eye, axes = camera.xpos, camera.xmat.reshape(3, 3)

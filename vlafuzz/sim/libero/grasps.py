@@ -35,7 +35,7 @@ class Grasp:
 
 def find_grasps(env: LiberoEnv, name: str) -> list[Grasp]:
     """Grasps of a thing as it stands now, best first; empty if no finger fits."""
-    own = surface(env, env.robosuite.obj_body_id[name], POINTS)
+    own = surface(env, env.bodies[name], POINTS)
     around = obstacles(env, name)
     top, bottom, middle = own[:, 2].max(), own[:, 2].min(), own.mean(axis=0)
     rated: list[tuple[float, Grasp]] = []
@@ -96,8 +96,8 @@ def _blocked(points: Array) -> bool:
 
 def obstacles(env: LiberoEnv, name: str) -> Array:
     """``(n, 3)`` points of everything near a thing but the robot, the thing itself and what is flat below."""
-    place = env.data.xpos[env.robosuite.obj_body_id[name]]
-    parts = [surface(env, body, 8000) for other, body in env.robosuite.obj_body_id.items() if other != name]
+    place = env.data.xpos[env.bodies[name]]
+    parts = [surface(env, body, 8000) for other, body in env.bodies.items() if other != name]
     points = np.concatenate([np.zeros((0, 3)), *parts])
     return np.asarray(points[np.linalg.norm((points - place)[:, :2], axis=1) < NEIGHBOURS])
 
@@ -106,8 +106,8 @@ def surface(env: LiberoEnv, root: int, count: int) -> Array:
     """``(count, 3)`` points on the visible meshes and boxes of a body and its parts, in the world, metres."""
     model = env.model
     geoms = np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & (model.geom_group == 1))
-    triangles = [_triangles(env, int(geom)) for geom in geoms]
-    corners = np.concatenate([np.zeros((0, 3, 3)), *triangles])
+    faces = [triangles(env, int(geom)) for geom in geoms]
+    corners = np.concatenate([np.zeros((0, 3, 3)), *faces])
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(across, axis=1)
     random = np.random.default_rng(0)
@@ -116,7 +116,7 @@ def surface(env: LiberoEnv, root: int, count: int) -> Array:
     return np.asarray(np.einsum("nc,ncd->nd", shares, corners[chosen]))
 
 
-def _triangles(env: LiberoEnv, geom: int) -> Array:
+def triangles(env: LiberoEnv, geom: int) -> Array:
     """``(n, 3, 3)`` of a mesh, or of the box about another shape, in the world."""
     model, data = env.model, env.data
     mesh: Any = model.geom_dataid[geom]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.env import LiberoEnv
+from vlafuzz.sim.libero.objects import kind_of
 from vlafuzz.sim.libero.suites import PLACING, Atom
 
 # "next to the plate", "between the plate and the ramekin", "in the top drawer of the wooden cabinet"
@@ -81,9 +82,8 @@ def _misleading(env: LiberoEnv) -> Iterator[str]:
     own = _misfit(env, relation, target, known)
     if own >= 1.0:
         yield f"{target} is not {words}, as the instruction says"
-    kind = target.rsplit("_", 1)[0]
-    for other in env.robosuite.objects_dict:
-        alike = other != target and other.rsplit("_", 1)[0] == kind
+    for other in env.movable:
+        alike = other != target and kind_of(other) == kind_of(target)
         if alike and relation != "in" and _misfit(env, relation, other, known) < min(max(own, CLEAR), 1.0):
             yield f"{other} is {words}, too"
 
@@ -111,11 +111,11 @@ def _touches(env: LiberoEnv, name: str, anchor: str) -> bool:
 def _named(env: LiberoEnv, words: str, target: str) -> str | None:
     """The thing that words of an instruction mean, or None."""
     wanted = {_WORDS.get(word, word) for word in words.split()}
-    things = [name for name in env.robosuite.obj_body_id if name != target]
+    things = [name for name in env.bodies if name != target]
     shared = {name: len(wanted & set(name.split("_"))) for name in things}
     best = max(shared, key=lambda name: shared[name], default=None)
     return best if best and shared[best] else None
 
 
 def _position(env: LiberoEnv, name: str) -> NDArray[np.float64]:
-    return np.asarray(env.data.xpos[env.robosuite.obj_body_id[name]])
+    return np.asarray(env.data.xpos[env.bodies[name]])

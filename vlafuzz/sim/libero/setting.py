@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Camera, Placement, Scene
+from vlafuzz.sim.libero.casts import cast
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.pictures import CAMERAS
+from vlafuzz.sim.libero.standing import Standing
 
 Array = NDArray[np.float64]
 VIEW = CAMERAS[0]
@@ -24,10 +26,13 @@ _OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 class Setting:
-    """Sets scenes up in one environment; it knows the environment's own light and camera."""
+    """Sets scenes up in one environment, which has the things that they need.
+
+    It knows the environment's own light and camera.
+    """
 
     def __init__(self, env: LiberoEnv) -> None:
-        self._env, model = env, env.model
+        self.env, self._task, model = env, env.task, env.model
         self._lamps = [
             (model, name, getattr(model, name).copy())
             for name in ("light_ambient", "light_diffuse", "light_specular")
@@ -39,6 +44,7 @@ class Setting:
         self._camera = env.model.camera(VIEW).id
         self._eye = model.cam_pos[self._camera].copy()
         self._turn = model.cam_quat[self._camera].copy()
+        self._standing = Standing(env) if env.more else None
 
     def begin(self, scene: Scene) -> None:
         """Begin an episode in a scene.
@@ -46,51 +52,67 @@ class Setting:
         Raises:
             SceneError: its things are not those of the task, or there is no such initial state.
         """
-        env = self._env
-        if (names := tuple(placed.object for placed in scene.targets)) != env.task.things:
-            problem = f"targets: {', '.join(names)} are not the things of {env.task}"
-            raise SceneError(problem, hint=f"expected {', '.join(env.task.things)}")
-        number = scene.start.state
+        env, number = self.env, scene.start.state
+        task, added = cast(self._task, scene), tuple(placed.object for placed in scene.confounders)
         if number >= len(env.states):
-            raise SceneError(
-                f"start.state: {env.task} has {len(env.states)} initial states, not {number + 1}"
-            )
+            problem = f"start.state: {task} has {len(env.states)} initial states, not {number + 1}"
+            raise SceneError(problem)
+        if missing := {*task.things, *added} - {*self._task.things, *env.more}:
+            raise SceneError(f"{', '.join(sorted(missing))}: not in this environment of {task}")
+        env.cast(task, added)
         state = env.states[number].copy()
-        self._place(scene, state[1 : 1 + env.model.nq])
+        positions = state[1 : 1 + env.model.nq]
+        if self._standing:
+            self._swap(self._standing, positions)
+        self._place(scene, positions)
+        if self._standing:
+            self._add(self._standing, scene, positions)
         self._light(scene.light.intensity)
         self._aim(scene.camera)
         env.restore(state)
 
+    def _swap(self, standing: Standing, positions: Array) -> None:
+        """Have other things stand where those of the task do."""
+        for own, name in zip(self._task.things, self.env.task.things, strict=True):
+            if name != own:
+                at, new = self.env.address(own), self.env.address(name)
+                bottom = standing.bottom(positions, own)
+                positions[new : new + 7] = standing.pose(name, positions[at : at + 2].copy(), bottom)
+                self.env.put_away(positions, own)
+
     def _place(self, scene: Scene, positions: Array) -> None:
         """Move things and joints in the ``(nq,)`` positions of an initial state."""
-        placed = {placement.object: placement for placement in scene.targets}
-        middles = {name: self._address(name) for name in placed}
+        placed, riders = {placement.object: placement for placement in scene.targets}, self.env.task.riders
+        middles = {name: self.env.address(name) for name in placed}
         start = {name: positions[at : at + 2].copy() for name, at in middles.items()}
         for name, at in middles.items():
-            carrier, chain = self._env.task.riders.get(name), [placed[name]]
+            carrier, chain = riders.get(name), [placed[name]]
             while carrier is not None:  # what stands on something goes along with it
                 chain.append(placed[carrier])
                 _turned(positions, at, start[carrier], placed[carrier])
-                carrier = self._env.task.riders.get(carrier)
+                carrier = riders.get(carrier)
             _turned(positions, at, positions[at : at + 2].copy(), placed[name])
             for axis, offset in enumerate((sum(p.x for p in chain), sum(p.y for p in chain))):
                 if offset:
                     positions[at + axis] += offset
-        arm = self._env.robosuite.robots[0]._ref_joint_pos_indexes
+        arm = self.env.robosuite.robots[0]._ref_joint_pos_indexes
         for joint, degrees in zip(arm, astuple(scene.initial_pose), strict=True):
             if degrees:
                 positions[joint] += math.radians(degrees)
 
-    def _address(self, name: str) -> int:
-        joint = self._env.robosuite.objects_dict[name].joints[0]
-        return int(self._env.model.joint(joint).qposadr[0])
+    def _add(self, standing: Standing, scene: Scene, positions: Array) -> None:
+        """Have the confounders stand on table or floor."""
+        for placed in scene.confounders:
+            at, place = self.env.address(placed.object), np.array([placed.x, placed.y])
+            positions[at : at + 7] = standing.pose(placed.object, place)
+            _turned(positions, at, place, placed)
 
     def _light(self, intensity: float) -> None:
         for owner, name, usual in self._lamps:
             getattr(owner, name)[:] = usual * intensity
 
     def _aim(self, camera: Camera) -> None:
-        model, number = self._env.model, self._camera
+        model, number = self.env.model, self._camera
         model.cam_pos[number], model.cam_quat[number] = self._eye, self._turn
         if camera == Camera():
             return

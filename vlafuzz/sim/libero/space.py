@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from vlafuzz.assets import operators_dir
-from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene
+from vlafuzz.sim.libero.casts import doubles, extras, pool, recast, swaps
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.base import Layout, Span
 from vlafuzz.space.compose import PARTS, Composer, Values, camera, index_of
+from vlafuzz.space.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.space.generate import HINT, REDRAWS, RESTARTS
 from vlafuzz.space.operators import (
     EXTRAS,
     CameraOrientation,
     CameraPosition,
+    ConfounderCount,
     ConfounderOrientation,
     ConfounderPosition,
+    ConfounderType,
     Light,
     TargetOrientation,
     TargetPosition,
+    TargetType,
     Wording,
 )
 from vlafuzz.space.params import Gene, Grid
@@ -37,9 +42,14 @@ from vlafuzz.tasks.base import Task
 
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 _WORDINGS = TypeAdapter(list[str])
-_PLACING = (TargetPosition, TargetOrientation, ConfounderPosition, ConfounderOrientation)
-# Operators that are the same as on the tabletop, beside the extras. LIBERO has no backdrops of ours.
+_OWN = (TargetPosition, TargetOrientation, BystanderPosition, BystanderOrientation)  # of the suite's things
+# Operators whose genes are those of the tabletop, beside the extras. LIBERO has no backdrops of ours.
 _SHARED = (
+    TargetType.name,
+    ConfounderType.name,
+    ConfounderPosition.name,
+    ConfounderOrientation.name,
+    ConfounderCount.name,
     Light.name,
     CameraPosition.name,
     CameraOrientation.name,
@@ -71,54 +81,105 @@ def load_wordings() -> tuple[str, ...]:
 
 
 class LiberoComposer(Composer):
-    """Composes scenes of one task. Places are offsets from an initial state, so that nominal is zero."""
+    """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
+
+    relative = True
 
     def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
         self._libero, self._nominal = task, nominal_scene(str(task), robot)
-        wordings = [wording.replace("{instruction}", task.instruction) for wording in load_wordings()]
-        self._said = tuple(dict.fromkeys(wordings))
-        self.layout = Layout({}, {}, 1, len(self._said), rig(robot))
-        placing = [gene for kind in _PLACING for gene in self._placing(operators, kind.name)]
+        slots = _slots(operators, task)
+        nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
+        self.layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
+        placing = [gene for kind in _OWN for gene in self._placing(operators, kind.name)]
         shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
-        self.genes = [*placing, *shared]
+        self.genes = [gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1]
         self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
 
     def _placing(self, operators: OperatorSet, name: str) -> Iterator[Gene]:
-        """The genes of places or yaws: of what the task is about, or of what stands around."""
+        """The genes of the places or yaws of the suite's own things."""
         operator, concerned = operators.operators[name], self._libero.concerned
-        around = name in (ConfounderPosition.name, ConfounderOrientation.name)
-        slots = range(concerned, len(self._libero.things)) if around else range(concerned)
+        bystanders = isinstance(operator, (BystanderPosition, BystanderOrientation))
+        slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
         for slot in slots:
             share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
-            if isinstance(operator, (TargetPosition, ConfounderPosition)):
+            if isinstance(operator, (TargetPosition, BystanderPosition)):
                 yield Gene(name, f"targets.{slot}.x", "real", _grid(operator.x, share))
                 yield Gene(name, f"targets.{slot}.y", "real", _grid(operator.y, share))
-            elif isinstance(operator, (TargetOrientation, ConfounderOrientation)):
+            elif isinstance(operator, (TargetOrientation, BystanderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values."""
-        placed = tuple(
-            Placement(name, REST, *(values[f"targets.{slot}.{part}"] for part in ("x", "y", "yaw")))
-            for slot, name in enumerate(self._libero.things)
-        )
+        """The scene with these values. A thing that is there already is replaced by the next one."""
+        names, around = list[str](), list[str]()
+        for slot in self.layout.of("targets"):
+            names.append(self._chosen(values, slot, lambda name: name not in names))
+        task = recast(self._libero, tuple(names))
+        for slot in self.layout.of("confounders")[: int(values["confounders"])]:
+            around.append(
+                self._chosen(values, slot, lambda name: name not in around and not doubles(task, name))
+            )
+        placed = [
+            Placement(name, REST, *(values.get(f"{slot}.{part}", 0.0) for part in ("x", "y", "yaw")))
+            for slot, name in zip(self.layout.used(len(around)), [*names, *around], strict=True)
+        ]
         return Scene(
             task=self._nominal.task,
-            targets=placed,
-            instruction=self._said[int(values["instruction"])],
+            targets=tuple(placed[: len(names)]),
+            instruction=_said(task)[int(values.get("instruction", 0))],
+            confounders=tuple(placed[len(names) :]),
             camera=camera(values),
             robot=self._nominal.robot,
             **{part: self._composed(part, values) for part in PARTS},
         )
 
+    def _chosen(self, values: Mapping[str, float], slot: str, fits: Callable[[str], bool]) -> str:
+        """The name that a slot's value stands for, or the next one that fits."""
+        options, index = self.layout.slots[slot], int(values.get(f"{slot}.object", 0))
+        return next(filter(fits, options[index:] + options[:index]), options[index])
+
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
-        values = self._shared_values(scene)
-        for slot, placement in enumerate(scene.targets):
-            known = placement.object == self._libero.things[slot] and placement.quaternion is None
-            for part in ("x", "y", "yaw"):
-                values[f"targets.{slot}.{part}"] = getattr(placement, part) if known else math.nan
-        return values | {"instruction": math.nan if scene.then else index_of(self._said, scene.instruction)}
+        values = self._shared_values(scene) | {"confounders": len(scene.confounders)}
+        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
+            for slot, placement in zip(self.layout.of(part), placements, strict=False):
+                values |= self._placed(slot, placement)
+        try:
+            said = _said(recast(self._libero, tuple(placed.object for placed in scene.targets)))
+        except SceneError:  # other things, which stand for no index either
+            said = ()
+        return values | {"instruction": math.nan if scene.then else index_of(said, scene.instruction)}
+
+    def _placed(self, slot: str, placement: Placement) -> Values:
+        known = placement.object in self.layout.slots[slot] and placement.quaternion is None
+        return {f"{slot}.object": index_of(self.layout.slots[slot], placement.object)} | {
+            f"{slot}.{part}": getattr(placement, part) if known else math.nan for part in ("x", "y", "yaw")
+        }
+
+
+def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...]]:
+    """The slots of a task's scenes, with the things allowed in each, the suite's own first.
+
+    Raises:
+        UsageError: the operators name a thing that no scene of the task has.
+    """
+    types, around = operators.get(TargetType).names, operators.get(ConfounderType).names
+    known = {*pool(task), *task.things}
+    for name in (*(types or ()), *(around or ())):
+        if name not in known:
+            raise UsageError(f"{name!r} is not among the things of {task}", hint="known: " + ", ".join(known))
+    targets = [
+        (names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)
+    ]
+    added = tuple(name for name in extras(task) if around is None or name in around)
+    slots = {f"targets.{number}": names for number, names in enumerate(targets)}
+    count = min(operators.get(ConfounderCount).high, len(added))
+    return slots | {f"confounders.{number}": added for number in range(count)}
+
+
+@cache
+def _said(task: LiberoTask) -> tuple[str, ...]:
+    """The wordings of a task's instruction."""
+    return tuple(wording.replace("{instruction}", task.instruction) for wording in load_wordings())
 
 
 def _grid(span: Span, share: float) -> Grid:
@@ -143,11 +204,11 @@ class LiberoSpace(SearchSpace):
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
         """The scene, with things moved that are too close to others or out of reach; None without room."""
-        room = room_of(self.task.name)
+        room, slots = room_of(self.task.name), self.composer.layout.used(len(scene.confounders))
         for _ in range(REDRAWS):
             if not (misplaced := room.crowded(scene) | room.out_of_reach(scene).keys()):
                 return scene
-            slot = f"targets.{rng.choice(sorted(misplaced))}"
+            slot = slots[rng.choice(sorted(misplaced))]
             again = {path: self.draw(path, rng) for path in (f"{slot}.x", f"{slot}.y")}
             scene = self.composer.compose(self.values(scene) | again)
         return None

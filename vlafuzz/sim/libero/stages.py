@@ -56,7 +56,7 @@ class Moment:
     def _from_goal(self, number: int) -> float:
         env = self.env
         goal = next(atom[2] for atom in env.task.goal if atom[1] == env.task.carried[number])
-        bodies = env.robosuite.obj_body_id
+        bodies = env.bodies
         place = env.data.xpos[bodies[goal]] if goal in bodies else env.data.site(goal).xpos
         return float(np.linalg.norm((env.data.xpos[self.things[number].body] - place)[:2]))
 
@@ -117,7 +117,7 @@ def _nearly_solved(moment: Moment) -> float:
 
 def find_shapes(env: LiberoEnv, name: str) -> Shapes:
     """The colliding shapes of an object or piece of furniture that the problem names."""
-    body = env.robosuite.obj_body_id[name]
+    body = env.bodies[name]
     model = env.model
     geoms = np.flatnonzero((model.body_rootid[model.geom_bodyid] == body) & (model.geom_contype > 0))
     return Shapes(geoms, body)
