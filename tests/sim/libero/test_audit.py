@@ -96,3 +96,13 @@ def test_a_double_counts_where_the_words_fit_it_clearly_or_better_than_the_targe
     assert misled((0.0, 0.14), (0.14, 0.0)) == too
     assert misled((0.0, 0.23), (0.0, -0.2)) == too
     env.close()
+
+
+def test_what_touches_the_rim_of_a_plate_is_next_to_it():
+    env = LiberoEnv(find_task("libero_spatial/8"), size=64)
+    env.reset(15)  # the suite's own: the bowl stands on the table, at the plate
+    env.settle(10)
+    bowl, plate = (env.robosuite.get_object(name) for name in ("akita_black_bowl_1", "plate_1"))
+    assert env.robosuite.check_contact(bowl, plate)
+    assert list(broken_premises(env)) == []
+    env.close()

@@ -97,10 +97,10 @@ def _misfit(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> flo
         share = float((place - first)[:2] @ line / (line @ line))
         aside = float(np.linalg.norm((place - first)[:2] - share * line))
         return aside / ASIDE if 0.0 < share < 1.0 else np.inf
-    touches = _touches(env, name, anchors[0])
     if relation == "next to":
-        return np.inf if touches else float(np.linalg.norm((place - first)[:2])) / BESIDE
-    return 0.0 if touches else np.inf
+        on = env.holds(("on", name, anchors[0]))  # what touches it at its rim only is next to it
+        return np.inf if on else float(np.linalg.norm((place - first)[:2])) / BESIDE
+    return 0.0 if _touches(env, name, anchors[0]) else np.inf
 
 
 def _touches(env: LiberoEnv, name: str, anchor: str) -> bool:
