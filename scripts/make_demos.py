@@ -24,6 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from disturbance import Disturbance
+from mini_data import write
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import Conditions
@@ -43,8 +45,6 @@ from vlafuzz.tasks.tabletop import TASKS
 SIZE = 128
 WORDINGS = 4  # of each task; the others stay unseen
 NOMINAL = 0.5  # share of episodes with the first wording
-DISTURBED = 0.75
-DRIVEN, LONGEST_DRIVE = 0.7, 45  # share of episodes that a driver begins, and its maximum steps
 SEEDS = 10**6  # demonstrations have seeds from here on; smaller ones are for tests
 
 
@@ -63,43 +63,28 @@ class Demonstrator:
         (start,) = episodes
         self.steps = []
         self._expert.reset(episodes)
-        self._rng = np.random.default_rng([start.seed, 1])
-        disturbed = self._rng.random() < DISTURBED
-        self._sigma = self._rng.uniform(0.05, 0.3) if disturbed else 0.0
-        self._wild = int(self._rng.integers(1, 5)) if disturbed and self._rng.random() < 0.5 else 0
-        driven = self._driver is not None and self._rng.random() < DRIVEN
-        self._driven = int(self._rng.integers(1, LONGEST_DRIVE)) if driven else 0
+        self._disturbance = Disturbance(start.seed, driven=self._driver is not None)
         if self._driver:
             self._driver.reset(episodes)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         (seen,) = observations
-        driven = seen.step < self._driven
+        driven = self._disturbance.is_driven(seen.step)
         (chunk,) = (self._driver if driven and self._driver else self._expert).act(observations)
         label = chunk.actions[0]
-        executed = label if driven else self._disturbed(seen, label)
+        executed = label if driven else self._disturbance.executed(seen.step, label, _away(seen))
         self.steps.append(_note(seen, label) | {"gripper": executed[6], "taught": not driven})
         return [ActionChunk(executed[None])]
 
     def close(self) -> None:
         self._expert.close()
 
-    def _disturbed(self, seen: Observation, label: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._sigma == 0.0:
-            return label
-        assert seen.privileged is not None
-        action, rng = label.copy(), self._rng
-        if self._driven <= seen.step < self._driven + self._wild:
-            action[:3] = rng.uniform((-0.08, -0.08, -0.06), (0.08, 0.08, 0.10))
-            action[5] = rng.uniform(-0.5, 0.5)
-            return action
-        away = float(np.linalg.norm(seen.privileged.state.positions[0] - seen.privileged.state.tcp))
-        strength = self._sigma * min(away / 0.15, 1.0)
-        action[:3] += rng.normal(0, 0.1 * strength, 3)
-        action[5] += rng.normal(0, 0.6 * strength)
-        if rng.random() < 0.01:
-            action[6] = -action[6]
-        return action
+
+def _away(seen: Observation) -> float:
+    """Metres from the hand to the first object."""
+    assert seen.privileged is not None
+    state = seen.privileged.state
+    return float(np.linalg.norm(state.positions[0] - state.tcp))
 
 
 def _note(seen: Observation, label: NDArray[np.float64]) -> dict[str, Any]:
@@ -158,23 +143,6 @@ class Job:
                 steps += [step | {"episode": seed} for step in demonstrator.steps]
         write(steps, self.out / f"{self.task}-{self.number:02d}")
         return {"task": self.task, "tried": tried, "kept": kept, "frames": len(steps)}
-
-
-def write(steps: Sequence[dict[str, Any]], folder: Path) -> None:
-    """Write the steps of several demonstrations of one task as arrays."""
-    folder.mkdir(parents=True, exist_ok=True)
-    np.save(folder / "frames.npy", np.stack([step["frame"] for step in steps]))
-    texts = sorted({step["text"] for step in steps})
-    index = {text: number for number, text in enumerate(texts)}
-    table: dict[str, Any] = {
-        key: np.stack([step[key] for step in steps]).astype(np.float32)
-        for key in ("state", "label", "gripper", "taught", "places", "pixels")
-    }
-    table["texts"] = np.array(texts)
-    table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
-    for key, kind in (("targets", np.int8), ("episode", np.int64)):
-        table[key] = np.array([step[key] for step in steps], dtype=kind)
-    np.savez(folder / "steps.npz", **table)
 
 
 def worded(scene: Scene, space: SearchSpace, seed: int) -> Scene:

@@ -1,8 +1,9 @@
-"""Demonstrations of make_demos.py as tensors, step by step, for train_mini.py."""
+"""Demonstrations for train_mini.py: as files, and as tensors, step by step."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +18,13 @@ from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.actions import HORIZON, LONG, proprioception
 
 HELD_OUT = 50  # every 50th episode is for validation
+ABOUT = "card.json"  # beside the demonstrations: what the card of weights is to say of the world
 LATER = 0.25  # weight of the later steps of a chunk
 
 
 @dataclass
 class Data:
-    """All steps on one device. ``frames`` (n, 128, 128, 3) uint8; see ``load`` for the others."""
+    """All steps on one device. ``frames`` (n, 128, 128, 3 * views) uint8; see ``load`` for the others."""
 
     frames: Tensor
     tokens: Tensor
@@ -35,11 +37,33 @@ class Data:
     shown: Tensor
     rest: dict[str, Any]
 
+    @property
+    def views(self) -> int:
+        """The number of cameras."""
+        return self.frames.shape[-1] // 3
+
     def drawn(self, batch: int, share: float) -> Tensor:
         """Numbers of random steps to learn from; that share of them are replayed ones, if there are any."""
         own, replayed = self.rest["own"], self.rest["replayed"]
         old = round(share * batch) if len(replayed) else 0
         return torch.cat([_some(own, batch - old), _some(replayed, old)])
+
+
+def write(steps: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Write the steps of several demonstrations of one task as arrays."""
+    folder.mkdir(parents=True, exist_ok=True)
+    np.save(folder / "frames.npy", np.stack([step["frame"] for step in steps]))
+    texts = sorted({step["text"] for step in steps})
+    index = {text: number for number, text in enumerate(texts)}
+    table: dict[str, Any] = {
+        key: np.stack([step[key] for step in steps]).astype(np.float32)
+        for key in ("state", "label", "gripper", "taught", "places", "pixels")
+    }
+    table["texts"] = np.array(texts)
+    table["text"] = np.array([index[step["text"]] for step in steps], dtype=np.int32)
+    for key, kind in (("targets", np.int8), ("episode", np.int64)):
+        table[key] = np.array([step[key] for step in steps], dtype=kind)
+    np.savez(folder / "steps.npz", **table)
 
 
 def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path | None = None) -> Data:
@@ -68,6 +92,7 @@ def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path 
     taught, held_out = joined["taught"] > 0, episodes % HELD_OUT == 0
     rest = {
         "words": known,
+        "card": json.loads((folder / ABOUT).read_text()) if (folder / ABOUT).exists() else {},
         "hash": fingerprint(frames, joined["label"]),
         "episodes": int(episodes.max()) + 1,
         "frames": int(joined["taught"].sum()),

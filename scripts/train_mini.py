@@ -37,10 +37,12 @@ def jitter(pictures: Tensor) -> Tensor:
     """Slightly vary brightness, contrast and saturation of each image."""
     count, device = len(pictures), pictures.device
     gain, contrast, colour = (1 + 0.2 * (torch.rand(3, count, 1, 1, 1, device=device) * 2 - 1)).unbind()
-    grey = pictures.mean(1, keepdim=True)
-    pictures = grey + (pictures - grey) * colour
-    mean = pictures.mean((1, 2, 3), keepdim=True)
-    return ((mean + (pictures - mean) * contrast) * gain).clamp(0, 1)
+    views = pictures.reshape(count, -1, 3, *pictures.shape[2:])
+    grey = views.mean(2, keepdim=True)
+    views = grey + (views - grey) * colour[..., None]
+    mean = views.mean((1, 2, 3, 4), keepdim=True)
+    varied = (mean + (views - mean) * contrast[..., None]) * gain[..., None]
+    return varied.clamp(0, 1).reshape(pictures.shape)
 
 
 def loss_of(predicted: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor, dict[str, Tensor]]:
@@ -83,9 +85,9 @@ def validate(network: torch.nn.Module, data: Data) -> dict[str, float]:
 class Learner:
     """A network, the moving average of its weights, and the optimiser."""
 
-    def __init__(self, options: argparse.Namespace, device: str) -> None:
+    def __init__(self, options: argparse.Namespace, device: str, views: int) -> None:
         self.options, self.device = options, device
-        self.network = Network().to(device)
+        self.network = Network(views).to(device)
         if options.init:
             known = load_file(options.init / WEIGHTS).items()
             self.network.load_state_dict({name: value.float() for name, value in known})
@@ -128,7 +130,7 @@ def train(data: Data, options: argparse.Namespace, device: str) -> None:
     """Train until the budget is spent; writes at every validation, so that a stop loses little."""
     torch.manual_seed(options.seed)
     torch.set_float32_matmul_precision("high")
-    learner = Learner(options, device)
+    learner = Learner(options, device, data.views)
     began = time.monotonic()
     curve: list[dict[str, float]] = []
     done = 0.0
@@ -159,6 +161,7 @@ def write(network: Network, data: Data, curve: list[dict[str, float]], options: 
         "parameters": sum(value.numel() for value in half.values()),
         "rounds": [*before, _round(data, curve, options)],
         "words": list(data.rest["words"]),
+        **data.rest["card"],
     }
     (options.out / CARD).write_text(json.dumps(card, indent=1) + "\n")
 

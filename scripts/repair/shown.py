@@ -8,7 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from make_demos import Demonstrator, write
+from make_demos import Demonstrator
+from mini_data import write
 
 from repair.arms import Kind, wanted
 from vlafuzz.conditions.stored import stored_catalogue

@@ -9,6 +9,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.conditions.conditions import Conditions
@@ -18,6 +19,7 @@ from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
 from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
+from vlafuzz.policies.registry import make_policy
 from vlafuzz.renderer import Renderer
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
@@ -71,6 +73,40 @@ def test_the_card_says_what_the_weights_are():
     assert [set(part) for part in card["rounds"]] == [{"data", "recipe", "curve"}] * len(card["rounds"])
     assert {(row["set"], row["task"]) for row in card["success"]} >= {("nominal", task) for task in TASKS}
     assert all(row["low"] <= row["passed"] / row["of"] <= row["high"] for row in card["success"])
+
+
+class TestMiniLibero:
+    def test_the_card_says_what_the_weights_are(self):
+        folder = SHIPPED / "libero"
+        card, content = read_card(folder), (folder / WEIGHTS).read_bytes()
+        assert card["weights"] == hashlib.sha256(content).hexdigest()[:20]
+        assert "not evidence about OpenVLA" in card["note"]
+
+    def test_it_looks_through_both_cameras_and_listens(self):
+        front, wrist, said = (answer(number) for number in range(3))
+        black = answer(None)
+        assert not np.array_equal(front, black)
+        assert not np.array_equal(wrist, black)
+        assert not np.array_equal(said, black)
+
+    def test_it_knows_the_words_of_its_suite(self):
+        known = read_card(SHIPPED / "libero")["words"]
+        for text in ("pick up the alphabet soup and place it in the basket", "please pick up the milk"):
+            assert (words.encode(text, known) <= len(known)).all()
+
+
+def answer(changed: int | None) -> NDArray[np.float64]:
+    """Its actions where the front picture, the wrist's, or the instruction is another one."""
+    policy = make_policy("mini-libero")
+    images = {camera.name: np.zeros((128, 128, 3), np.uint8) for camera in policy.spec.cameras}
+    if changed in (0, 1):
+        images[policy.spec.cameras[changed].name][40:80, 40:80] = 255
+    thing = "milk" if changed == 2 else "ketchup"
+    seen = Observation(
+        "one", 0, f"pick up the {thing} and place it in the basket", images=images, state=STATE
+    )
+    policy.reset([EpisodeStart("one", seen.instruction, "libero_object/0", 0)])
+    return policy.act([seen])[0].actions
 
 
 def test_it_knows_all_words_of_nominal_instructions():

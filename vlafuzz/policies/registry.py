@@ -30,8 +30,11 @@ POLICIES: dict[str, Callable[[], Policy]] = {
     "random": Random,
     "frozen": Frozen,
 }
-# Policies of other worlds than the tabletop, by module and class.
-OF_WORLDS = {"libero-expert": "vlafuzz.sim.libero.expert_policy:LiberoExpert"}
+# Policies of other worlds than the tabletop, by module and name.
+OF_WORLDS = {
+    "mini-libero": "vlafuzz.policies.mini.policy:mini_libero",
+    "libero-expert": "vlafuzz.sim.libero.expert_policy:LiberoExpert",
+}
 RETRAINED = "mini:"  # and the folder of other weights for the same network
 # Policies behind model servers, by protocol; named protocol:address, or just by the address for HTTP.
 SERVERS = {

@@ -41,8 +41,10 @@ class Libero:
         return task(name)
 
     def default_policy(self, robot: str) -> str:
-        hint = "such as --policy openpi:ws://localhost:8000?profile=libero"
-        raise UsageError("no policy of ours acts in LIBERO's scenes", hint=hint)
+        hint = (
+            "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
+        )
+        raise UsageError("LIBERO's scenes have no default policy", hint=hint)
 
     def check_pictures(self) -> None:
         require()

@@ -101,10 +101,11 @@ class Reader(nn.Module):
 
 
 class Network(nn.Module):
-    """Image, words and proprioception to a chunk of actions."""
+    """Images, words and proprioception to a chunk of actions. ``views``: the number of cameras."""
 
-    def __init__(self) -> None:
+    def __init__(self, views: int = 1) -> None:
         super().__init__()
+        self.views = views
         self.reader = Reader()
         self.stem = Down(5, 32, kernel=5)  # 64 × 64
         self.to_middle, self.middle = Down(32, 64), nn.ModuleList(Block(64) for _ in range(2))  # 32 × 32
@@ -112,9 +113,9 @@ class Network(nn.Module):
         self.lift = nn.Conv2d(128, FEATURES, 1)
         self.side = nn.Conv2d(64, FEATURES, 1)
         self.fused = nn.Conv2d(FEATURES, FEATURES, 3, padding=1)
-        self.queries = nn.Linear(TEXT, POINTS * FEATURES)
+        self.queries = nn.Linear(TEXT, views * POINTS * FEATURES)
         self.summary = nn.Conv2d(128, 16, 1)
-        seen = 3 * POINTS + DESCRIBED * FEATURES + 16 * 64 + TEXT + STATE
+        seen = views * (3 * POINTS + DESCRIBED * FEATURES + 16 * 64) + TEXT + STATE
         trunk = [nn.Linear(seen, HIDDEN), nn.LayerNorm(HIDDEN), nn.ReLU(), nn.Dropout(DROPPED)]
         trunk += [nn.Linear(HIDDEN, HIDDEN), nn.ReLU(), nn.Dropout(DROPPED)]
         self.trunk = nn.Sequential(*trunk)
@@ -130,25 +131,27 @@ class Network(nn.Module):
         """What the instructions say: ``(n, words.LENGTH)`` tokens."""
         text = self.reader(tokens)
         films = tuple(block.film(text) for block in (*self.middle, *self.far))
-        return Told(text, films, self.queries(text).unflatten(1, (POINTS, FEATURES)))
+        return Told(text, films, self.queries(text).unflatten(1, (self.views, POINTS, FEATURES)))
 
     def act(self, pictures: Tensor, told: Told, state: Tensor) -> dict[str, Tensor]:
         """Predict actions and where the objects are.
 
         Args:
-            pictures: ``(n, 3, 128, 128)`` in [0, 1].
+            pictures: ``(n, 3 * views, 128, 128)`` in [0, 1], one camera after the other.
             told: of n instructions.
             state: ``(n, STATE)``, see ``actions.proprioception``.
 
         Returns:
             ``moves`` ``(n, HORIZON, 6, BINS)`` logits, ``gripper`` ``(n, HORIZON)`` logits of open,
-            ``points`` ``(n, POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
+            ``points`` ``(n, views * POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
         """
         middle, far = self._see(pictures, told)
         fused = functional.relu(self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0))
-        points, spread, features = _look(functional.relu(self.fused(fused)), told.queries)
-        summary = functional.adaptive_avg_pool2d(functional.relu(self.summary(far)), 8).flatten(1)
-        seen = torch.cat([points.flatten(1) * 2 - 1, spread, features, summary, told.text, state], dim=1)
+        points, spread, features = _look(functional.relu(self.fused(fused)), told.queries.flatten(0, 1))
+        summary = functional.adaptive_avg_pool2d(functional.relu(self.summary(far)), 8)
+        points = points.reshape(len(pictures), -1, 2)
+        known = [part.reshape(len(pictures), -1) for part in (points * 2 - 1, spread, features, summary)]
+        seen = torch.cat([*known, told.text, state], dim=1)
         hidden = self.trunk(seen)
         return {
             "moves": self.moves(hidden).unflatten(1, (HORIZON, 6, BINS)),
@@ -158,9 +161,11 @@ class Network(nn.Module):
         }
 
     def _see(self, pictures: Tensor, told: Told) -> tuple[Tensor, Tensor]:
-        grid = _grid(pictures.device, pictures.dtype).expand(len(pictures), -1, -1, -1)
+        """Features of every picture on its own: ``(n * views, …)``, halved twice and three times."""
+        grid = _grid(self.views, pictures.device, pictures.dtype).repeat(len(pictures), 1, 1, 1)
+        pictures = pictures.reshape(-1, 3, *pictures.shape[2:])
         x = self.to_middle(self.stem(torch.cat([pictures * 2 - 1, grid], dim=1)))
-        films = iter(told.films)
+        films = iter([tuple(part.repeat_interleave(self.views, 0) for part in film) for film in told.films])
         for block in self.middle:
             x = block(x, next(films))
         middle, x = x, self.to_far(x)
@@ -170,11 +175,12 @@ class Network(nn.Module):
 
 
 @cache
-def _grid(device: torch.device, dtype: torch.dtype) -> Tensor:
-    """``(1, 2, 128, 128)``: row and column of each pixel in [-1, 1]."""
+def _grid(views: int, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """``(views, 2, 128, 128)``: row and column of each pixel in [-1, 1], shifted by 2 for each camera."""
     side = torch.linspace(-1, 1, 128, device=device, dtype=dtype)
     grid = torch.stack(torch.meshgrid(side, side, indexing="ij"))[None]
-    return grid.contiguous(memory_format=torch.channels_last)
+    shifted = grid + 2 * torch.arange(views, device=device, dtype=dtype)[:, None, None, None]
+    return shifted.contiguous(memory_format=torch.channels_last)
 
 
 def _look(fused: Tensor, queries: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 SHIPPED = Path(__file__).parent
 WEIGHTS, CARD = "weights.safetensors", "policy.json"
 CAMERA = CameraRequest("front", 128, 128)
+WRIST = CameraRequest("wrist", 128, 128, role="wrist")
 REMEMBERED = 1000  # instructions
 
 
@@ -48,18 +49,19 @@ class Memory:
 class Mini:
     """A small learned vision-language-action model that runs on a CPU.
 
-    It was trained in this very simulator: something to try a fuzzer on, no evidence about other models.
+    It was trained in these very simulators: something to try a fuzzer on, no evidence about other models.
     Observations go through the network one at a time, since batching would change the last bits.
     """
 
     def __init__(self, folder: Path = SHIPPED) -> None:
         self._folder = folder
         self._card = read_card(folder)
+        cameras = (CAMERA, WRIST)[: self._card.get("views", 1)]
         self.spec = PolicySpec(
-            "mini",
+            self._card["name"],
             version=self._card["version"],
-            action=ActionSpec(relative_to="current"),
-            cameras=(CAMERA,),
+            action=ActionSpec(relative_to="current", **self._card.get("action", {})),
+            cameras=cameras,
             state=True,
             max_batch=64,
             provenance={"weights": self._card["weights"]},
@@ -86,7 +88,7 @@ class Mini:
         from vlafuzz.policies.mini.integer import to_integers
         from vlafuzz.policies.mini.model import Network
 
-        network, weights = Network().eval(), load_file(self._folder / WEIGHTS)
+        network, weights = Network(len(self.spec.cameras)).eval(), load_file(self._folder / WEIGHTS)
         network.load_state_dict({name: value.float() for name, value in weights.items()})
         to_integers(network, self._card.get("ranges", {}))
         torch.set_num_threads(1)  # more would change the last bits, and there are many workers
@@ -97,11 +99,13 @@ class Mini:
 
         from vlafuzz.policies.mini.actions import HORIZON, LONG, decode, proprioception
 
-        if CAMERA.name not in seen.images or seen.state is None:
+        names = [camera.name for camera in self.spec.cameras]
+        if not seen.images.keys() >= set(names) or seen.state is None:
             raise PolicyError("mini needs a picture and proprioception, and got none", cause="protocol")
         known = self._memory.setdefault(seen.episode, Memory(seen.state[6:], LONG))
         state = proprioception(seen.state[None], known.opening, np.array([known.since]))
-        picture = torch.from_numpy(np.ascontiguousarray(seen.images[CAMERA.name]))[None].permute(0, 3, 1, 2)
+        joined = np.concatenate([seen.images[name] for name in names], axis=2)
+        picture = torch.from_numpy(joined)[None].permute(0, 3, 1, 2)
         with torch.inference_mode():
             told = self._read(seen.instruction)
             output = self._network.act(picture.float() / 255, told, torch.from_numpy(state))
@@ -123,6 +127,11 @@ class Mini:
             tokens = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
             self._told[instruction] = self._network.read(tokens)
         return self._told[instruction]
+
+
+def mini_libero() -> Mini:
+    """Mini with two cameras, trained in the ten tasks of LIBERO's object suite; it runs on a CPU."""
+    return Mini(SHIPPED / "libero")
 
 
 def read_card(folder: Path = SHIPPED) -> dict[str, Any]:

@@ -47,11 +47,17 @@ class Expert:
     """Solves a task from the environment's present state on.
 
     ``for action in Expert(env).actions(): env.step(action)``; it looks at the state before each action.
-    ``attempt``: index of the grasp with which it begins.
+
+    Args:
+        attempt: index of the grasp with which it begins.
+        pace: control steps for which each action is executed.
+        tries: for each thing.
     """
 
-    def __init__(self, env: LiberoEnv, attempt: int = 0) -> None:
-        self._env, self._first = env, attempt
+    def __init__(self, env: LiberoEnv, attempt: int = 0, *, pace: int = 1, tries: int = TRIES) -> None:
+        self._env, self._pace = env, pace
+        self._attempts = range(attempt, attempt + tries)
+        self._gain = 1.0 if pace == 1 else 2.0
         robot = env.robosuite.robots[0]
         self._site = robot.eef_site_id
         self._upright = env.data.site_xmat[self._site].reshape(3, 3).copy()
@@ -60,7 +66,7 @@ class Expert:
     def actions(self) -> Iterator[Array]:
         """Actions ``(7,)`` until everything is at its place, or no try is left."""
         for atom in self._env.task.goal:
-            for attempt in range(self._first, self._first + TRIES):
+            for attempt in self._attempts:
                 if atom[0] not in PLACING or self._env.holds(atom):
                     break
                 yield from self._place(atom, attempt)
@@ -68,6 +74,9 @@ class Expert:
 
     def _place(self, atom: Atom, attempt: int) -> Iterator[Array]:
         _, name, goal = atom
+        if self._holds(name):
+            yield from self._bring(name, goal, self._yaw())
+            return
         grasps = find_grasps(self._env, name)
         if not grasps:
             yield from self._wait(5, gripper=-1.0)
@@ -140,20 +149,21 @@ class Expert:
         return share
 
     def _move(self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE) -> Iterator[Array]:
-        earlier = [np.full(3, np.inf)] * STUCK
-        for _ in range(PATIENCE):
+        stuck = max(STUCK // self._pace, 2)
+        earlier = [np.full(3, np.inf)] * stuck
+        for _ in range(PATIENCE // self._pace):
             hand, turn = self._hand(), self._turn(yaw)
             away = target - hand
             arrived = np.linalg.norm(away) < close and np.linalg.norm(turn) < 0.1
-            if arrived or (np.linalg.norm(hand - earlier[-STUCK]) < 0.001 and np.linalg.norm(turn) < 0.1):
+            if arrived or (np.linalg.norm(hand - earlier[-stuck]) < 0.001 and np.linalg.norm(turn) < 0.1):
                 return
             earlier.append(hand)
-            yield np.concatenate(
-                [np.clip(FAST * away / METRES, -1, 1), np.clip(turn / RADIANS, -1, 1), [gripper]]
-            )
+            gain = self._gain / self._pace
+            moved, turned = gain * FAST * away / METRES, gain * turn / RADIANS
+            yield np.concatenate([np.clip(moved, -1, 1), np.clip(turned, -1, 1), [gripper]])
 
     def _wait(self, steps: int, *, gripper: float) -> Iterator[Array]:
-        for _ in range(steps):
+        for _ in range(-(-steps // self._pace)):
             yield np.array([0.0] * 6 + [gripper])
 
     def _hand(self) -> Array:
@@ -168,6 +178,11 @@ class Expert:
         wanted = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix() @ self._upright
         now = self._env.data.site_xmat[self._site].reshape(3, 3)
         return np.asarray(Rotation.from_matrix(wanted @ now.T).as_rotvec())
+
+    def _yaw(self) -> float:
+        """The hand's yaw from the robot's own, radians."""
+        now = self._env.data.site_xmat[self._site].reshape(3, 3) @ self._upright.T
+        return float(np.arctan2(now[1, 0], now[0, 0]))
 
     def _holds(self, name: str) -> bool:
         return held(self._env, find_shapes(self._env, name))

@@ -13,7 +13,7 @@ from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.scene import Placement, Scene, Start
 from vlafuzz.sim.libero.casts import doubles, extras, pool, recast, swaps
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
@@ -58,11 +58,11 @@ _SHARED = (
 )
 
 
-def nominal_scene(task: str, robot: str) -> Scene:
-    """The suite's own initial state 0, with nothing changed."""
+def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
+    """One of the suite's own initial states, by default 0, with nothing changed."""
     found = find_task(task)
     things = tuple(Placement(name, REST, 0.0, 0.0) for name in found.things)
-    return Scene(task, things, found.instruction, robot=robot)
+    return Scene(task, things, found.instruction, robot=robot, start=Start(state))
 
 
 @cache
