@@ -3,7 +3,8 @@
 Needs scripts/setup-libero. Runs for minutes: LIBERO itself draws four to eight pictures a second on one core.
 
     python scripts/bench_libero.py    # all tasks of the four suites, ten initial states each
-    python scripts/bench_libero.py libero_goal/3 --states 2 --pictures 5
+    python scripts/bench_libero.py libero_goal/3 --states 2 --pictures 40
+    python scripts/bench_libero.py --states 0 --pictures 40    # what pictures cost, and how similar they are
 """
 
 import argparse
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.env import SEED, LiberoEnv
 from vlafuzz.sim.libero.packages import load, quiet, versions
-from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
 from vlafuzz.sim.libero.suites import SUITES, LiberoTask, find_task, find_tasks, initial_states
+from vlafuzz.sim.similarity import similarity
 
 SIZE = 224
 Step = tuple[NDArray[np.float64], NDArray[np.float64], list[NDArray[np.uint8]]]  # state, (8,), pictures
@@ -27,20 +29,22 @@ def main() -> None:
     flags.add_argument("tasks", nargs="*", help="SUITE/NUMBER; all of the four suites by default")
     flags.add_argument("--states", type=int, default=10, help="initial states of each task")
     flags.add_argument("--actions", type=int, default=50, help="random actions after each")
-    flags.add_argument("--pictures", type=int, default=0, help="first steps whose two pictures are compared")
+    flags.add_argument(
+        "--pictures", type=int, default=0, help="first steps whose two pictures are compared and timed"
+    )
     given = flags.parse_args()
     tasks = [find_task(name) for name in given.tasks] or [
         task for suite in SUITES for task in find_tasks(suite)
     ]
     print(versions())
-    for task in tasks:
+    for task in tasks if given.states else []:
         numbers = range(min(given.states, len(initial_states(task))))
         theirs, their_time = _timed(_libero(task, numbers, given.actions, given.pictures))
         ours, our_time = _timed(_here(task, numbers, given.actions, given.pictures))
         print(f"{task}: {_compared(theirs, ours)}; a step {their_time:.1f} and {our_time:.1f} ms", flush=True)
     if given.pictures:
         for task in tasks:
-            print(f"{task}: ms a step with two pictures: {_speeds(task)}", flush=True)
+            _pictured(task, given.pictures)
 
 
 def _compared(theirs: list[Step], ours: list[Step]) -> str:
@@ -113,29 +117,51 @@ def _their_state(seen: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.concatenate([seen["robot0_eef_pos"], turn, seen["robot0_gripper_qpos"]])
 
 
-def _speeds(task: LiberoTask, steps: int = 5) -> str:
-    """Milliseconds of processor time of a step with its two pictures: LIBERO itself, then by savings."""
+def _pictured(task: LiberoTask, steps: int) -> None:
+    """Print what a step with its two pictures costs by savings, and how similar these are to LIBERO's.
+
+    States are LIBERO's own, so pictures show the same. The hand moves on in one direction for ten steps.
+    """
+    actions = np.repeat(_actions(0, -(-steps // 10)), 10, axis=0)[:steps]
     theirs = _their_env(task, cameras=True)
+    theirs.seed(SEED)
     theirs.reset()
     theirs.set_init_state(initial_states(task)[0])
-    begun = time.process_time()
-    for action in _actions(0, steps):
-        theirs.step(action)
-    stock = (time.process_time() - begun) / steps
-    theirs.close()
-    words = [f"LIBERO {1000 * stock:.0f}"]
-    for name, savings in SAVINGS.items():
-        env = LiberoEnv(task, size=SIZE, savings=savings)
-        env.reset()
-        env.observe()
+    spent, pictures = [], []
+    for action in actions:
         begun = time.process_time()
-        for action in _actions(0, steps):
-            env.step(action)
-            env.observe()
-        ours = (time.process_time() - begun) / steps
-        words.append(f"{name} {1000 * ours:.0f} ({stock / ours:.1f}×)")
-        env.close()
-    return ", ".join(words)
+        seen = theirs.step(action)[0]
+        spent.append(time.process_time() - begun)
+        pictures.append([seen[f"{name}_image"][::-1, ::-1] for name in CAMERAS])
+    theirs.close()
+    stock = float(np.mean(spent))
+    print(f"{task}: LIBERO {1000 * stock:.0f} ms")
+    for name, savings in SAVINGS.items():
+        ours, alike = _cheaper(task, savings, actions, pictures)
+        worst, median = alike.min(axis=0), np.median(alike, axis=0)
+        words = ", ".join(
+            f"{camera} {low:.3f} (median {middle:.3f})"
+            for camera, low, middle in zip(CAMERAS, worst, median, strict=True)
+        )
+        print(f"{task}: {name} {1000 * ours:.0f} ms, {stock / ours:.1f}×, similarity {words}", flush=True)
+
+
+def _cheaper(
+    task: LiberoTask, savings: Savings, actions: NDArray[np.float64], expected: list[list[NDArray[np.uint8]]]
+) -> tuple[float, NDArray[np.float64]]:
+    """Seconds of processor time of a step with pictures, and their similarity ``(steps, 2)`` to LIBERO's."""
+    env = LiberoEnv(task, size=SIZE, savings=savings)
+    env.reset()
+    env.observe()
+    spent, alike = [], []
+    for action, pair in zip(actions, expected, strict=True):
+        begun = time.process_time()
+        env.step(action)
+        seen = env.observe().pictures
+        spent.append(time.process_time() - begun)
+        alike.append([similarity(seen[name], own) for name, own in zip(CAMERAS, pair, strict=True)])
+    env.close()
+    return float(np.mean(spent)), np.array(alike)
 
 
 if __name__ == "__main__":

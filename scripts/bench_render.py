@@ -28,7 +28,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache
 from itertools import count
 from multiprocessing import get_context
 from typing import Any
@@ -39,7 +39,6 @@ import numpy as np
 import torch
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects.catalogue import load_catalogue
@@ -52,6 +51,7 @@ from vlafuzz.sim.maniskill import robots, world
 from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.rendering import render_backend
+from vlafuzz.sim.similarity import similarity
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity import check_static
@@ -144,19 +144,6 @@ def fresh_process() -> ProcessPoolExecutor:
 
 
 # images: evaluation
-
-
-def similarity(a: Picture, b: Picture) -> float:
-    """SSIM of two images' grey values: an 11 pixel Gaussian window of 1.5 pixels, as published."""
-    blur = partial(gaussian_filter, sigma=1.5, radius=5)
-    x, y = (picture.astype(float) @ [0.299, 0.587, 0.114] for picture in (a, b))
-    mean_x, mean_y = blur(x), blur(y)
-    var_x, var_y = blur(x * x) - mean_x**2, blur(y * y) - mean_y**2
-    both = blur(x * y) - mean_x * mean_y
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    shown = (2 * mean_x * mean_y + c1) * (2 * both + c2)
-    index = shown / ((mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2))
-    return float(index[5:-5, 5:-5].mean())
 
 
 def measure(scenes: Sequence[Scene], size: int, moves: int) -> dict[str, list[Shot]]:

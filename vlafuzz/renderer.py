@@ -95,6 +95,13 @@ def keep_to_avx() -> None:
         os.environ.setdefault(CPU_CAPS, "avx")
 
 
+def in_use() -> str:
+    """Device and driver of the first probe, with the limit that is set for it."""
+    keep_to_avx()
+    name, caps = probe_once().name, os.environ.get(CPU_CAPS)
+    return f"{name}, {CPU_CAPS}={caps}" if caps and "llvmpipe" in name else name
+
+
 def check_renderer() -> None:
     """Make sure that pictures can be drawn.
 

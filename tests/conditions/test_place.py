@@ -10,7 +10,7 @@ import pytest
 from tests.doubles import manifest
 from vlafuzz.conditions.place import Place, by_place, elsewhere, here, in_words
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.renderer import probe_once
+from vlafuzz.renderer import in_use, probe_once
 
 BLIND = PolicySpec("blind")
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
@@ -63,23 +63,23 @@ def test_runs_are_listed_by_place():
 def test_this_place_has_what_torch_uses(monkeypatch: pytest.MonkeyPatch):
     import torch
 
-    plain = here("pinhole", BLIND)
+    plain = here("pinhole", BLIND, in_use)
     assert torch.backends.cpu.get_cpu_capability() in in_words(plain)
     assert torch.__version__ in in_words(plain)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "SSE41")
-    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND), plain)
+    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND, in_use), plain)
 
 
 def test_threads_count_for_the_users_own_code_only():
-    assert json.loads(here("pinhole", BLIND))["threads"] is None
-    assert json.loads(here("python:my:make", BLIND))["threads"] >= 1
-    assert json.loads(here("python:my:make", BLIND, workers=True))["threads"] == 1
+    assert json.loads(here("pinhole", BLIND, in_use))["threads"] is None
+    assert json.loads(here("python:my:make", BLIND, in_use))["threads"] >= 1
+    assert json.loads(here("python:my:make", BLIND, in_use, workers=True))["threads"] == 1
 
 
 @pytest.mark.render
 def test_only_for_a_policy_that_sees_the_renderer_counts():
-    assert json.loads(here("pinhole", BLIND))["renderer"] == ""
-    assert json.loads(here("mini", SEEING))["renderer"].startswith(probe_once().name)
+    assert json.loads(here("pinhole", BLIND, in_use))["renderer"] == ""
+    assert json.loads(here("mini", SEEING, in_use))["renderer"].startswith(probe_once().name)
 
 
 def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():

@@ -16,6 +16,7 @@ from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.controls import draw
 from vlafuzz.regression.corpus import Control
 from vlafuzz.regression.folder import write_corpus
+from vlafuzz.renderer import in_use
 from vlafuzz.space import SearchSpace, load_operators
 
 PICK_UP = str(corpus_dir() / "mini-pick-up")
@@ -61,7 +62,7 @@ def test_a_planted_fault_is_fixed_where_it_is_repaired_and_not_where_another_is(
 
 
 def test_it_is_said_that_a_corpus_was_made_elsewhere(tmp_path: Path, capsys, monkeypatch):
-    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec))
+    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec, in_use))
     cases = [replace(case(), counterparts={}, nominal_passes=False)]
     operators = operators_json(load_operators())
     write_corpus(replace(make_corpus(*cases), runs=[replace(own, operators=operators)]), tmp_path / "a")

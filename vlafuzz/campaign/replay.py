@@ -21,7 +21,7 @@ from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy, make_evaluator
+from vlafuzz.worlds import default_policy, make_evaluator, world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.recording import Recording
@@ -141,7 +141,8 @@ def replay(
     same, elsewhere = None, ""
     if wanted.states_hash is not None and outcome.rollouts and name == wanted.conditions.policy:
         same = outcome.rollouts[0].states_hash == wanted.states_hash
-        elsewhere = place.elsewhere(wanted.conditions.place, place.here(name, made.spec))
+        now = place.here(name, made.spec, world_of(scene.task).renderer)
+        elsewhere = place.elsewhere(wanted.conditions.place, now)
     return Replayed(
         scene=scene,
         policy=name,

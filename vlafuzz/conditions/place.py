@@ -6,13 +6,12 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 
 from vlafuzz.plugins import OBJECT, PREFIX
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.processor import cpuinfo, kept
-from vlafuzz.renderer import CPU_CAPS, keep_to_avx, probe_once
 
 # Limits that torch does not report, of the libraries that compute for it.
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
@@ -50,11 +49,12 @@ class Place:
         return self.processor, self.instructions, f"torch {self.torch}", threads, self.renderer
 
 
-def here(name: str, spec: PolicySpec, *, workers: bool = False) -> str:
+def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: bool = False) -> str:
     """This place for a policy, as JSON; empty if torch cannot be loaded, without which there is no simulator.
 
     Args:
         name: of the policy, as the user gave it.
+        renderer: says what draws the world's pictures; it is asked for policies with cameras.
         workers: whether rollouts happen in worker processes, which have one thread each.
     """
     try:
@@ -68,7 +68,7 @@ def here(name: str, spec: PolicySpec, *, workers: bool = False) -> str:
         instructions=", ".join([instructions, *limits]),
         torch=version,
         threads=threads,
-        renderer=_renderer() if spec.cameras else "",
+        renderer=renderer() if spec.cameras else "",
     )
     return json.dumps(asdict(place), sort_keys=True)
 
@@ -125,9 +125,3 @@ def _threads() -> int:
 def _processor() -> str:
     vendor = cpuinfo("vendor_id")
     return f"{platform.machine()} {vendor}" if vendor else platform.machine()
-
-
-def _renderer() -> str:
-    keep_to_avx()
-    name, caps = probe_once().name, os.environ.get(CPU_CAPS)
-    return f"{name}, {CPU_CAPS}={caps}" if caps and "llvmpipe" in name else name

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from importlib import metadata
@@ -17,14 +18,16 @@ from vlafuzz.policies.base import Policy, PolicySpec
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
-def here(name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = False) -> dict[str, Any]:
+def here(
+    name: str, policy: Policy, catalogue: Catalogue, renderer: Callable[[], str], *, workers: bool = False
+) -> dict[str, Any]:
     """The fields of conditions that come with what is installed (``Origin.HERE``) but ``simulator``."""
     return {
         "spec": described(policy.spec),
         "source": source_digest(name, policy),
         "catalogue_digest": catalogue.digest,
         "commit": commit(),
-        "place": place.here(name, policy.spec, workers=workers),
+        "place": place.here(name, policy.spec, renderer, workers=workers),
     }
 
 

@@ -19,6 +19,7 @@ from vlafuzz.integrations.expert_runner import UNFAIR, ExpertRunner
 from vlafuzz.integrations.packed import Packed, packed
 from vlafuzz.integrations.selection import Wanted
 from vlafuzz.policies.expert import Expert
+from vlafuzz.renderer import in_use
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
 from vlafuzz.triage.pool import process_pool
@@ -121,7 +122,7 @@ def _fitting(solution: Solution | None, run: Manifest) -> Solution | None:
 
 def _key(run: Manifest) -> str:
     """Identifies all that decides the expert's actions in a scene, beside the scene."""
-    here = {"versions": provenance.versions(), "place": place.here("expert", Expert().spec)}
+    here = {"versions": provenance.versions(), "place": place.here("expert", Expert().spec, in_use)}
     text = json.dumps([run.task, run.values(Role.SIMULATION), interface_of(run.policy, run.spec).key, here])
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 

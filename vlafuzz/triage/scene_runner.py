@@ -16,7 +16,6 @@ from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.renderer import probe_once
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, FRAMES, Film
@@ -62,7 +61,7 @@ class SimulatorSceneRunner:
         self.deterministic = spec.deterministic and manifest.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
-        self.renderer = probe_once().name if spec.cameras else None
+        self.renderer = self._world.renderer() if spec.cameras else None
         now = replace(manifest, **here(manifest.task, name, self._policy, self.space.catalogue))
         self.changed = tuple(name for name in manifest.differences(now) if name != "place")
         self.elsewhere = elsewhere(manifest.place, now.place)

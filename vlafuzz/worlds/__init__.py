@@ -117,5 +117,6 @@ def here(
     task: str, name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = False
 ) -> dict[str, Any]:
     """The fields of conditions that come with what is installed; see ``provenance.here``."""
-    installed = provenance.here(name, policy, catalogue, workers=workers)
-    return installed | {"simulator": world_of(task).simulator}
+    world = world_of(task)
+    installed = provenance.here(name, policy, catalogue, world.renderer, workers=workers)
+    return installed | {"simulator": world.simulator}

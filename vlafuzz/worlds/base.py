@@ -45,6 +45,9 @@ class World(Protocol):
     def simulator(self) -> str:
         """Packages with their versions, which decide physics and pictures."""
 
+    def renderer(self) -> str:
+        """What draws its pictures here, with versions; empty if that is not known."""
+
     def task(self, name: str) -> Task:
         """The task of that name; a UsageError or SceneError if there is none."""
 

@@ -14,6 +14,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.rigs.robots import OF_LIBERO
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.expert_policy import LiberoExpert
+from vlafuzz.sim.libero.opengl import opengl
 from vlafuzz.sim.libero.packages import require, versions
 from vlafuzz.sim.libero.space import LiberoSpace
 from vlafuzz.sim.libero.tasks import task
@@ -36,6 +37,9 @@ class Libero:
         return (
             f"vlafuzz {__version__}/mujoco {found.mujoco}/robosuite {found.robosuite}/libero {found.libero}"
         )
+
+    def renderer(self) -> str:
+        return opengl()
 
     def task(self, name: str) -> Task:
         return task(name)

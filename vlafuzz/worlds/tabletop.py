@@ -12,7 +12,7 @@ from vlafuzz.objects import Catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.seeing import SeeingExpert
-from vlafuzz.renderer import check_renderer, probe_once
+from vlafuzz.renderer import check_renderer, in_use, probe_once
 from vlafuzz.rigs.robots import PANDA, RIGS
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
@@ -35,6 +35,9 @@ class Tabletop:
         return "/".join(
             f"{package} {installed.get(package)}" for package in ("vlafuzz", "mani_skill", "sapien")
         )
+
+    def renderer(self) -> str:
+        return in_use()
 
     def task(self, name: str) -> Task:
         return task(name)

@@ -1,0 +1,28 @@
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from vlafuzz import worlds
+from vlafuzz.conditions.place import here, in_words
+from vlafuzz.policies.base import CameraRequest, PolicySpec
+
+SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
+
+
+@pytest.mark.libero
+def test_a_place_of_libero_names_what_draws_its_pictures_and_not_the_tabletops_renderer():
+    renderer = worlds.WORLDS["libero"].renderer
+    assert "MuJoCo" in renderer()
+    assert "robosuite" in renderer()
+    assert renderer() in in_words(here("mini", SEEING, renderer))
+    assert json.loads(here("mini", PolicySpec("blind"), renderer))["renderer"] == ""
+
+
+def test_a_world_says_itself_what_draws_its_pictures(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(worlds.WORLDS["libero"], "renderer", lambda: "EGL of a test", raising=False)
+    monkeypatch.setattr(type(worlds.WORLDS["libero"]), "simulator", "of a test")
+    policy = SimpleNamespace(spec=SEEING)
+    catalogue = SimpleNamespace(digest="")
+    assert worlds.here("libero_goal/8", "mini", policy, catalogue)["place"].count("EGL of a test") == 1
+    assert "EGL of a test" not in worlds.here("pick-up", "mini", policy, catalogue)["place"]
