@@ -15,7 +15,6 @@ from tests.triage.test_scene_runner import run
 from vlafuzz.cli import main
 from vlafuzz.clients.profiled import Model
 from vlafuzz.conditions.provenance import described
-from vlafuzz.errors import UsageError
 from vlafuzz.formats.scene_lines import load_scenes
 from vlafuzz.integrations.demonstrations import Demonstrations, _key
 from vlafuzz.integrations.expert_runner import ExpertRunner
@@ -87,11 +86,6 @@ def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
     in_time, again = solved(tiny_pictures(relative_to="current"), late)
     assert again
     assert np.array_equal(in_time.actions, solved(tiny_pictures(relative_to="current"), CAN)[0].actions)
-
-
-def test_scenes_of_another_world_are_not_demonstrated():
-    with pytest.raises(UsageError, match="libero_object/0: demonstrations are made on the tabletop only"):
-        ExpertRunner(replace(run("make_frozen"), task="libero_object/0"))
 
 
 def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from vlafuzz.clients.conventions import LAYOUTS, OWN, Convention
+from vlafuzz.clients.conventions import LAYOUTS, OWN, Convention, sent
 from vlafuzz.clients.profiled import ProfiledOptions
 from vlafuzz.clients.remote import SIDE
 from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.registry import options_of
 from vlafuzz.reading import read_json, validated
 
@@ -77,9 +77,9 @@ class Interface:
     def state_names(self) -> list[str]:
         return list(_STATES[self.layout])
 
-    def state(self, own: Written) -> Written:
-        """``(7,)`` as ``PolicySpec.state`` in the policy's layout."""
-        return LAYOUTS[self.layout](own)
+    def state(self, seen: Observation) -> Written:
+        """What the policy is told of the robot, in its layout."""
+        return sent(LAYOUTS[self.layout], seen)
 
     def written(self, action: NDArray[np.float64], hand: Written) -> Written:
         """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it.

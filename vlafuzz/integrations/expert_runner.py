@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from vlafuzz.clients.interface import Interface, Written, interface_of
 from vlafuzz.conditions.stored import stored_catalogue
-from vlafuzz.errors import UsageError
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.base import evaluate_safely
-from vlafuzz.integrations.demonstrator import TRIES, Demonstrator
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.scene import Latency, Scene
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.triage.witness import Player
-from vlafuzz.worlds import TABLETOP, WORLDS, make_evaluator, world_of
+from vlafuzz.worlds import make_evaluator, world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -49,22 +47,13 @@ class Demonstration:
 
 
 class ExpertRunner:
-    """Solves scenes as the policy of a run would have to, and records what it would see meanwhile.
-
-    Raises:
-        UsageError: the run is of another world than the tabletop.
-    """
+    """Solves scenes as the policy of a run would have to, and records what it would see meanwhile."""
 
     def __init__(self, run: Manifest) -> None:
-        if world_of(run.task) is not WORLDS[TABLETOP]:
-            raise UsageError(
-                f"{run.task}: demonstrations are made on the tabletop only",
-                hint="export its scenes without --format lerobot",
-            )
         self._run = replace(run, repeats=1, stop_early=True)
         self.interface: Interface = interface_of(run.policy, run.spec)
         self._catalogue = stored_catalogue(run)
-        self._demonstrator = Demonstrator(self.interface)
+        self._demonstrator = world_of(run.task).demonstrator(self.interface)
         self._solving: SceneEvaluator | None = None
         self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
 
@@ -76,7 +65,8 @@ class ExpertRunner:
         if self._solving is None:
             self._solving = make_evaluator(self._run, self._demonstrator, catalogue=self._catalogue)
         prompt = replace(scene, latency=Latency())
-        for attempt in ((first + number) % TRIES for number in range(TRIES)):
+        tries = self._demonstrator.tries
+        for attempt in ((first + number) % tries for number in range(tries)):
             self._demonstrator.attempt = attempt
             (outcome,) = evaluate_safely(self._solving, [prompt])
             if outcome.verdict < Verdict.PASSED:
@@ -100,7 +90,7 @@ class ExpertRunner:
         return Demonstration(
             scene,
             {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names},
-            np.stack([self.interface.state(_hand(seen)) for seen, _ in steps]),
+            np.stack([self.interface.state(seen) for seen, _ in steps]),
             np.stack([written for _, written in steps]),
             finding,
         )

@@ -138,7 +138,6 @@ LIBERO = replace(
     PANDA,
     robot="libero",
     workspace=Workspace(x=(-0.2, 0.2), y=(-0.2, 0.2)),
-    control_hz=20,
     seconds=26,  # of the longest suite
     operators="libero",
     initial_states=50,

@@ -15,6 +15,7 @@ from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.tasks.base import Task
 
 if TYPE_CHECKING:
+    from vlafuzz.clients.interface import Interface, Written
     from vlafuzz.sim.recording import Recording
 
 
@@ -22,6 +23,20 @@ class TryingPolicy(Policy, Protocol):
     """A policy that solves scenes from the simulator's state; ``attempt`` changes how it goes about it."""
 
     attempt: int
+
+
+class Demonstrator(Policy, Protocol):
+    """An expert that solves scenes with the actions of the policy that it stands in for.
+
+    Attributes:
+        tries: number of its attempts.
+        attempt: the present one, below ``tries``.
+        written: the actions of the last rollout, as the policy writes them.
+    """
+
+    tries: int
+    attempt: int
+    written: list[Written]
 
 
 class Stills(Protocol):
@@ -73,6 +88,9 @@ class World(Protocol):
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         """The experts, by name."""
+
+    def demonstrator(self, interface: Interface) -> Demonstrator:
+        """An expert in the place of a policy with this interface."""
 
     def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
         """What takes pictures of scenes of a task."""

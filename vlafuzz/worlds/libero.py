@@ -20,9 +20,10 @@ from vlafuzz.sim.libero.space import LiberoSpace
 from vlafuzz.sim.libero.tasks import task
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.tasks.base import Task
-from vlafuzz.worlds.base import Stills, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy
 
 if TYPE_CHECKING:
+    from vlafuzz.clients.interface import Interface
     from vlafuzz.sim.recording import Recording
 
 
@@ -71,6 +72,11 @@ class Libero:
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         return {"expert": LiberoExpert()}
+
+    def demonstrator(self, interface: Interface) -> Demonstrator:
+        from vlafuzz.sim.libero.demonstrator import LiberoDemonstrator
+
+        return LiberoDemonstrator(interface)
 
     def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
         from vlafuzz.sim.libero.evaluator import LiberoStills

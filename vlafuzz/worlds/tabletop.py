@@ -18,9 +18,10 @@ from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import task
-from vlafuzz.worlds.base import Stills, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy
 
 if TYPE_CHECKING:
+    from vlafuzz.clients.interface import Interface
     from vlafuzz.sim.recording import Recording
 
 
@@ -67,6 +68,11 @@ class Tabletop:
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         return {"expert": Expert(), "seeing": SeeingExpert()}
+
+    def demonstrator(self, interface: Interface) -> Demonstrator:
+        from vlafuzz.sim.maniskill.demonstrator import TabletopDemonstrator
+
+        return TabletopDemonstrator(interface)
 
     def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
         from vlafuzz.sim.maniskill.stills import Stills

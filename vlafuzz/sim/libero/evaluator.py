@@ -47,9 +47,9 @@ class LiberoState:
 
     env: LiberoEnv
 
-    def plan(self, attempt: int) -> Iterator[Array]:
-        """The expert's actions from the present state on."""
-        return Expert(self.env, attempt).actions()
+    def plan(self, attempt: int, pace: int = 1) -> Iterator[Array]:
+        """The expert's actions from the present state on, each for ``pace`` control steps."""
+        return Expert(self.env, attempt, pace=pace).actions()
 
 
 class LiberoEpisode(Episode):

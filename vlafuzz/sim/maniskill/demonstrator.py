@@ -1,4 +1,4 @@
-"""Demonstrator: the expert in the place of a policy; its actions are written as that policy writes them."""
+"""The tabletop's expert in the place of a policy; its actions are written as that policy writes them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,6 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.expert import ATTEMPTS, Expert
 
-TRIES = 2 * ATTEMPTS  # the fluent expert's attempts, then those of the one that waits
 Array = NDArray[np.float64]
 
 
@@ -32,18 +31,18 @@ class Pose:
         return np.concatenate([other.place - self.place, (other.turn * self.turn.inv()).as_rotvec()])
 
 
-class Demonstrator:
+class TabletopDemonstrator:
     """Decides as often as the expert does, and spreads each of its moves over the policy's control steps.
 
     Args:
         interface: of the policy. Its actions are rounded as they are written, so that what is executed is
             what was written.
 
-    Attributes:
-        attempt: number of the expert's attempt, below ``TRIES``; the second half are those of the expert that
-            waits, which solves what the fluent one does not.
-        written: the actions of the last rollout.
+    The second half of its attempts are those of the expert that waits, which solves what the fluent one does
+    not. See ``worlds.base.Demonstrator``.
     """
+
+    tries = 2 * ATTEMPTS
 
     def __init__(self, interface: Interface) -> None:
         self._interface = interface
