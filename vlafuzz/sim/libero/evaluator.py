@@ -15,22 +15,23 @@ from PIL import Image
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
+from vlafuzz.policies.harness import release
 from vlafuzz.scene import Scene
 from vlafuzz.sim.episode import Episode
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.latency import DelayedCommands
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
-from vlafuzz.sim.libero.environments import Environments
 from vlafuzz.sim.libero.expert import Expert
 from vlafuzz.sim.libero.expert_policy import UNITS
-from vlafuzz.sim.libero.fairness import Fairness
 from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
 from vlafuzz.sim.libero.setting import VIEW, Setting
+from vlafuzz.sim.libero.shared import Workplace, close_idle, give_back, take
 from vlafuzz.sim.libero.space import nominal_scene
 from vlafuzz.sim.libero.stages import Moment, monitor_of
 from vlafuzz.sim.libero.suites import SETTLING
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.sim.noise import SensorNoise
+from vlafuzz.sim.stepping import Evaluation
 from vlafuzz.validity import Rejection
 
 if TYPE_CHECKING:
@@ -148,35 +149,49 @@ class LiberoEvaluator(SceneEvaluator):
         stages = task_named(conditions.task).stage_names
         super().__init__(conditions, policy, stages, recording=recording, checked=checked)
         check_spec(policy.spec)
-        self._environments: Environments | None = None
+        self._workplace: Workplace | None = None
         self._robot = ""
+
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
+        try:
+            return (yield from super().evaluation(scene, seed))
+        finally:
+            self._leave()
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._conditions.task:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._conditions.task!r}")
-        self._at(scene.robot)
-        return self._fairness.check(nominal_scene(scene.task, scene.robot), scene)
+        return self._at(scene.robot).fairness.check(nominal_scene(scene.task, scene.robot), scene)
 
     def begin(self, scene: Scene, seed: int) -> LiberoEpisode:
-        setting = self._at(scene.robot).of(scene)
+        setting = self._at(scene.robot).environments.of(scene)
         return LiberoEpisode(setting, self._policy.spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
-        if self._environments is not None:
-            self._environments.close()
-            self._environments = None
+        if self._workplace is not None:
+            self._workplace.close()
+            self._workplace = None
+        close_idle()
 
-    def _at(self, robot: str) -> Environments:
+    def close(self) -> None:
+        self._leave()
+        release(self._policy)
+
+    def _leave(self) -> None:
+        if self._workplace is not None:
+            give_back(self._workplace)
+            self._workplace = None
+
+    def _at(self, robot: str) -> Workplace:
         """The environments with a variant of the robot."""
         if self._robot != robot:
-            self.renew()
+            self._leave()
             self._robot = robot
-        if self._environments is None:
+        if self._workplace is None:
             cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
-            size = max((max(camera.width, SIDE) for camera in cameras), default=64)
-            self._environments = Environments(self._conditions.task, size, savings_of(robot))
-            self._fairness = Fairness(self._environments)
-        return self._environments
+            size = max([SIDE, *(camera.width for camera in cameras)])
+            self._workplace = take(self._conditions.task, size, savings_of(robot))
+        return self._workplace
 
 
 class LiberoStills:
@@ -184,22 +199,21 @@ class LiberoStills:
 
     def __init__(self, task: str, size: int = 256) -> None:
         self._task, self._size = task, size
-        self._environments: Environments | None = None
 
     def png(self, scene: Scene) -> bytes:
         """A picture of a valid scene by the third-person camera."""
-        if self._environments is None:
-            self._environments = Environments(self._task, self._size, savings_of(scene.robot))
-        setting = self._environments.of(scene)
-        setting.begin(scene)
-        setting.env.settle(SETTLING)
-        picture = setting.env.picture(VIEW, self._size)[:, ::-1]
+        workplace = take(self._task, self._size, savings_of(scene.robot))
+        try:
+            setting = workplace.environments.of(scene)
+            setting.begin(scene)
+            setting.env.settle(SETTLING)
+            picture = setting.env.picture(VIEW, self._size)[:, ::-1]
+        finally:
+            give_back(workplace)
         return imageio.imwrite("<bytes>", picture, extension=".png")
 
     def close(self) -> None:
-        if self._environments is not None:
-            self._environments.close()
-            self._environments = None
+        """Nothing: the next evaluator may take the environments."""
 
 
 def savings_of(robot: str) -> Savings:

@@ -1,0 +1,59 @@
+"""Evaluators of one process take turns with environments."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.policies.controls import Frozen
+from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.sim.libero import shared
+from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.stepping import drive, proceed
+from vlafuzz.worlds import make_evaluator
+
+pytestmark = pytest.mark.libero
+TASK = "libero_object/0"
+SCENE = nominal_scene(TASK, "libero")
+
+
+@pytest.fixture
+def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """The tasks for which something was built."""
+    shared.close_idle()
+    tasks: list[str] = []
+    own = shared.Environments
+
+    def counted(task, *others):
+        tasks.append(task)
+        return own(task, *others)
+
+    monkeypatch.setattr(shared, "Environments", counted)
+    yield tasks
+    shared.close_idle()
+
+
+def evaluator() -> SceneEvaluator:
+    return make_evaluator(Conditions(task=TASK, robot="libero"), Frozen())
+
+
+def test_one_evaluator_after_another_uses_the_same_environment_until_it_is_renewed(built):
+    first, second = evaluator(), evaluator()
+    hashes = [one.evaluate([SCENE])[0].rollouts[0].states_hash for one in (first, second)]
+    first.close()
+    assert built == [TASK]
+    second.renew()
+    hashes.append(second.evaluate([SCENE])[0].rollouts[0].states_hash)
+    assert built == [TASK, TASK]
+    assert len(set(hashes)) == 1
+
+
+def test_rollouts_at_the_same_time_have_an_environment_each(built):
+    first, second = evaluator(), evaluator()
+    waiting = first.evaluation(SCENE)
+    asked = proceed(waiting, None)
+    other = drive(second.evaluation(SCENE), Frozen())
+    assert built == [TASK, TASK]
+    while hasattr(asked, "images"):
+        asked = proceed(waiting, Frozen().act([asked])[0])
+    assert asked.rollouts[0].states_hash == other.rollouts[0].states_hash
