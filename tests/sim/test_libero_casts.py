@@ -41,7 +41,7 @@ def scene(*things: str, added: tuple[str, ...] = ()) -> Scene:
 
 def test_what_is_carried_may_be_another_thing_of_its_class_and_the_rest_not():
     assert swaps(BOWL) == (
-        ("akita_black_bowl_1", "white_bowl", "yellow_bowl"),
+        ("akita_black_bowl_1", "red_akita_black_bowl", "yellow_bowl"),
         ("plate_1",),
         ("wine_bottle_1",),
     )
@@ -59,11 +59,11 @@ def test_a_thing_that_the_instruction_does_not_say_once_is_not_swapped():
 
 
 def test_a_swapped_task_is_about_the_new_thing_in_its_instruction_start_and_goal():
-    task = recast(BOWL, ("white_bowl", "plate_1", "wine_bottle_1"))
-    assert task.instruction == "put the white bowl on the plate"
-    assert task.goal == (("on", "white_bowl", "plate_1"),)
-    assert task.initial == (("on", "white_bowl", "main_table_bowl_region"),)
-    assert task.carried == ("white_bowl",)
+    task = recast(BOWL, ("yellow_bowl", "plate_1", "wine_bottle_1"))
+    assert task.instruction == "put the yellow bowl on the plate"
+    assert task.goal == (("on", "yellow_bowl", "plate_1"),)
+    assert task.initial == (("on", "yellow_bowl", "main_table_bowl_region"),)
+    assert task.carried == ("yellow_bowl",)
     assert task.concerned == 2
 
 

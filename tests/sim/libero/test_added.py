@@ -137,17 +137,17 @@ class TestSetting:
     ):
         nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
         scene = replace(
-            nominal, targets=(replace(nominal.targets[0], object="white_bowl"), *nominal.targets[1:])
+            nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:])
         )
         env = begun(environments, scene)
-        place, original = env.data.xpos[env.bodies["white_bowl"]].copy(), env.states[0]
+        place, original = env.data.xpos[env.bodies["yellow_bowl"]].copy(), env.states[0]
         at = env.address("akita_black_bowl_1")
         assert place[:2] == pytest.approx(original[1 + at : 3 + at], abs=1e-9)
         assert "akita_black_bowl_1" not in env.bodies
         assert not env.solved()
         state = env.state()
         plate = env.data.xpos[env.bodies["plate_1"]]
-        start = 1 + env.address("white_bowl")
+        start = 1 + env.address("yellow_bowl")
         state[start : start + 3] = plate + np.array([0.0, 0.0, 0.03])
         env.restore(state)
         env.settle(SETTLING)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.packages import load
 from vlafuzz.sim.libero.quick import Artist
+from vlafuzz.sim.libero.textures import discard
 
 Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")
@@ -86,3 +87,4 @@ class Pictures:
             self._artist = Artist(
                 model, self._scene, self._options, self._context, smooth=self._savings.smooth
             )
+        discard(model.tex_data)  # the renderer has its own copy

@@ -1,11 +1,16 @@
-"""Smaller textures in a compiled MuJoCo model: most of its memory, and more than its pictures show."""
+"""Less memory for the textures of a compiled MuJoCo model: they are most of it."""
 
 from __future__ import annotations
 
+import ctypes
+import mmap
+import sys
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+DONTNEED = 4  # of Linux's madvise
 MOST = 512  # pixels of a texture's side; a thing takes some fifty of a picture
 
 
@@ -24,3 +29,13 @@ def shrink(model: Any) -> None:
             total = sum(fours[:, row, :, column].astype(np.uint16) for row in (0, 1) for column in (0, 1))
             pixels[: height * width * channels] = ((total + 2) // 4).ravel()
         model.tex_height[texture], model.tex_width[texture] = height, width
+
+
+def discard(data: NDArray[np.uint8]) -> None:
+    """Give the memory of pixels back to the system, whole pages of it: what is read there later is zero."""
+    if sys.platform != "linux":
+        return
+    start = -(-data.ctypes.data // mmap.PAGESIZE) * mmap.PAGESIZE
+    length = (data.ctypes.data + data.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
+    if length > 0:
+        ctypes.CDLL(None).madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), DONTNEED)
