@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.errors import SceneError
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.evidence import Causes
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
+from vlafuzz.report.deviations import deviations
 from vlafuzz.scene import Placement, Scene, Start
 from vlafuzz.sim.libero.casts import pool
 from vlafuzz.sim.libero.env import LiberoEnv
@@ -22,7 +24,8 @@ from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.setting import Setting
 from vlafuzz.sim.libero.suites import REST, SETTLING
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.operators import OPERATORS
+from vlafuzz.space.operators import OPERATORS, ConfounderType
+from vlafuzz.triage.directions import directed
 from vlafuzz.worlds import make_evaluator, make_space
 
 pytestmark = pytest.mark.libero
@@ -93,6 +96,36 @@ class TestSpace:
         assert space.reset(scene, ["confounder-count"]) == swapped(space.nominal(), "ketchup")
         assert space.reset(scene, ["confounder-orientation"]).confounders[0].yaw == 0.0
         assert space.reset(scene, ["target-type", "confounder-count"]) == space.nominal()
+
+    def test_what_deviates_is_said_by_operator_and_thing(self, space: SearchSpace):
+        scene = swapped(space.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35))
+        milk = scene.targets.index(added("milk_1", 0.0, 0.0))
+        targets = (*scene.targets[:milk], added("milk_1", 0.04, 0.0), *scene.targets[milk + 1 :])
+        moved = replace(scene, targets=targets)
+        shown = {part.operator: part.value for part in deviations(space, moved, Causes())}
+        assert shown == {
+            "bystander-position": "milk 1: x 0.04 m, y 0 m",
+            "confounders": "wine bottle at x -0.2 m, y -0.35 m",
+        }
+        assert directed(space, moved, shown) == ["confounders:1,bottle", "bystander-position:+x5"]
+
+    def test_a_task_may_lack_what_varies_by_default_but_not_what_is_asked_for_alone(self):
+        pots, usual = "libero_10/8", load_operators("libero")  # both are carried, and said in one word
+        varied = {gene.operator for gene in make_space(usual, load_catalogue(), pots, "libero").genes}
+        assert {"target-type", "bystander-position"} == usual.varied - varied
+        with pytest.raises(UsageError, match="target-type: nothing of libero_10/8 varies so"):
+            make_space(usual.only(["target-type"]), load_catalogue(), pots, "libero")
+
+    def test_operators_choose_from_the_things_that_may_be_added(self):
+        operators = load_operators("libero")
+        names = operators.get(ConfounderType).model_copy(update={"names": ("milk",)})
+        chosen = replace(operators, operators={**operators.operators, ConfounderType.name: names})
+        space = make_space(chosen, load_catalogue(), BOWLS, "libero")
+        assert space.composer.layout.of("confounders") == ["confounders.0"]
+        apple = names.model_copy(update={"names": ("apple",)})
+        unknown = replace(operators, operators={**operators.operators, ConfounderType.name: apple})
+        with pytest.raises(UsageError, match="confounder-type: names: no 'apple' in LIBERO"):
+            make_space(unknown, load_catalogue(), BOWLS, "libero")
 
     def test_two_confounders_in_one_place_are_moved_apart(self, space: SearchSpace):
         here = added("popcorn", -0.2, -0.35), added("wine_bottle", -0.2, -0.35)

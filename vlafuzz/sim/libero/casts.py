@@ -7,7 +7,7 @@ from functools import cache
 
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Scene
-from vlafuzz.sim.libero.objects import kind_of, load_objects, mistakable
+from vlafuzz.sim.libero.objects import kind_of, load_objects, mistakable, replaced
 from vlafuzz.sim.libero.suites import Atom, LiberoTask
 
 
@@ -59,7 +59,7 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
             raise SceneError(problem, hint=_expected(task))
         if name != own:
             said = objects.said(kind_of(own), task.instruction)
-            instruction = instruction.replace(str(said), objects.words[name][0])
+            instruction = replaced(str(said), objects.words[name][0], instruction)
     if len(set(things)) < len(things):
         raise SceneError(f"targets: {', '.join(things)}: one thing is there twice")
     return replace(

@@ -83,5 +83,15 @@ def kind_of(name: str) -> str:
     return re.sub(r"_\d+$", "", name)
 
 
+def replaced(words: str, others: str, text: str) -> str:
+    """A text that says something else."""
+    return _pattern(words).sub(others, text)
+
+
 def _places(words: str, text: str) -> list[str]:
-    return re.findall(rf"\b{re.escape(words)}\b", text)
+    return _pattern(words).findall(text)
+
+
+@cache
+def _pattern(words: str) -> re.Pattern[str]:
+    return re.compile(rf"\b{re.escape(words)}\b", re.IGNORECASE)

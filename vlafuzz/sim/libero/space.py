@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache
 
 import numpy as np
@@ -14,7 +14,8 @@ from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene, Start
-from vlafuzz.sim.libero.casts import doubles, extras, pool, recast, swaps
+from vlafuzz.sim.libero.casts import doubles, extras, recast, swaps
+from vlafuzz.sim.libero.objects import load_objects
 from vlafuzz.sim.libero.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
@@ -160,13 +161,11 @@ def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...
     """The slots of a task's scenes, with the things allowed in each, the suite's own first.
 
     Raises:
-        UsageError: the operators name a thing that no scene of the task has.
+        UsageError: the operators name an object that is swapped or added nowhere.
     """
     types, around = operators.get(TargetType).names, operators.get(ConfounderType).names
-    known = {*pool(task), *task.things}
-    for name in (*(types or ()), *(around or ())):
-        if name not in known:
-            raise UsageError(f"{name!r} is not among the things of {task}", hint="known: " + ", ".join(known))
+    _check_names(TargetType.name, types, load_objects().words)
+    _check_names(ConfounderType.name, around, load_objects().added)
     targets = [
         (names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)
     ]
@@ -174,6 +173,12 @@ def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...
     slots = {f"targets.{number}": names for number, names in enumerate(targets)}
     count = min(operators.get(ConfounderCount).high, len(added))
     return slots | {f"confounders.{number}": added for number in range(count)}
+
+
+def _check_names(operator: str, names: Iterable[str] | None, known: Collection[str]) -> None:
+    for name in names or ():
+        if name not in known:
+            raise UsageError(f"{operator}: names: no {name!r} in LIBERO", hint=f"known: {', '.join(known)}")
 
 
 @cache
