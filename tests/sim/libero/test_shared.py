@@ -6,6 +6,7 @@ import pytest
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.policies.controls import Frozen
+from vlafuzz.scene import Scene
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero import shared
 from vlafuzz.sim.libero.space import nominal_scene
@@ -14,7 +15,6 @@ from vlafuzz.worlds import make_evaluator
 
 pytestmark = pytest.mark.libero
 TASK = "libero_object/0"
-SCENE = nominal_scene(TASK, "libero")
 
 
 @pytest.fixture
@@ -33,26 +33,31 @@ def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     shared.close_idle()
 
 
+@pytest.fixture
+def scene() -> Scene:
+    return nominal_scene(TASK, "libero")
+
+
 def evaluator() -> SceneEvaluator:
     return make_evaluator(Conditions(task=TASK, robot="libero"), Frozen())
 
 
-def test_one_evaluator_after_another_uses_the_same_environment_until_it_is_renewed(built):
+def test_one_evaluator_after_another_uses_the_same_environment_until_it_is_renewed(built, scene):
     first, second = evaluator(), evaluator()
-    hashes = [one.evaluate([SCENE])[0].rollouts[0].states_hash for one in (first, second)]
+    hashes = [one.evaluate([scene])[0].rollouts[0].states_hash for one in (first, second)]
     first.close()
     assert built == [TASK]
     second.renew()
-    hashes.append(second.evaluate([SCENE])[0].rollouts[0].states_hash)
+    hashes.append(second.evaluate([scene])[0].rollouts[0].states_hash)
     assert built == [TASK, TASK]
     assert len(set(hashes)) == 1
 
 
-def test_rollouts_at_the_same_time_have_an_environment_each(built):
+def test_rollouts_at_the_same_time_have_an_environment_each(built, scene):
     first, second = evaluator(), evaluator()
-    waiting = first.evaluation(SCENE)
+    waiting = first.evaluation(scene)
     asked = proceed(waiting, None)
-    other = drive(second.evaluation(SCENE), Frozen())
+    other = drive(second.evaluation(scene), Frozen())
     assert built == [TASK, TASK]
     while hasattr(asked, "images"):
         asked = proceed(waiting, Frozen().act([asked])[0])
