@@ -11,7 +11,6 @@ from vlafuzz.scene import Light
 from vlafuzz.sim.libero.space import nominal_scene
 
 pytestmark = pytest.mark.libero
-SCENE = replace(nominal_scene("libero_object/3", "libero-coarse", 2), light=Light(0.8))
 
 
 @pytest.mark.parametrize(
@@ -22,9 +21,10 @@ SCENE = replace(nominal_scene("libero_object/3", "libero-coarse", 2), light=Ligh
     ],
 )
 def test_a_scene_of_libero_is_demonstrated_as_its_policy_sees_and_acts(policy, layout, least):
-    runner = ExpertRunner(replace(of_policy(policy), task=SCENE.task))
-    solution = runner.solve(SCENE)
-    shown = runner.record(SCENE, solution.actions)
+    scene = replace(nominal_scene("libero_object/3", "libero-coarse", 2), light=Light(0.8))
+    runner = ExpertRunner(replace(of_policy(policy), task=scene.task))
+    solution = runner.solve(scene)
+    shown = runner.record(scene, solution.actions)
     names = tuple(runner.interface.state_names[6:])
     runner.close()
     assert solution.attempt is not None

@@ -1,5 +1,7 @@
 """Evaluators of one process take turns with environments."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -36,6 +38,16 @@ def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
 @pytest.fixture
 def scene() -> Scene:
     return nominal_scene(TASK, "libero")
+
+
+def test_a_process_ends_without_a_word_after_it_has_drawn():
+    code = (
+        "from vlafuzz.sim.libero.evaluator import LiberoStills\n"
+        "from vlafuzz.sim.libero.space import nominal_scene\n"
+        f"LiberoStills({TASK!r}, 64).png(nominal_scene({TASK!r}, 'libero'))"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (child.stdout, child.stderr) == ("", "")
 
 
 def evaluator() -> SceneEvaluator:

@@ -46,6 +46,9 @@ def give_back(workplace: Workplace) -> None:
         workplace.close()
         return
     _idle.append(workplace)
+    # MuJoCo ends EGL at exit since its first picture; what is registered last comes before that
+    atexit.unregister(close_idle)
+    atexit.register(close_idle)
     if len(_idle) > IDLE:
         _idle.pop(0).close()
 
@@ -55,7 +58,6 @@ def _may_share() -> bool:
     return threading.current_thread() is threading.main_thread()
 
 
-@atexit.register
 def close_idle() -> None:
     """So that the next workplace is a new one."""
     while _idle:
