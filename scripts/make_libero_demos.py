@@ -33,9 +33,9 @@ from vlafuzz.scene import Scene, Start
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
 from vlafuzz.sim.libero.evaluator import LiberoEvaluator
 from vlafuzz.sim.libero.expert import Expert
-from vlafuzz.sim.libero.expert_policy import UNITS
+from vlafuzz.sim.libero.expert.policy import UNITS
 from vlafuzz.sim.libero.pictures import CAMERAS
-from vlafuzz.sim.libero.space import LiberoSpace, nominal_scene
+from vlafuzz.sim.libero.scenes.space import LiberoSpace, nominal_scene
 from vlafuzz.sim.libero.stages import find_shapes, held
 from vlafuzz.space import load_operators
 

@@ -7,8 +7,8 @@ import pytest
 
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Placement, Scene
-from vlafuzz.sim.libero.casts import cast, extras, recast, swaps
-from vlafuzz.sim.libero.objects import kind_of, load_objects, mistakable
+from vlafuzz.sim.libero.scenes.casts import cast, extras, recast, swaps
+from vlafuzz.sim.libero.scenes.objects import kind_of, load_objects, mistakable
 from vlafuzz.sim.libero.suites import REST, LiberoTask
 
 BOWL = LiberoTask(

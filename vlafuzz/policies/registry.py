@@ -33,7 +33,7 @@ POLICIES: dict[str, Callable[[], Policy]] = {
 # Policies of other worlds than the tabletop, by module and name.
 OF_WORLDS = {
     "mini-libero": "vlafuzz.policies.mini.policy:mini_libero",
-    "libero-expert": "vlafuzz.sim.libero.expert_policy:LiberoExpert",
+    "libero-expert": "vlafuzz.sim.libero.expert.policy:LiberoExpert",
 }
 RETRAINED = "mini:"  # and the folder of other weights for the same network
 # Policies behind model servers, by protocol; named protocol:address, or just by the address for HTTP.

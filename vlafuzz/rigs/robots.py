@@ -133,7 +133,7 @@ RIGS = {rig.robot: rig for rig in _ALL}
 
 # LIBERO's Panda. Places are offsets from a suite's own initial state; base, joints and view are robosuite's,
 # and nothing reads the Panda's here. The variants differ in what is left out of pictures:
-# sim/libero/pictures.py.
+# sim/libero/pictures.
 LIBERO = replace(
     PANDA,
     robot="libero",

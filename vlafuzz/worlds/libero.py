@@ -13,10 +13,10 @@ from vlafuzz.objects import Catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.rigs.robots import OF_LIBERO
 from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.sim.libero.expert_policy import LiberoExpert
-from vlafuzz.sim.libero.opengl import opengl
+from vlafuzz.sim.libero.expert.policy import LiberoExpert
 from vlafuzz.sim.libero.packages import require, versions
-from vlafuzz.sim.libero.space import LiberoSpace
+from vlafuzz.sim.libero.pictures.opengl import opengl
+from vlafuzz.sim.libero.scenes.space import LiberoSpace
 from vlafuzz.sim.libero.tasks import task
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.tasks.base import Task
@@ -74,7 +74,7 @@ class Libero:
         return {"expert": LiberoExpert()}
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
-        from vlafuzz.sim.libero.demonstrator import LiberoDemonstrator
+        from vlafuzz.sim.libero.expert.demonstrator import LiberoDemonstrator
 
         return LiberoDemonstrator(interface)
 

@@ -13,15 +13,15 @@ from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.deviations import deviations
 from vlafuzz.scene import Placement, Scene, Start
-from vlafuzz.sim.libero.casts import pool
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.environments import Environments
 from vlafuzz.sim.libero.evaluator import LiberoEvaluator
-from vlafuzz.sim.libero.expert_policy import LiberoExpert
-from vlafuzz.sim.libero.fairness import Fairness
+from vlafuzz.sim.libero.expert.policy import LiberoExpert
 from vlafuzz.sim.libero.pictures import SAVINGS
-from vlafuzz.sim.libero.room import room_of
-from vlafuzz.sim.libero.setting import Setting
+from vlafuzz.sim.libero.scenes.casts import pool
+from vlafuzz.sim.libero.scenes.fairness import Fairness
+from vlafuzz.sim.libero.scenes.room import room_of
+from vlafuzz.sim.libero.scenes.setting import Setting
 from vlafuzz.sim.libero.suites import REST, SETTLING
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.operators import OPERATORS, ConfounderType

@@ -5,8 +5,8 @@ import pytest
 
 from vlafuzz.sim.audit import Scope
 from vlafuzz.sim.libero.audit import audit, defects
+from vlafuzz.sim.libero.audit.premise import broken_premises
 from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.premise import broken_premises
 from vlafuzz.sim.libero.suites import find_task
 
 pytestmark = pytest.mark.libero

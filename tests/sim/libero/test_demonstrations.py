@@ -8,7 +8,7 @@ import pytest
 from tests.integrations.test_demonstrations import of_policy
 from vlafuzz.integrations.expert_runner import ExpertRunner
 from vlafuzz.scene import Light
-from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.libero.scenes.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 

@@ -5,7 +5,7 @@ import pytest
 
 from vlafuzz.sim.libero.env import STILL, LiberoEnv
 from vlafuzz.sim.libero.expert import Expert, can_solve
-from vlafuzz.sim.libero.grasps import find_grasps
+from vlafuzz.sim.libero.expert.grasps import find_grasps
 from vlafuzz.sim.libero.stages import Moment, monitor_of
 from vlafuzz.sim.libero.suites import SETTLING, find_task
 

@@ -12,7 +12,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.policies.registry import make_policy
-from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.libero.scenes.space import nominal_scene
 from vlafuzz.worlds import make_evaluator
 
 pytestmark = pytest.mark.libero

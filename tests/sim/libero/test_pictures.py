@@ -12,8 +12,8 @@ import pytest
 from vlafuzz.scene import Camera, Light
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
-from vlafuzz.sim.libero.setting import Setting
-from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.libero.scenes.setting import Setting
+from vlafuzz.sim.libero.scenes.space import nominal_scene
 from vlafuzz.sim.libero.suites import find_task
 from vlafuzz.sim.similarity import similarity
 

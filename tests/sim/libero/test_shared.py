@@ -11,7 +11,7 @@ from vlafuzz.policies.controls import Frozen
 from vlafuzz.scene import Scene
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero import shared
-from vlafuzz.sim.libero.space import nominal_scene
+from vlafuzz.sim.libero.scenes.space import nominal_scene
 from vlafuzz.sim.stepping import drive, proceed
 from vlafuzz.worlds import make_evaluator
 
@@ -43,7 +43,7 @@ def scene() -> Scene:
 def test_a_process_ends_without_a_word_after_it_has_drawn():
     code = (
         "from vlafuzz.sim.libero.evaluator import LiberoStills\n"
-        "from vlafuzz.sim.libero.space import nominal_scene\n"
+        "from vlafuzz.sim.libero.scenes.space import nominal_scene\n"
         f"LiberoStills({TASK!r}, 64).png(nominal_scene({TASK!r}, 'libero'))"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

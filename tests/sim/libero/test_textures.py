@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vlafuzz.sim.libero.packages import load
-from vlafuzz.sim.libero.textures import MOST, discard, shrink
+from vlafuzz.sim.libero.pictures.textures import MOST, discard, shrink
 
 pytestmark = pytest.mark.libero
 CHECKER = """<mujoco><asset>

@@ -22,9 +22,9 @@ from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.env import LiberoEnv, LiberoObservation
-from vlafuzz.sim.libero.expert_policy import LiberoExpert
-from vlafuzz.sim.libero.room import room_of
-from vlafuzz.sim.libero.setting import Setting
+from vlafuzz.sim.libero.expert.policy import LiberoExpert
+from vlafuzz.sim.libero.scenes.room import room_of
+from vlafuzz.sim.libero.scenes.setting import Setting
 from vlafuzz.sim.libero.suites import SETTLING, find_task
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.operators import OPERATORS

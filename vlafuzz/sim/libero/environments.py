@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from vlafuzz.scene import Scene
-from vlafuzz.sim.libero.casts import cast, pool
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.pictures import Savings
-from vlafuzz.sim.libero.setting import Setting
+from vlafuzz.sim.libero.pictures.textures import shrink
+from vlafuzz.sim.libero.scenes.casts import cast, pool
+from vlafuzz.sim.libero.scenes.setting import Setting
 from vlafuzz.sim.libero.suites import find_task
-from vlafuzz.sim.libero.textures import shrink
 
 
 class Environments:

@@ -22,11 +22,11 @@ from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.latency import DelayedCommands
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
 from vlafuzz.sim.libero.expert import Expert
-from vlafuzz.sim.libero.expert_policy import UNITS
+from vlafuzz.sim.libero.expert.policy import UNITS
 from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
-from vlafuzz.sim.libero.setting import VIEW, Setting
+from vlafuzz.sim.libero.scenes.setting import VIEW, Setting
+from vlafuzz.sim.libero.scenes.space import nominal_scene
 from vlafuzz.sim.libero.shared import Workplace, close_idle, give_back, take
-from vlafuzz.sim.libero.space import nominal_scene
 from vlafuzz.sim.libero.stages import Moment, monitor_of
 from vlafuzz.sim.libero.suites import SETTLING
 from vlafuzz.sim.libero.tasks import task as task_named

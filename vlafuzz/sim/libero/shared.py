@@ -7,8 +7,8 @@ import threading
 from dataclasses import dataclass
 
 from vlafuzz.sim.libero.environments import Environments
-from vlafuzz.sim.libero.fairness import Fairness
 from vlafuzz.sim.libero.pictures import Savings
+from vlafuzz.sim.libero.scenes.fairness import Fairness
 
 IDLE = 2  # that are kept for the next evaluator, each with all models of its task
 

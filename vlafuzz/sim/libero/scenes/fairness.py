@@ -15,9 +15,9 @@ from vlafuzz.sim.audit import Defect
 from vlafuzz.sim.libero.audit import defects
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.environments import Environments
-from vlafuzz.sim.libero.grasps import surface
-from vlafuzz.sim.libero.room import room_of
-from vlafuzz.sim.libero.setting import VIEW, Setting
+from vlafuzz.sim.libero.expert.grasps import surface
+from vlafuzz.sim.libero.scenes.room import room_of
+from vlafuzz.sim.libero.scenes.setting import VIEW, Setting
 from vlafuzz.sim.libero.suites import REST
 from vlafuzz.validity import Rejection
 

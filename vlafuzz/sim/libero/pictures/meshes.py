@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz import assets
-from vlafuzz.sim.libero.collapse import CREASE, SHADING, Mesh, collapsed
+from vlafuzz.sim.libero.pictures.collapse import CREASE, SHADING, Mesh, collapsed
 
 Array = NDArray[np.float32]
 VERSION = 2  # raise it when the same mesh results in other ones

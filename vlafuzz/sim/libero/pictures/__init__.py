@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.packages import load
-from vlafuzz.sim.libero.quick import Artist
-from vlafuzz.sim.libero.textures import discard
+from vlafuzz.sim.libero.pictures.quick import Artist
+from vlafuzz.sim.libero.pictures.textures import discard
 
 Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")

@@ -14,9 +14,9 @@ from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene, Start
-from vlafuzz.sim.libero.casts import doubles, extras, recast, swaps
-from vlafuzz.sim.libero.objects import load_objects
-from vlafuzz.sim.libero.room import room_of
+from vlafuzz.sim.libero.scenes.casts import doubles, extras, recast, swaps
+from vlafuzz.sim.libero.scenes.objects import load_objects
+from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.space import OperatorSet, SearchSpace

@@ -8,7 +8,7 @@ from functools import cache
 
 from vlafuzz.sim.libero.packages import load, versions
 
-_CHILD = "from vlafuzz.sim.libero.opengl import tell; tell()"
+_CHILD = "from vlafuzz.sim.libero.pictures.opengl import tell; tell()"
 
 
 @cache

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from vlafuzz.processor import kept
 from vlafuzz.rigs.robots import LIBERO
 from vlafuzz.scene import Scene
-from vlafuzz.sim.libero.casts import pool
 from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.grasps import surface
+from vlafuzz.sim.libero.expert.grasps import surface
 from vlafuzz.sim.libero.packages import versions
-from vlafuzz.sim.libero.standing import Standing
+from vlafuzz.sim.libero.scenes.casts import pool
+from vlafuzz.sim.libero.scenes.standing import Standing
 from vlafuzz.sim.libero.suites import PLACING, LiberoTask, find_task
 
 Array = NDArray[np.float64]

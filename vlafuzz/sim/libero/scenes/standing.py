@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.grasps import triangles
+from vlafuzz.sim.libero.expert.grasps import triangles
 
 Array = NDArray[np.float64]
 GAP = 0.002  # metres above what carries a thing, at the start

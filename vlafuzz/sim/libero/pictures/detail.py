@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.sim.libero.collapse import Mesh
-from vlafuzz.sim.libero.meshes import LEVELS, coarser, shown
 from vlafuzz.sim.libero.packages import load
+from vlafuzz.sim.libero.pictures.collapse import Mesh
+from vlafuzz.sim.libero.pictures.meshes import LEVELS, coarser, shown
 
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 _HIDDEN = -1  # MuJoCo draws no mesh of that number

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from vlafuzz.sim.libero.buffers import Buffer, copy_sources
-from vlafuzz.sim.libero.detail import Detail, new_lists
 from vlafuzz.sim.libero.packages import load
+from vlafuzz.sim.libero.pictures.buffers import Buffer, copy_sources
+from vlafuzz.sim.libero.pictures.detail import Detail, new_lists
 
 Image = NDArray[np.uint8]
 SAMPLES = 4  # of a pixel in LIBERO's own pictures

@@ -7,7 +7,7 @@ from functools import cache
 
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Scene
-from vlafuzz.sim.libero.objects import kind_of, load_objects, mistakable, replaced
+from vlafuzz.sim.libero.scenes.objects import kind_of, load_objects, mistakable, replaced
 from vlafuzz.sim.libero.suites import Atom, LiberoTask
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.sim.libero.env import METRES, RADIANS, LiberoEnv
-from vlafuzz.sim.libero.grasps import Grasp, find_grasps, obstacles, surface
+from vlafuzz.sim.libero.expert.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.sim.libero.stages import find_shapes, held
 from vlafuzz.sim.libero.suites import PLACING, Atom
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.objects import kind_of
+from vlafuzz.sim.libero.scenes.objects import kind_of
 from vlafuzz.sim.libero.suites import PLACING, Atom
 
 # "next to the plate", "between the plate and the ramekin", "in the top drawer of the wooden cabinet"

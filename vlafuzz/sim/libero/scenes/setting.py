@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Camera, Placement, Scene
-from vlafuzz.sim.libero.casts import cast
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.pictures import CAMERAS
-from vlafuzz.sim.libero.standing import Standing
+from vlafuzz.sim.libero.scenes.casts import cast
+from vlafuzz.sim.libero.scenes.standing import Standing
 
 Array = NDArray[np.float64]
 VIEW = CAMERAS[0]

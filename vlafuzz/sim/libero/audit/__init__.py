@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
 from vlafuzz.sim.audit import AuditedSuite, AuditedTask, Defect, Scope
+from vlafuzz.sim.libero.audit.premise import broken_premises
 from vlafuzz.sim.libero.env import HZ, LiberoEnv
 from vlafuzz.sim.libero.packages import versions
-from vlafuzz.sim.libero.premise import broken_premises
 from vlafuzz.sim.libero.suites import SETTLING, LiberoTask, find_task, find_tasks
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
             found = list(defects(env, number, partial(env.reset, number)))
             fresh = {defect.check for defect in found} - {defect.check for defect in known}
             if scope.pictures and fresh:
-                from vlafuzz.sim.libero.sheet import write_sheet
+                from vlafuzz.sim.libero.audit.sheet import write_sheet
 
                 for check in sorted(fresh):
                     place = scope.pictures / f"{task.suite}-{task.number}-{check}-{number}.png"

@@ -13,7 +13,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.sim.libero.env import HZ
 from vlafuzz.sim.libero.expert import TRIES
-from vlafuzz.sim.libero.expert_policy import STILL, UNITS
+from vlafuzz.sim.libero.expert.policy import STILL, UNITS
 
 
 class LiberoDemonstrator:

@@ -1,0 +1,1 @@
+"""Scenes of LIBERO: what they may have, how they are set up, and which of them are fair."""
