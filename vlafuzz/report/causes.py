@@ -164,7 +164,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         row = triaged.get(cause.scene) if cause.scene else None
         one = maker.make(cause, finding, row)
         certain = one.bucket in ("minimal", "base")
-        key = (one.signature, _target_types(cause, _without_types(row))) if certain else number
+        key = (one.signature, maker.target_types(cause, row)) if certain else number
         merged[key] = _united(merged[key], one) if key in merged else one
     listed = tuple(sorted(merged.values(), key=_rank))
     return CauseList(
@@ -209,7 +209,7 @@ class _Maker:
         if triaged:
             rate = triaged.certified if card.bucket == "minimal" else triaged.rate
         return ListedCause(
-            conditions=_conditions(cause, card, _without_types(triaged)),
+            conditions=_conditions(cause, card, self.target_types(cause, triaged), _without_types(triaged)),
             lost_stage=card.lost_stage,
             share=cause.share,
             failures=cause.failures,
@@ -222,6 +222,18 @@ class _Maker:
             detail=card.detail,
         )
 
+    def target_types(self, cause: FoundCause, triaged: Triaged | None) -> tuple[str, ...]:
+        """The objects that are part of the cause, of those whose type may vary."""
+        without = _without_types(triaged)
+        if cause.scene is None or TargetType.name not in cause.operators:
+            return ()
+        if without and without.low > ONE_HALF:  # it fails with the nominal objects, too
+            return ()
+        genes = self._spaces.of(self._run).by_path.values()
+        slots = {gene.slot for gene in genes if gene.operator == TargetType.name}
+        targets = enumerate(cause.scene.targets)
+        return tuple(one.object.replace("_", " ") for slot, one in targets if f"targets.{slot}" in slots)
+
     def _card(self, finding: Finding, triaged: Triaged | None) -> Card:
         about = finding, self._run, self._spaces.of(self._run)
         if triaged is None:
@@ -229,13 +241,16 @@ class _Maker:
         return card_of_triaged(self._path, triaged, *about)
 
 
-def _conditions(cause: FoundCause, card: Card, without_types: Rate | None) -> tuple[str, ...]:
+def _conditions(
+    cause: FoundCause, card: Card, target_types: Sequence[str], without_types: Rate | None
+) -> tuple[str, ...]:
     """What it takes, in words: of a certified cause what is left, else what the strategy blames.
 
     Args:
+        target_types: see ``_Maker.target_types``.
         without_types: see ``_without_types``.
     """
-    types, certified = ", ".join(_target_types(cause, without_types)), card.bucket == "minimal"
+    types, certified = ", ".join(target_types), card.bucket == "minimal"
     parts = [f"{TargetType.name}: {types}" + _types_evidence(without_types) * certified] if types else []
     if card.bucket == "base":
         return (*parts, "fails at nominal")
@@ -250,13 +265,6 @@ def _conditions(cause: FoundCause, card: Card, without_types: Rate | None) -> tu
 def _without_types(triaged: Triaged | None) -> Rate | None:
     """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
     return triaged.counterpart_rates.get(TargetType.name) if triaged else None
-
-
-def _target_types(cause: FoundCause, without: Rate | None) -> tuple[str, ...]:
-    """The objects that the instruction names, where they are part of the cause."""
-    if cause.scene is None or TargetType.name not in cause.operators or (without and without.low > ONE_HALF):
-        return ()
-    return tuple(target.object.replace("_", " ") for target in cause.scene.targets)
 
 
 def _types_evidence(without: Rate | None) -> str:
