@@ -10,7 +10,7 @@ from vlafuzz.clients.interface import interface_of
 from vlafuzz.clients.profiled import Model
 from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.policies.base import CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.registry import options_of
 
 OWN = np.array([0.1, 0.2, 0.3, 3.0, 0.0, 0.0, 0.5], np.float32)
@@ -42,7 +42,8 @@ def test_a_policy_without_cameras_is_shown_a_usual_picture():
 def test_a_profile_says_how_state_and_actions_are_written():
     name = "openpi:ws://gpu:8000?profile=libero"
     interface = interface_of(name, spec_of(name))
-    assert interface.state(OWN) == pytest.approx([0.1, 0.2, 0.3, 3.0, 0, 0, 0.02, -0.02])
+    seen = Observation("one", 0, "", state=OWN)
+    assert interface.state(seen) == pytest.approx([0.1, 0.2, 0.3, 3.0, 0, 0, 0.02, -0.02])
     assert len(interface.state_names) == 8
     moved = interface.written(np.array([0.05, 0, 0, 0, 0, 0.5, 1.0]), OWN)
     assert moved == pytest.approx([1, 0, 0, 0, 0, 1, -1])  # of LIBERO's units; it closes above 0

@@ -57,7 +57,7 @@ def test_an_option_is_read(query, name, value):
     ("query", "says", "hint"),
     [
         ("camara=128", "unknown option 'camara'", "did you mean 'camera'?"),
-        ("zzz=1", "unknown option 'zzz'", "known: action, batch, camera"),
+        ("zzz=1", "unknown option 'zzz'", "known: action, batch, benchmark, camera"),
         ("gripper=open", "unknown gripper 'open'", "did you mean 'open_01'?"),
         ("rotation=rot6d", "unknown rotation 'rot6d'", "known: axis_angle, euler_xyz, rpy"),
         ("state=joints", "unknown state 'joints'", "known: 0, 1, eef_pos3"),
