@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -80,8 +81,12 @@ class OpenPiSession:
         """The next message; PolicyError when it is late, malformed, or the text of an error."""
         frame = self._socket.receive(wait)
         if isinstance(frame, str):  # a traceback, whose last line is the error
-            last = frame.strip().rpartition("\n")[2]
-            raise wire.failure(self._socket.url, wire.short(last or frame), "remote")
+            last = wire.short(frame.strip().rpartition("\n")[2] or frame)
+            key = re.fullmatch(r"KeyError: '([^']+)'", last)
+            if key is None or not self._pending or key[1] in (sent := self._model.message(self._pending[0])):
+                raise wire.failure(self._socket.url, last, "remote")
+            says = f"{last}, which was not sent; sent were {', '.join(sent)}"
+            raise wire.failure(self._socket.url, says, "remote", self._model.sends(key[1]))
         try:
             message: dict[object, object] = self._msgpack.unpack_openpi(frame)
         except ValueError as error:

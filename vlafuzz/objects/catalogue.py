@@ -162,8 +162,9 @@ def _load(folder: Path, spec: Entry) -> ObjectModel:
     data["colour"] = _array(data["colour"])
     data["vertices"] = _array(data["vertices"])
     data["parts"] = tuple(map(_array, data["parts"]))
-    kept = spec.visual if isinstance(spec, PackObject) else None  # the pack's own mesh stays there
-    data["visual"] = kept or folder / data["visual"]
+    packs = spec.visual if isinstance(spec, PackObject) else None
+    stays = packs and packs.name == data["visual"]  # the pack's own mesh, unless it was painted
+    data["visual"] = packs if stays else folder / data["visual"]
     data["collision"] = tuple(folder / name for name in data["collision"])
     data["stable_poses"] = tuple(map(_stable_pose, data.pop("rests")))
     data["container"] = data["container"] and Container(**data["container"])

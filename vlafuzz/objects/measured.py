@@ -6,10 +6,12 @@ As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's e
 
 import colorsys
 import io
+import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -22,6 +24,7 @@ from vlafuzz.objects.hulls import Array, corners, find_cavity, triangles
 from vlafuzz.objects.model import Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import PackObject
 from vlafuzz.objects.shapes import PROMINENT
+from vlafuzz.objects.skin import ROUGH, SRGB
 from vlafuzz.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
 from vlafuzz.reading import MIB, read_bytes
 
@@ -39,6 +42,7 @@ LONGEST = 2.0  # metres; a larger mesh is in other units
 MOST_BYTES = 64 * MIB  # of a mesh
 MOST_FACES, MOST_PARTS = 200_000, 500
 MOST_PIXELS = 8192**2  # of a texture
+PAINTED = "textured-vertices.glb"
 COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
 
 
@@ -58,9 +62,8 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     mass, cavity = body.volume * spec.density, _cavity(spec, body)
     is_place = supports or cavity is not None or mass > HEAVIEST
     poses = _stable_poses(name, body, graspable=not is_place)
-    colour = _colour(spec)
     fit = Fit(spec.scale, quaternion(turn), -centre)
-    visual = spec.visual or _write_plain(body, fit, colour, folder / "visual.glb")
+    visual, colour = _looks(spec, body, fit, folder)
     return ObjectModel(
         name=name,
         spoken=spec.spoken,
@@ -199,16 +202,64 @@ def _kind(up: float) -> str:
     return "upright" if up >= UPRIGHT else "inverted" if up <= -UPRIGHT else "lying"
 
 
-def _colour(spec: PackObject) -> Array:
-    """The mean colour of the textures, else the colour in the name, else a hue derived from the name."""
+def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
+    """The visual mesh and its mean colour: of textures or vertices, else from the name."""
     files = sorted(spec.collision.parent.iterdir())
     pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
     shown = _embedded(spec.visual) if spec.visual and not pictures else [_mean(file) for file in pictures]
-    if shown:
-        return np.asarray(np.round(np.mean(shown, axis=0), 4), dtype=np.float64)
+    if not shown and (painted := _painted(spec)):
+        painted.mesh.export(folder / PAINTED, include_normals=True)
+        return folder / PAINTED, painted.colour
     hues = [COLOURS[word] for word in spec.spoken.split() if word in COLOURS]
     hue = hues[0] if hues else zlib.crc32(spec.spoken.encode()) % 360 / 360
-    return np.round(colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
+    colour = np.round(np.mean(shown, axis=0) if shown else colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
+    return spec.visual or _write_plain(body, fit, colour, folder / "visual.glb"), colour
+
+
+class _Painted(NamedTuple):
+    mesh: trimesh.Trimesh
+    colour: Array
+
+
+def _painted(spec: PackObject) -> _Painted | None:
+    """The mesh, with a texture instead of its vertices' colours, which SAPIEN ignores; None if it has none.
+
+    Every face gets a texel, the mean of its corners, and the mean colour is that of the surface.
+    """
+    source = spec.visual or spec.collision
+    kind = source.suffix[1:]
+    if kind == "dae":  # trimesh does not read it
+        return None
+    data = read_bytes(source, CatalogueError, most=MOST_BYTES)
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        shown = mesh.visual
+        if not isinstance(shown, trimesh.visual.ColorVisuals) or not shown.defined:
+            return None
+        _check_bounds(mesh, spec.scale)
+        colours = np.asarray(shown.face_colors[:, :3], dtype=np.float64) / 255
+    except Exception as error:
+        raise CatalogueError(f"{source}: no mesh: {error}") from None
+    if kind == "glb":  # glTF's are linear, those of other formats sRGB
+        colours = colours ** (1 / SRGB)
+    side = math.ceil(math.sqrt(len(colours)))
+    texels = np.zeros((side * side, 3), dtype=np.uint8)
+    texels[: len(colours)] = np.round(colours * 255)
+    row, column = np.divmod(np.arange(len(colours)), side)
+    uv = np.stack([column + 0.5, side - row - 0.5], axis=1) / side
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(texels.reshape(side, side, 3)),
+        metallicFactor=0.0,
+        roughnessFactor=ROUGH,
+    )
+    flat = trimesh.Trimesh(
+        mesh.vertices[mesh.faces].reshape(-1, 3),
+        np.arange(3 * len(colours)).reshape(-1, 3),
+        vertex_normals=mesh.vertex_normals[mesh.faces].reshape(-1, 3),
+        visual=trimesh.visual.TextureVisuals(np.repeat(uv, 3, axis=0), material=material),
+        process=False,
+    )
+    return _Painted(flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4))
 
 
 def _embedded(visual: Path) -> list[Array]:
@@ -248,7 +299,7 @@ def _write_plain(body: Solid, fit: Fit, colour: Array, file: Path) -> Path:
     vertices = (np.concatenate(corners_of_faces) - fit.position) @ fit.turn / fit.scale
     mesh = trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), process=False)
     material = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=0.7
+        baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=ROUGH
     )
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     mesh.export(file, include_normals=True)

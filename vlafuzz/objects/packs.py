@@ -56,7 +56,7 @@ class PackObject(Strict):
     content: str
     collision: Path = Field(exclude=True)
     visual: Path | None = Field(exclude=True)
-    version: int = 5
+    version: int = 6
 
 
 @dataclass(frozen=True, eq=False)

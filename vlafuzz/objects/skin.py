@@ -40,7 +40,7 @@ def skin(model: ObjectModel) -> Skin:
     points, face, _ = _spread(corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[face]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    textured = model.visual.name.startswith("textured")  # the mean of textures is sRGB, a plain colour linear
+    textured = model.visual.name.startswith("textured")  # their mean is sRGB, a plain colour linear
     colour = model.colour**SRGB if textured else model.colour
     return Skin(points, normals, np.tile(colour, (len(points), 1)), ROUGH)
 
