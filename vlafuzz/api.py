@@ -119,8 +119,9 @@ def film(
     path = Path(store)
     with Store.open(path) as opened:
         run = next(run for run in opened.runs() if run.id == finding.run)
-        rows = {row.scene.digest: row.witness for row in opened.triaged()}
-        scene, solution = opened.scene(finding.scene), rows.get(finding.found)
+        keys = {one.scene.digest: one.key for one in opened.findings(run.id)}
+        rows = {row.key: row.witness for row in opened.triaged()}
+        scene, solution = opened.scene(finding.scene), rows.get(keys[finding.found])
     if witness and solution is None:
         raise UsageError(f"{finding.found}: has no witness", hint="`vlafuzz triage` looks for one")
     with trusting(*[EVERYTHING] * trust), closing(_runner(path, policy, run)) as runner:

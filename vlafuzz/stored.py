@@ -13,6 +13,7 @@ from vlafuzz.evidence import Rate, Solver
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import ListedCause, causes_of
+from vlafuzz.report.standings import Standing, standings_of
 from vlafuzz.report.view import Card
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -170,6 +171,11 @@ class StoredResults:
                 if listed := causes_of(store, one):
                     return Rows(listed.causes)
         return Rows()
+
+    def standings(self) -> Rows[Standing]:
+        """One row for each policy and task: failure rate, causes, rollouts."""
+        with Store.open(self.path) as store:
+            return Rows(standings_of(store))
 
     def _runs(self, store: Store, run: int | None) -> list[Run]:
         if run is not None:

@@ -47,7 +47,8 @@ def command(
         return
     shown = cards[: limit or None]
     if shown:
-        print_list([_lines(card) for card in shown], title=_title(cards, view))
+        mixed = len({(run.model, run.task) for run in view.runs}) > 1
+        print_list([_lines(card, mixed) for card in shown], title=_title(cards, view))
     else:
         stdout().print("no findings" + (f" with evidence {evidence}" if evidence else ""))
     if len(shown) < len(cards):
@@ -73,14 +74,15 @@ def _title(cards: Sequence[Card], view: View) -> str:
     return f"{plural(findings, 'finding')}{apart}, the strongest causes first: {view.title}"
 
 
-def _lines(card: Card) -> list[str]:
-    """What is off nominal, a line each, and the evidence."""
+def _lines(card: Card, mixed: bool) -> list[str]:
+    """What is off nominal, a line each, and the evidence; of several tasks or policies also whose it is."""
     values = [f"{part.operator}: {part.range}" for part in card.deviations]
     if card.bucket == "observed" and len(values) > FEW:
         values = [f"{len(card.operators)} operators not nominal"]
     several = f" · {len(card.findings)} findings" if len(card.findings) > 1 else ""
     several += f" · {len(card.alike)} more alike" if card.alike else ""
-    evidence = f"loses {card.lost_stage} · {card.bucket}: {card.detail}{several}"
+    whose = f"{card.run.short} on {card.scene.task} · " if mixed else ""
+    evidence = f"{whose}loses {card.lost_stage} · {card.bucket}: {card.detail}{several}"
     return [*(values or [card.title]), f"{evidence} · {card.scene.digest[:_DIGITS]}"]
 
 
@@ -90,9 +92,13 @@ def _rows(source: Path, view: View, evidence: str | None) -> list[dict[str, Any]
 
     if source.is_file():
         ranks = {
-            digest: rank for rank, card in enumerate(view.cards) for digest in (*card.findings, *card.alike)
+            (digest, card.run.policy, card.run.named): rank
+            for rank, card in enumerate(view.cards)
+            for digest in (*card.findings, *card.alike)
         }
-        rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found])
+        rows = sorted(
+            StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label]
+        )
     else:
         rows = [finding_of(card) for card in view.cards]
     return [asdict(row) for row in rows if evidence in (None, row.evidence)]

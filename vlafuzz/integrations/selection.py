@@ -64,7 +64,8 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
             if row is None or row.bucket != "minimal" or row.shrunk is None:
                 continue
             scenes = (row.shrunk, *row.counterparts.values())
-        found = Failure(finding.scene, manifests[finding.run], scenes, (finding.cell, *signed))
+        cell = f"{finding.scene.task}|{finding.cell}"
+        found = Failure(finding.scene, manifests[finding.run], scenes, (cell, *signed))
         failures.setdefault(finding.scene, found)
     if not failures and which == "minimal":
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")

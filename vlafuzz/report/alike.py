@@ -9,26 +9,29 @@ from numpy.typing import NDArray
 
 from vlafuzz.report.cards import Spaces
 from vlafuzz.report.view import Card, Deviation
+from vlafuzz.space import SearchSpace
 
 NEAR = 0.1  # distance of embeddings: a scene of which every gene is nudged by 2 % of its range is nearer
 
 
-def alike_as_one(cards: Sequence[Card], spaces: Spaces, causes: Collection[str]) -> list[Card]:
+def alike_as_one(cards: Sequence[Card], spaces: Spaces, causes: Collection[tuple[str, str]]) -> list[Card]:
     """One card for scenes that hardly differ, and one for a failure and those that only add operators to it.
 
-    Triaged findings and those that show a cause keep cards of their own.
+    Triaged findings and those that show a cause keep cards of their own. Scenes of different search spaces,
+    such as those of two tasks, are never alike.
 
     Args:
-        causes: digests of the findings that show one.
+        causes: keys of the findings that show one, see ``Finding.key``.
     """
     observed = [card for card in cards if not _is_triaged(card)]
-    observed.sort(key=lambda card: (card.scene.digest not in causes, len(card.deviations)))
-    shown = defaultdict[tuple[str, str], list[_Shown]](list)
+    observed.sort(key=lambda card: (card.key not in causes, len(card.deviations)))
+    shown = defaultdict[tuple[SearchSpace, str, str], list[_Shown]](list)
     for card in observed:
-        here = shown[card.run.key(), card.lost_stage]
-        one = _Shown(card, frozenset(card.deviations), spaces.of(card.run).embed(card.scene))
+        space = spaces.of(card.run)
+        here = shown[space, card.run.key(), card.lost_stage]
+        one = _Shown(card, frozenset(card.deviations), space.embed(card.scene))
         same = (other for other in here if other.shows(one))
-        if card.scene.digest in causes or (other := next(same, None)) is None:
+        if card.key in causes or (other := next(same, None)) is None:
             here.append(one)
         else:
             other.alike.append(card.scene.digest)

@@ -11,7 +11,7 @@ from vlafuzz.evidence import Rate, Solver
 from vlafuzz.plugins import trust_flag
 from vlafuzz.probability import Probability
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
-from vlafuzz.report.view import Card, Table
+from vlafuzz.report.view import Card, Table, title_of
 from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
@@ -92,6 +92,7 @@ class CauseList:
     """The causes of a run: confirmed ones first, then by share of random scenes, else by failures explained.
 
     Attributes:
+        of: policy and task of the run, in words.
         unexplained: failures of the run for which no cause was found.
         probability: that the policy fails in a random scene; None if unknown.
         found: number of causes before those with the same signature became one; ``certified`` of them are.
@@ -100,6 +101,7 @@ class CauseList:
     """
 
     run: int
+    of: str
     causes: tuple[ListedCause, ...]
     unexplained: int
     probability: Probability | None
@@ -133,7 +135,7 @@ class CauseList:
         if not any(cause.share for cause in self.causes):
             rows = [{head: value for head, value in row.items() if head != "share"} for row in rows]
         says = "; ".join(self.sentences)
-        return Table(f"Causes of run {self.run}", rows, f"{says[0].upper()}{says[1:]}.")
+        return Table(f"Causes of run {self.run}: {self.of}", rows, f"{says[0].upper()}{says[1:]}.")
 
     def document(self) -> dict[str, Any]:
         """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""
@@ -169,6 +171,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
     listed = tuple(sorted(merged.values(), key=_rank))
     return CauseList(
         run=run.id,
+        of=title_of([run.manifest]),
         causes=listed,
         unexplained=kept.unexplained,
         probability=kept.probability,

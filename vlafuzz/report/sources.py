@@ -16,6 +16,7 @@ from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.effects import effects_of
+from vlafuzz.report.standings import Standing, standings
 from vlafuzz.report.view import (
     SHARES,
     Card,
@@ -45,6 +46,7 @@ def view_of_store(store: Store) -> View:
     runs, counts, summary = store.runs(), count(store), summarise(store)
     manifests = tuple(run.manifest for run in runs)
     triaged, causes = store.triaged(), all_causes(store)
+    standing = standings(store, runs, counts, causes)
     shrunk = (row for row in triaged if row.shrunk is not None and row.bucket != "base")
     return View(
         title=title_of(manifests),
@@ -56,19 +58,25 @@ def view_of_store(store: Store) -> View:
         run_rows=tuple(run_row(store, run) for run in runs),
         charts=_charts(counts, summary),
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
-        causes=(*(one.table for one in causes), *_effects(store, runs)),
-        cards=_causes_first(_cards(store, runs, triaged), causes, Spaces(store.path)),
-        notes=tuple(_notes(manifests)),
+        causes=(*_standing(standing), *(one.table for one in causes), *_effects(store, runs)),
+        cards=_causes_first(_cards(store, runs, triaged), causes, runs, Spaces(store.path)),
+        notes=tuple(_notes(manifests, several=len(standing) > 1)),
     )
 
 
-def _notes(runs: Sequence[Manifest]) -> Iterator[str]:
+def _standing(several: Sequence[Standing]) -> Iterator[Table]:
+    """A row for each policy and task, where there are several."""
+    if len(several) > 1:
+        yield Table("Policies and tasks", [one.row() for one in several])
+
+
+def _notes(runs: Sequence[Manifest], *, several: bool) -> Iterator[str]:
     if any(run.policy == "mini" for run in runs):
         yield _TOY
-    if len({run.model for run in runs}) > 1:
+    if several:
         yield (
-            "The runs are of several models, and the shares above are of all of them together; "
-            "the table of runs has the rate of each."
+            "The runs are of several models or tasks, and the shares above are of all of them together; "
+            "the table of policies and tasks has the rate of each."
         )
 
 
@@ -80,7 +88,8 @@ def _effects(store: Store, runs: Sequence[Run]) -> Iterator[Table]:
             continue
         seen.append(run)
         if found := effects_of(store, run, spaces.of(run.manifest)):
-            yield found.table
+            of = f"{found.table.title}: {title_of([run.manifest])}"
+            yield replace(found.table, title=of)
 
 
 def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:
@@ -201,12 +210,19 @@ def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Ite
             yield card_of_triaged(store.path, row, finding, run, spaces.of(run))
 
 
-def _causes_first(cards: Iterable[Card], lists: Sequence[CauseList], spaces: Spaces) -> tuple[Card, ...]:
+def _causes_first(
+    cards: Iterable[Card], lists: Sequence[CauseList], runs: Sequence[Run], spaces: Spaces
+) -> tuple[Card, ...]:
     """The cards of causes, in the order of their lists, then the others; alike ones are one."""
-    digests = [digest for one in lists for cause in one.causes for digest in cause.found]
-    ranks = {digest: rank for rank, digest in reversed(list(enumerate(digests)))}
+    policy = {run.id: run.manifest.key() for run in runs}
+    found = [(digest, policy[one.run]) for one in lists for cause in one.causes for digest in cause.found]
+    ranks = {key: rank for rank, key in reversed(list(enumerate(found)))}
     distinct = alike_as_one(in_order(_merged(cards)), spaces, ranks)
-    return tuple(sorted(distinct, key=lambda card: min(ranks.get(name, inf) for name in card.findings)))
+
+    def rank(card: Card) -> float:
+        return min(ranks.get((name, card.run.key()), inf) for name in card.findings)
+
+    return tuple(sorted(distinct, key=rank))
 
 
 def _merged(cards: Iterable[Card]) -> Iterable[Card]:

@@ -171,6 +171,11 @@ class Card:
     solution: Film | None = None
 
     @property
+    def key(self) -> tuple[str, str]:
+        """See ``Finding.key``; of several findings that of the first."""
+        return self.findings[0], self.run.key()
+
+    @property
     def title(self) -> str:
         """The operators, in a few words."""
         if self.bucket == "base":

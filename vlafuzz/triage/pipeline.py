@@ -105,8 +105,10 @@ def triage(
     """
     done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
     runs = {run.id: run for run in store.runs()}
+    by_key = defaultdict[str, list[int]](list)
+    for run in runs.values():
+        by_key[run.manifest.key()].append(run.id)
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
-    blamed = _blamed(store, runs)
     ordered = _causes_first(store.findings() if findings is None else findings, causes)
     todo = [finding for finding in ordered if finding.key not in done][:limit]
     todo.sort(key=lambda finding: finding.run)
@@ -116,7 +118,7 @@ def triage(
             list(some),
             max_rollouts,
             store.passing(number),
-            blamed,
+            _blamed(store, by_key[runs[number].manifest.key()]),
             None,
             store.repeats(number, made),
             lessen=thorough,
@@ -225,7 +227,13 @@ def affordable(budget: int) -> int:
 
 
 def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]) -> list[Finding]:
-    """Findings sorted: those of causes, by their keys, then the first of each cell, the second, and so on."""
-    number: defaultdict[str, Iterator[int]] = defaultdict(count)
+    """Findings sorted: those of causes, by their keys, then the first of each cell, the second, and so on.
+
+    Every task has cells of its own.
+    """
+    number: defaultdict[tuple[str, str], Iterator[int]] = defaultdict(count)
     ranks = {key: rank - len(causes) for rank, key in enumerate(causes)}
-    return sorted(findings, key=lambda finding: ranks.get(finding.key, next(number[finding.cell])))
+    return sorted(
+        findings,
+        key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell])),
+    )

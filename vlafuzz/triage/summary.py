@@ -95,9 +95,10 @@ class TriageSummary:
     triaged_findings: tuple[TriagedFinding, ...]
 
 
-def summarise(store: Store) -> TriageSummary:
-    """Count what triage of a store has come to so far."""
-    findings, triaged = store.findings(), store.triaged()
+def summarise(store: Store, task: str | None = None) -> TriageSummary:
+    """Count what triage of a store, or of one task in it, has come to so far."""
+    findings = [one for one in store.findings() if task in (None, one.scene.task)]
+    triaged = [one for one in store.triaged() if task in (None, one.scene.task)]
     witnesses = [finding.witness for finding in triaged if finding.witness]
     buckets = Counter(finding.bucket for finding in triaged)
     shrunk = [finding for finding in triaged if finding.shrunk and finding.bucket != "base"]
@@ -110,7 +111,7 @@ def summarise(store: Store) -> TriageSummary:
         confirmed=len(triaged) - buckets["flaky"] - buckets["edge"],
         witnessed=len(witnesses),
         by_sight=sum(witness.solver == "seeing" for witness in witnesses),
-        distinct_cells=len({finding.cell for finding in findings}),
+        distinct_cells=len({(finding.scene.task, finding.cell) for finding in findings}),
         distinct_signatures=len(signatures),
         signatures=dict(signatures.most_common()),
         deviating_before=_median([len(finding.deviating) for finding in shrunk]),
