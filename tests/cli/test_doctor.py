@@ -22,6 +22,7 @@ def healthy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names))
     monkeypatch.setattr(renderer, "probe", lambda: LAVAPIPE)
+    monkeypatch.setattr(machine, "check_sameness", lambda pictures: iter(()))
 
 
 def run(*arguments: str):
@@ -103,7 +104,7 @@ def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
     code = (
         "import sys; from vlafuzz import renderer; from vlafuzz.cli import doctor;"
-        "doctor.machine = lambda: iter(()); doctor.doctor();"
+        "doctor.machine = lambda watch: iter(()); doctor.doctor();"
         "print([name for name in ('numpy', 'pydantic', 'scipy', 'torch') if name in sys.modules])"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

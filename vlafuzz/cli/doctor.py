@@ -49,7 +49,7 @@ def doctor(
     if policy is None and (flags or n is not None or time is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
-        checks = machine() if policy is None else _examine(policy, flags, n, bar, until)
+        checks = machine(bar) if policy is None else _examine(policy, flags, n, bar, until)
         done, complete = _until_interrupted(checks, (lambda _: None) if json else partial(_print, bar))
     if json and done:
         print_rows([check._asdict() for check in done], json=True)

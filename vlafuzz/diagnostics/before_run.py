@@ -14,7 +14,7 @@ from vlafuzz.deadline import Deadline
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import guesses, is_built_in, make_policy
+from vlafuzz.policies.registry import guesses, is_built_in, is_remote, make_policy
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
@@ -34,12 +34,13 @@ def examine(
         yield policy
         return
     from vlafuzz.diagnostics.exam import Exam
+    from vlafuzz.diagnostics.two_processes import check_answers, check_simulation
 
     with closing(policy):
         manifest = config.plan(run, policy=policy).manifest
         watch.note(
-            f"{run.policy}: a few seconds of questions, then {n} rollouts; where they fail, "
-            "up to some 150 more, with corrections; --time bounds it"
+            f"{run.policy}: a few seconds of questions, a scene and a few more in two other processes, then "
+            f"{n} rollouts; where they fail, up to some 150 more, with corrections; --time bounds it"
         )
         most = longest(policy.spec, manifest.robot)
         watch.progress("checks", 0, None)
@@ -49,6 +50,9 @@ def examine(
                 watch.progress("checks", number, None)
                 if check.check == "speed":
                     watch.note(_duration(exam.speed(1), most, n))
+                    if not (deadline and deadline.passed):
+                        yield from check_simulation(manifest, policy.spec.cameras)
+                        yield check_answers(manifest, policy.spec, exam.moments(), remote=is_remote(policy))
 
 
 class Checked(NamedTuple):

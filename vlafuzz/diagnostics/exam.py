@@ -12,8 +12,8 @@ from vlafuzz.campaign.forecast import Speed
 from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.deadline import Deadline, TimeOverError
 from vlafuzz.diagnostics import Check, until_refused, verdicts
-from vlafuzz.diagnostics.probes import Interview, moved, reworded, seconds_at_once, sights
-from vlafuzz.diagnostics.recorder import Break, Recorder
+from vlafuzz.diagnostics.probes import Interview, moved, reworded, seconds_at_once, sights, spread
+from vlafuzz.diagnostics.recorder import Break, Moment, Recorder
 from vlafuzz.diagnostics.wiring import (
     Corrected,
     Correction,
@@ -65,6 +65,10 @@ class Exam:
 
     def close(self) -> None:
         self._evaluator.close()
+
+    def moments(self) -> list[Moment]:
+        """A few of those that were recorded."""
+        return spread(self._recorder.moments, SCENES)
 
     def looks(self) -> Iterator[Check]:
         """Only what the other checks begin with: some answers in a few scenes."""

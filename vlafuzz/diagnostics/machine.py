@@ -14,6 +14,7 @@ from vlafuzz import __version__, assets, renderer
 from vlafuzz.diagnostics import Check, Rating
 from vlafuzz.execute.capacity import most_workers, usable_cores
 from vlafuzz.text import plural
+from vlafuzz.watch import SILENT, Watch
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
 PACKAGES = {
@@ -35,15 +36,21 @@ for name in sys.argv[1:]:
 """
 
 
-def machine() -> Iterator[Check]:
-    """All checks; they take a few seconds, mostly for importing ManiSkill."""
+def machine(watch: Watch = SILENT) -> Iterator[Check]:
+    """All checks; they take some seconds, mostly for loading ManiSkill three times."""
+    watch.note("some twenty seconds, mostly for rolling out and drawing a scene in two processes")
     yield check_python()
     yield check_vlafuzz()
-    yield from check_packages()
+    packages = list(check_packages())
+    yield from packages
     yield check_cores()
-    yield check_renderer(renderer.probe())
-    yield check_cache(assets.cache_dir())
+    probed = renderer.probe()
+    yield check_renderer(probed)
+    cache = check_cache(assets.cache_dir())
+    yield cache
     yield check_disk(Path.cwd())
+    if all(check.verdict != "refuse" for check in [*packages, cache]):
+        yield from check_sameness(pictures=probed.works)
 
 
 def check_python() -> Check:
@@ -107,6 +114,16 @@ def check_disk(folder: Path) -> Check:
     enough = free >= LITTLE_DISK
     follows = "" if enough else "stores and videos may not fit; hint: make room or work in another folder"
     return Check("disk", f"{free / 1e9:.1f} GB free here", "ok" if enough else "warn", follows)
+
+
+def check_sameness(*, pictures: bool) -> Iterator[Check]:
+    """Whether a scene of the default task is the same in two processes."""
+    from vlafuzz.campaign.config import RunConfig, plan
+    from vlafuzz.diagnostics.two_processes import check_simulation
+    from vlafuzz.policies.base import CameraRequest
+
+    manifest = plan(RunConfig(policy="expert")).manifest
+    yield from check_simulation(manifest, [CameraRequest("front", 224, 224)] if pictures else [])
 
 
 def _import_problems(names: list[str]) -> dict[str, str | None]:

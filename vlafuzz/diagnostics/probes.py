@@ -97,7 +97,7 @@ class Interview:
     def __init__(self, policy: Policy, recorded: Sequence[Moment]) -> None:
         self._policy, self._recorded = policy, recorded
         for number in (FEW, MANY):
-            self._moments = _spread(recorded, number)
+            self._moments = spread(recorded, number)
             self.answers = Answers(policy.spec, self._ask(same), self._ask(same))
             if not self.answers.noise.any():
                 break
@@ -124,7 +124,7 @@ class Interview:
         return min(self._recorded, key=unlike)
 
 
-def _spread(moments: Sequence[Moment], number: int) -> list[Moment]:
+def spread(moments: Sequence[Moment], number: int) -> list[Moment]:
     """At most ``number`` moments, evenly spread from the first to the last."""
     chosen = np.linspace(0, len(moments) - 1, min(number, len(moments))).round().astype(int)
     return [moments[index] for index in chosen]
