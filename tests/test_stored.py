@@ -2,13 +2,18 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import vlafuzz
-from tests.report.stores import store
+from tests.doubles import failed
+from tests.report.stores import MANIFEST, store
+from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.errors import PrerequisiteError, StoreError
+from vlafuzz.store.records import Attribution, Trial
+from vlafuzz.store.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +39,21 @@ def test_runs_and_trials_are_counted(results):
     assert [trial.verdict for trial in results.trials(1)] == ["failed", "failed", "failed", "passed"]
     assert len(results.trials()) == 8
     assert results.trials(2)[0].severities["light"] > results.trials(2)[3].severities["light"] == 0
+
+
+def test_trials_tell_their_values_and_which_scenes_were_drawn_at_random(tmp_path: Path):
+    yawed = Planted([CONDITIONS["camera-orientation"][0]]).finding(0)
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        for strategy in ("causes", "random"):
+            run = opened.begin(replace(MANIFEST, strategy=strategy, label="step-2"))
+            for number in range(2):
+                opened.add(run, Trial(proposal=number, scene=yawed, outcome=failed(), severity=1.0))
+        opened.keep_causes(1, Attribution((), at_random=(1,)))
+    trials = vlafuzz.open_store(tmp_path / "a.db").trials()
+    assert [trial.random for trial in trials] == [False, True, True, True]
+    assert (trials[0].task, trials[0].policy, trials[0].label) == ("pick-up", "idle", "step-2")
+    assert trials[0].values["camera-orientation.yaw"] == yawed.camera.yaw > 0
+    assert trials[0].values["target-position.0.x"] == yawed.targets[0].x
 
 
 def test_a_data_frame_has_a_column_for_each_inner_value(results):

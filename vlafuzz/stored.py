@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
@@ -13,9 +13,13 @@ from vlafuzz.evidence import Rate, Solver
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import ListedCause, causes_of
+from vlafuzz.report.effects import draws
 from vlafuzz.report.standings import Standing, standings_of
 from vlafuzz.report.view import Card
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.space.codec import value_at
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
 if TYPE_CHECKING:
@@ -71,19 +75,28 @@ class StoredTrial:
     """A proposal of a run with its outcome.
 
     Attributes:
+        label: the name that the user gave the policy with ``--label``; empty without one.
         scene: digest.
+        random: whether the scene was drawn at random, without regard to outcomes: only such trials give a
+            failure rate. Of a guided run, those that passed or failed.
         verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two.
         progress: how far the policy came, in [0, 1].
         lost_stage: the first stage that it did not reach.
         severity: distance of the scene from the nominal one; ``severities``: by operator, each in [0, 1];
             empty for scenes from elsewhere.
+        values: those of the operators' parameters in metres, degrees and so on, such as
+            ``camera-position.distance``; objects are numbered from 0: ``target-position.0.x``.
         seconds: wall time of the rollouts.
         duplicate: answered with a known outcome.
     """
 
     run: int
     proposal: int
+    task: str
+    policy: str
+    label: str
     scene: str
+    random: bool
     verdict: str
     progress: float
     lost_stage: str | None
@@ -92,6 +105,7 @@ class StoredTrial:
     duplicate: bool
     detail: str
     severities: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float | str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,9 +169,7 @@ class StoredResults:
         """The trials of a run, by default of all, in the order of their proposals."""
         with Store.open(self.path) as store:
             spaces = Spaces(self.path)
-            return Rows(
-                _trial(one, trial, spaces) for one in self._runs(store, run) for trial in store.trials(one.id)
-            )
+            return Rows(row for one in self._runs(store, run) for row in _trials(store, one, spaces))
 
     def findings(self, run: int | None = None) -> Rows[StoredFinding]:
         """The failing scenes of a run, by default of all, the oldest first."""
@@ -197,23 +209,38 @@ def _run(store: Store, run: Run) -> StoredRun:
     )
 
 
-def _trial(run: Run, trial: Trial, spaces: Spaces) -> StoredTrial:
-    outcome, severities = trial.outcome, dict[str, float]()
-    with suppress(SceneError):  # an imported scene
-        severities = dict(spaces.of(run.manifest).severities(trial.scene))
-    return StoredTrial(
-        run=run.id,
-        proposal=trial.proposal,
-        scene=trial.scene.digest,
-        verdict=outcome.verdict.name.lower(),
-        progress=outcome.progress,
-        lost_stage=outcome.lost_stage if outcome.verdict is Verdict.FAILED else None,
-        severity=trial.severity,
-        seconds=sum(rollout.seconds for rollout in outcome.rollouts),
-        duplicate=trial.duplicate,
-        detail=outcome.detail,
-        severities=severities,
-    )
+def _trials(store: Store, run: Run, spaces: Spaces) -> Iterator[StoredTrial]:
+    drawn, space, manifest = draws(store, run), spaces.of(run.manifest), run.manifest
+    for trial in store.trials(run.id):
+        outcome, severities = trial.outcome, dict[str, float]()
+        with suppress(SceneError):  # an imported scene
+            severities = space.severities(trial.scene)
+        yield StoredTrial(
+            run=run.id,
+            proposal=trial.proposal,
+            task=manifest.task,
+            policy=manifest.policy,
+            label=manifest.named,
+            scene=trial.scene.digest,
+            random=drawn(trial),
+            verdict=outcome.verdict.name.lower(),
+            progress=outcome.progress,
+            lost_stage=outcome.lost_stage if outcome.verdict is Verdict.FAILED else None,
+            severity=trial.severity,
+            seconds=sum(rollout.seconds for rollout in outcome.rollouts),
+            duplicate=trial.duplicate,
+            detail=outcome.detail,
+            severities=severities,
+            values=dict(_values(space, trial.scene, severities)),
+        )
+
+
+def _values(space: SearchSpace, scene: Scene, operators: Container[str]) -> Iterator[tuple[str, float | str]]:
+    """What the scene has for each parameter of some operators; a slot that it does not use is left out."""
+    for path, gene in space.by_path.items():
+        with suppress(IndexError):
+            if gene.operator in operators:
+                yield ".".join([gene.operator, *path.split(".")[1:]]), value_at(scene, path)
 
 
 def _findings(store: Store, run: int | None) -> Iterator[StoredFinding]:

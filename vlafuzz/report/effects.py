@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -133,13 +133,20 @@ def _random_trials(store: Store, run: Run) -> Iterator[Trial]:
     for other in store.runs():
         if not other.manifest.comparable(run.manifest):
             continue
-        attribution = store.causes(other.id)
-        drawn = set(attribution.at_random) if attribution else set()
+        drawn = draws(store, other)
         for trial in store.trials(other.id):
-            at_random = other.manifest.strategy == "random" or trial.proposal in drawn
-            if at_random and trial.outcome.verdict >= Verdict.PASSED and trial.scene.digest not in seen:
+            if drawn(trial) and trial.outcome.verdict >= Verdict.PASSED and trial.scene.digest not in seen:
                 seen.add(trial.scene.digest)
                 yield trial
+
+
+def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
+    """Tells whether a trial of a run is a random draw, whose choice depended on no outcome."""
+    if run.manifest.strategy == "random":
+        return lambda trial: True
+    attribution = store.causes(run.id)
+    drawn = set(attribution.at_random) if attribution else set[int]()
+    return lambda trial: trial.proposal in drawn
 
 
 def _quantities(

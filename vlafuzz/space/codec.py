@@ -193,9 +193,9 @@ class Codec:
 
 def value_at(scene: Scene, path: str) -> Any:
     """What stands at a path in a scene; of the confounders, how many."""
-    value: Any = asdict(scene)
+    value: Any = scene
     for key in path.split("."):
-        value = value[int(key)] if key.isdigit() else value[key]
+        value = value[int(key)] if key.isdigit() else getattr(value, key)
     return len(value) if path == "confounders" else value
 
 

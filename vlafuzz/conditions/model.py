@@ -1,0 +1,50 @@
+"""Model: what a policy is told apart by: its name and a label, since an address does not say what answers there."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.policies.registry import options_of
+
+
+@dataclass(frozen=True)
+class Model:
+    """A policy by its name, and the label that says which model answers under it; empty: nobody said."""
+
+    policy: str
+    label: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.label} ({self.policy})" if self.label else self.policy
+
+    @property
+    def address(self) -> str:
+        """Where it is asked: a server's address, a folder, or the name of another policy."""
+        return self.policy.partition("?")[0]
+
+    @property
+    def which(self) -> str:
+        """The name of the model: its label, or the ``version`` in the policy's name."""
+        return self.label or getattr(options_of(self.policy), "version", None) or ""
+
+    def replaces(self, other: Model) -> bool:
+        """Whether the two are asked at one address, but are different models: then one at a time can be."""
+        return self.address == other.address and self.which != other.which
+
+
+def check_label(label: str | None, flag: str = "--label") -> None:
+    """Raise a UsageError for a label that cannot stand in a line of text."""
+    if label and not re.fullmatch(r"[\w.:@+/-]{1,100}", label):
+        problem = f"{flag} {label!r}: expected up to 100 letters, digits and . : @ + / - _"
+        raise UsageError(problem, hint="such as step-40000")
+
+
+def not_served(wanted: Model, label: str) -> PrerequisiteError:
+    """What a user has to do where the next rollouts are of another model than that at its address now."""
+    now = f"{label} answers" if label else "nobody says what answers"
+    return PrerequisiteError(
+        f"the next rollouts are those of {wanted.which}, and {now} at {wanted.address} now",
+        hint=f"serve {wanted.which} there, and repeat the command with --label {wanted.which}",
+    )
