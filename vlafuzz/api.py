@@ -23,6 +23,7 @@ from typing import Any
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.conditions.model import Model
 from vlafuzz.deadline import deadline
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.integrations.training import Written, write_demonstrations
@@ -185,7 +186,7 @@ def regress(corpus: Path | str, policy: str, baseline: str | None = None, **opti
 
     Args:
         corpus: the folder; the baseline is what it recorded, unless one is named.
-        options: ``alpha``, ``max_rollouts``, ``whole`` and ``watch``, see ``regression.policies``.
+        options: ``label``, ``alpha``, ``max_rollouts``, ``whole`` and ``watch``, see ``regression.policies``.
 
     Raises:
         CorpusError: the corpus cannot be read.
@@ -226,7 +227,8 @@ def diff(
     Args:
         policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
         trust: load the code of a ``python:`` policy that a store names.
-        options: ``run_a``, ``run_b``, ``alpha`` and ``watch``, see ``regression.policies``.
+        options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and
+            ``watch``, see ``regression.policies``.
 
     Raises:
         StoreError: none of them has a certified cause.
@@ -251,7 +253,7 @@ def bisect(
         PrerequisiteError: rollouts of a checkpoint cannot be judged.
     """
     folder = Path(corpus)
-    return bisect_checkpoints(folder, read_corpus(folder), checkpoints, baseline, **options)
+    return bisect_checkpoints(folder, read_corpus(folder), list(map(Model, checkpoints)), baseline, **options)
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

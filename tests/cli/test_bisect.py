@@ -1,6 +1,7 @@
 """``vlafuzz bisect`` on a corpus of forty controls, each fifth of which is dark."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,26 @@ def test_a_pattern_names_the_policies(capsys: pytest.CaptureFixture[str]):
     assert printed["rollouts"] == sum(step["of"] for step in printed["comparisons"])
 
 
+def test_checkpoints_at_one_address_answer_in_turn(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    served, asked = "700", list[str]()
+    make = lambda source, run, policy: RuleRunner(passes(served), run)  # noqa: E731
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
+    checkpoints = [str(number) for number in range(100, 800, 100)]
+    flags = ["--policy", "http://gpu:8000/act", "--answers", "a.jsonl", "--json", "--checkpoints", *checkpoints]
+    while bisect(*flags, "--label", served) == 3:
+        asked.append(served)
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"and {served} answers at http://gpu:8000/act now" in said
+        (served,) = re.findall(r"repeat the command with --label (\w+)", said)
+    assert json.loads(capsys.readouterr().out)["named"] == "300 (http://gpu:8000/act)"
+    assert asked[0] == "700"
+    assert len(asked) <= 5
+    assert bisect(*flags) == 2
+    assert "--label NAME says which one does now" in capsys.readouterr().err
+
+
 def test_where_nothing_is_broken_it_exits_with_0(capsys: pytest.CaptureFixture[str]):
     assert bisect("--checkpoints", "100", "200", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
@@ -90,7 +111,7 @@ def test_where_nothing_is_broken_it_exits_with_0(capsys: pytest.CaptureFixture[s
         ([], "error: expected different checkpoints, at least two, got none"),
         (["--checkpoints", "100"], "error: expected different checkpoints, at least two, got 100"),
         (["--checkpoints", "100", "199"], "error: unknown policy '199'"),
-        (["--policy", "mine", "--checkpoints", "100", "200"], "error: --policy: 'mine' has no {}"),
+        (["--policy", "mine-100", "--checkpoints", "1", "2"], "error: --policy: 'mine-100' has no {}"),
         (["--checkpoints", "100", "200", "--error", "2"], "error: --error: expected a probability"),
         (["--checkpoints", "100", "200", "--comparisons", "0"], "error: --comparisons: expected at least 1"),
     ],

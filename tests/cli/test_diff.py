@@ -122,10 +122,35 @@ def test_a_store_without_certified_causes_still_says_which_policy_to_try(
     assert "causes of pinhole in idle: none is certified, 1 new (p = " in printed["verdict"]
 
 
+def test_two_models_at_one_address_take_a_command_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    for name, label, condition in (("a", "v1", case), ("b", "v2", bright)):
+        runs = [manifest(policy="pinhole", label=label)]
+        write_corpus(replace(make_corpus(*map(condition, range(4))), runs=runs), tmp_path / name)
+    both, answering = ["diff", "a", "b", "--answers", "kept.jsonl", "--json"], {"rule": fails(dazzled)}
+    monkeypatch.setattr(
+        runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(answering["rule"], run)
+    )
+    assert main(["diff", "a", "b"]) == 2
+    assert "error: v1 and v2 cannot both answer at pinhole\nhint: --label NAME" in capsys.readouterr().err
+    assert main([*both, "--label", "v2"]) == 3
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the next rollouts are those of v1, and v2 answers at pinhole now hint: serve v1 there" in said
+    answering["rule"] = fails(dark)
+    assert main([*both, "--label", "v1"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (printed["first"], printed["second"]) == ("v1 (pinhole)", "v2 (pinhole)")
+    assert printed["counts"] == {"new": 1, "remaining": 0, "fixed": 1, "not judged": 0}
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["old", "old"], "old and old are both of the policy idle"),
+        (["old", "old", "--label-a", "v1"], "nothing says which models v1 (idle) and idle are"),
+        (["old", "old", "--label-a", "v1", "--label-b", "v2", "--label", "v3"], "--label v3: v1 and v2 are"),
+        (["old", "new", "--label", "v1"], "--label v1: none of the models is served at one address in turn"),
         (["old", "new", "--policy-b", "nobody"], "unknown policy 'nobody'"),
         (["old", "new", "--alpha", "2"], "--alpha: expected a probability"),
         (["old", "missing.db"], "missing.db: no such store"),

@@ -110,6 +110,17 @@ def test_what_is_fixed_is_in_every_output(capsys: pytest.CaptureFixture[str]):
     assert printed["changes"] in {each.get("value") for each in properties}
 
 
+def test_models_at_one_address_are_told_apart_by_their_labels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    runs = [manifest(policy="idle", label="v1")]
+    write_corpus(replace(make_corpus(case(), controls=40), runs=runs), tmp_path / "v1")
+    assert main(["regress", "v1", "--policy", "idle", "--label", "v2"]) == 0
+    assert "v2 (idle) is not shown to be worse than v1 (idle) as recorded" in capsys.readouterr().out
+    assert main(["regress", "v1", "--policy", "idle", "--label", "v2", "--baseline", "idle"]) == 2
+    assert "error: --baseline idle cannot answer where v2 does" in capsys.readouterr().err
+
+
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--baseline", "expert", "--json") == 1
     printed = json.loads(capsys.readouterr().out)

@@ -65,6 +65,14 @@ def read(address: str, host: str | None = None) -> tuple[int, str]:
         return error.code, error.read().decode()
 
 
+def test_it_follows_the_last_run_of_a_model(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as store:
+        for label in ("v1", "v2"):
+            store.begin(manifest(operators=MANIFEST.operators, label=label))
+        assert [Live(store, label).view().runs[0].label for label in ("v1", "v2", None)] == ["v1", "v2", "v2"]
+        assert Live(store, "v3").view().headline == "The store has no run of v3 yet."
+
+
 def test_the_page_follows_what_is_written(tmp_path: Path):
     with running(tmp_path / "a.db") as (store, run), served(tmp_path / "a.db") as address:
         store.add(run, trial(0, fails=False))

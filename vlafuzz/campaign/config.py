@@ -13,6 +13,7 @@ from vlafuzz.campaign.fuzz import PATIENCE, Space
 from vlafuzz.campaign.results import Embed
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.conditions.model import check_label
 from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.lockstep import lanes_for
@@ -219,9 +220,7 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("--batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
-    if config.label and not re.fullmatch(r"[\w.:@+/-]{1,100}", config.label):
-        problem = f"--label {config.label!r}: expected up to 100 letters, digits and . : @ + / - _"
-        raise UsageError(problem, hint="such as --label step-40000")
+    check_label("--label", config.label)
     check_choice("placement", config.placement, PLACEMENTS)
     check_choice("criteria", config.criteria, CRITERIA)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vlafuzz.conditions import place
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.conditions.model import Model
 from vlafuzz.conditions.stored import packs_json
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.formats.scene_lines import is_store, load_scenes
@@ -91,17 +92,19 @@ class Replayed:
         }
 
 
-def find(source: Path, digest: str | None = None, policy: str | None = None) -> Replayable:
+def find(
+    source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None
+) -> Replayable:
     """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
 
-    Of several runs of it in a store, the conditions are those of one of ``policy`` if there is any, else of
-    the one that found the failure.
+    Of several runs of it in a store, the conditions are those of one of ``policy`` and ``label`` if there is
+    any, else of the one that found the failure. The first failure is that of the label, if it has any.
     """
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
     if is_store(source):
         with Store.open(source) as store:
-            return _find_in_store(store, digest, policy)
+            return _find_in_store(store, digest, policy, label)
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
@@ -113,12 +116,14 @@ def replay(
     policy: str | None = None,
     recording: Recording | None = None,
     *,
+    label: str | None = None,
     must_see: bool = False,
 ) -> Replayed:
     """Roll a policy out in a scene, without checking whether the scene is fair.
 
     Args:
         policy: another one than that of the conditions.
+        label: which model it is; a stored trajectory of another one is not compared.
         recording: keeps frames and observations.
         must_see: whether to refuse policies without pictures.
 
@@ -139,13 +144,14 @@ def replay(
     if outcome.verdict is Verdict.ERROR:
         raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
     same, elsewhere = None, ""
-    if wanted.states_hash is not None and outcome.rollouts and name == wanted.conditions.policy:
+    stored = name == wanted.conditions.policy and label in (None, wanted.conditions.named)
+    if wanted.states_hash is not None and outcome.rollouts and stored:
         same = outcome.rollouts[0].states_hash == wanted.states_hash
         now = place.here(name, made.spec, world_of(scene.task).renderer)
         elsewhere = place.elsewhere(wanted.conditions.place, now)
     return Replayed(
         scene=scene,
-        policy=name,
+        policy=str(Model(name, label or "")),
         outcome=outcome,
         hz=rig(scene.robot).control_hz or made.spec.action.hz,
         same=same,
@@ -153,18 +159,20 @@ def replay(
     )
 
 
-def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Replayable:
+def _find_in_store(store: Store, digest: str | None, policy: str | None, label: str | None) -> Replayable:
     findings = store.findings()
+    labels = {run.id: run.manifest.named for run in store.runs()}
     if digest is None:
         if not findings:
             raise UsageError(f"{store.path}: no scene failed", hint=_example(store))
-        scene, finders = findings[0].scene, {findings[0].run}
+        first = next((finding for finding in findings if labels[finding.run] == label), findings[0])
+        scene, finders = first.scene, {first.run}
     else:
         scene = store.scene(digest)
         finders = {finding.run for finding in findings if finding.scene == scene}
 
-    def rank(run: Run) -> tuple[bool, bool, int]:
-        return run.manifest.policy != policy, run.id not in finders, -run.id
+    def rank(run: Run) -> tuple[bool, bool, bool, int]:
+        return run.manifest.policy != policy, labels[run.id] != label, run.id not in finders, -run.id
 
     runs = sorted(store.runs(), key=rank)
     for run in runs:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag
+from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TrustFlag
 from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.text import percent
@@ -28,9 +28,11 @@ def command(
     policy: Annotated[
         str,
         typer.Option(
-            help="How a checkpoint {} is named as a policy: lerobot:{}, for example.", metavar="NAME"
+            help="How a checkpoint {} is named as a policy: lerobot:{}; without {}, where all are served.",
+            metavar="NAME",
         ),
     ] = "{}",
+    label: ServedFlag = None,
     baseline: Annotated[
         str | None,
         typer.Option(
@@ -47,9 +49,7 @@ def command(
         typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
     ] = None,
     trust: TrustFlag = False,
-    answers: Annotated[
-        Path | None, typer.Option(help="Keep outcomes by checkpoint in this file, and reuse those in it.")
-    ] = None,
+    answers: AnswersFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
@@ -57,9 +57,14 @@ def command(
     First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress`
     does. If it is worse, a binary search that expects noise compares few of the others, each until it is
     clear whether it is broken.
+
+    Checkpoints that are served at one address in turn are told apart by their labels. Whenever another
+    one has to answer, the exit code is 3, and a message says which.
     """
     names = [*(checkpoints or ()), *(more or ())]
     _check(names, policy, baseline, alpha, error, comparisons)
+    in_turn = "{}" not in policy
+    from vlafuzz.conditions.model import Model
     from vlafuzz.regression.folder import read_corpus
     from vlafuzz.regression.policies import bisect_checkpoints
     from vlafuzz.regression.tables import bisection_document
@@ -70,8 +75,9 @@ def command(
         result = bisect_checkpoints(
             corpus,
             exported,
-            [policy.replace("{}", name) for name in names],
+            [Model(policy, name) if in_turn else Model(policy.replace("{}", name)) for name in names],
             baseline,
+            label=label or "",
             alpha=alpha,
             error=error,
             comparisons=comparisons,
@@ -95,7 +101,8 @@ def _check(
     comparisons: int | None,
 ) -> None:
     """Check the flags before anything is run."""
-    from vlafuzz.policies.registry import check_policy_name
+    from vlafuzz.conditions.model import check_label
+    from vlafuzz.policies.registry import check_policy_name, is_built_in
     from vlafuzz.regression.bisect import check_checkpoints
 
     check_checkpoints(names)
@@ -104,9 +111,12 @@ def _check(
             message = f"{flag}: expected a probability above 0 and below 1, got {value:g}"
             raise UsageError(message, hint="0.05")
     check_number("--comparisons", comparisons, 1)
-    if "{}" not in policy:
+    if "{}" not in policy and is_built_in(policy):
         hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
         raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
+    for name in names:
+        if "{}" not in policy:
+            check_label("--checkpoints", name)
     for name in filter(None, (*(policy.replace("{}", name) for name in names), baseline)):
         check_policy_name(name)
 

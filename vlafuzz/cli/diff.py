@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag
+from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TrustFlag, label_option
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError
 
@@ -22,6 +22,16 @@ def command(
         str | None,
         typer.Option(help="The second policy, if it has another name now.", show_default="as in B"),
     ] = None,
+    label_a: Annotated[
+        str | None,
+        label_option("--label-a", "Which model the first policy is, or which of those in A.", "as in A"),
+    ] = None,
+    label_b: Annotated[
+        str | None,
+        label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B"),
+    ] = None,
+    label: ServedFlag = None,
+    answers: AnswersFlag = None,
     run_a: Annotated[int | None, typer.Option(help="Only this run of A.", show_default="all runs")] = None,
     run_b: Annotated[int | None, typer.Option(help="Only this run of B.", show_default="all runs")] = None,
     alpha: Annotated[float, typer.Option(help="Probability of a false claim of a test, at most.")] = 0.05,
@@ -33,6 +43,10 @@ def command(
     The second policy is rolled out where the first one is certified to fail, and in the passing scenes beside
     these; then the first one where the second one is certified to fail. Each scene has three jittered
     rollouts, and counts by what the policy mostly does.
+
+    Two models that are served at one address in turn are told apart by their labels, and take two commands:
+    one while the one answers, and the same with the other --label once the other one does. Until then the
+    exit code is 3.
     """
     from vlafuzz.policies.registry import check_policy_name
 
@@ -44,7 +58,20 @@ def command(
     from vlafuzz.regression.tables import difference_document, difference_rows
 
     with Bar() as bar:
-        result = diff_policies(a, b, policy_a, policy_b, run_a=run_a, run_b=run_b, alpha=alpha, watch=bar)
+        result = diff_policies(
+            a,
+            b,
+            policy_a,
+            policy_b,
+            label_a=label_a or "",
+            label_b=label_b or "",
+            label=label or "",
+            answers=answers,
+            run_a=run_a,
+            run_b=run_b,
+            alpha=alpha,
+            watch=bar,
+        )
     if json:
         print_json(difference_document(result))
         return

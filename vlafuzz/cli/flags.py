@@ -24,6 +24,18 @@ def _option(flag: str, text: str, default: str | None = None) -> Any:
     return typer.Option(flag, help=text, show_default=default if default else False)
 
 
+def label_option(flag: str, text: str, default: str = "") -> Any:
+    """An option that takes a label, and refuses what does not fit into a line of text."""
+
+    def checked(label: str | None) -> str | None:
+        from vlafuzz.conditions.model import check_label
+
+        check_label(flag, label)
+        return label
+
+    return typer.Option(flag, help=text, show_default=default or False, callback=checked)
+
+
 RobotFlag = Annotated[
     str | None,
     _option("--robot", "Whose hand it is: panda; widowx or google, with files from a --pack.", "panda"),
@@ -38,11 +50,18 @@ PolicyFlag = Annotated[
 ]
 LabelFlag = Annotated[
     str | None,
-    _option(
+    label_option(
         "--label",
         "Which model the policy is: stored outcomes answer only under the same label.",
         "behind a server none, so that none answer",
     ),
+]
+ServedFlag = Annotated[
+    str | None,
+    label_option("--label", "Of models that are served at one address in turn, the one that answers now."),
+]
+AnswersFlag = Annotated[
+    Path | None, _option("--answers", "Keep outcomes by model in this file, and reuse those in it.")
 ]
 OperatorsFlag = Annotated[
     str | None, _option("--operators", "YAML file of ranges, or a shipped one's name.", "tabletop")

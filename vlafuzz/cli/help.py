@@ -8,7 +8,8 @@ from typing import Any
 # Panels, in the order in which a help page shows them, with the parameters of the commands in them.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "What to run": (
-        *("policy", "version", "label", "baseline", "policy_a", "policy_b", "checkpoints"),
+        *("policy", "version", "label", "baseline", "policy_a", "policy_b"),
+        *("label_a", "label_b", "checkpoints"),
         *("task", "world", "robot", "scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
     ),
     "Which scenes": (

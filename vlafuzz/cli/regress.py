@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TimeFlag, TrustFlag
+from vlafuzz.cli.flags import LabelFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 def command(
     corpus: Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")],
     policy: Annotated[str, typer.Option(help="The policy under test, or python:pkg.mod:factory.")],
+    label: LabelFlag = None,
     baseline: Annotated[
         str | None,
         typer.Option(help="Roll out this policy, too.", show_default="what the corpus recorded of its own"),
@@ -67,6 +68,7 @@ def command(
             exported,
             policy,
             baseline,
+            label=label or "",
             alpha=alpha,
             max_rollouts=max_rollouts,
             whole=whole,

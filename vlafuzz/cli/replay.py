@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, TrustFlag, opened
+from vlafuzz.cli.flags import PackFlag, TrustFlag, label_option, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.errors import UsageError
 from vlafuzz.files import write_whole, writing
@@ -29,6 +29,9 @@ def command(
         bool, typer.Option("--first-failure", help="The store's first finding.")
     ] = False,
     policy: Annotated[str | None, typer.Option(help="Another policy than the store's.")] = None,
+    label: Annotated[
+        str | None, label_option("--label", "Which model the policy is, or whose first failure.")
+    ] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
     picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
@@ -56,7 +59,7 @@ def command(
     from vlafuzz.campaign.replay import find, replay
     from vlafuzz.report.deviations import unusual
 
-    wanted = find(source, digest, policy)
+    wanted = find(source, digest, policy, label)
     if film is None:
         film = not (json or video or picture or seen or trace) and probe().works
     if film and video is None:
@@ -67,7 +70,7 @@ def command(
     from vlafuzz.sim.recording import Recording
 
     recording = Recording(480 if filmed else 0)
-    replayed = replay(wanted, policy, recording, must_see=seen is not None)
+    replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
     _write(replayed, recording, video=video, picture=picture, seen=seen, trace=trace)
     report = replayed.report() | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
     if json:

@@ -7,12 +7,16 @@ from typing import Annotated
 
 import typer
 
+from vlafuzz.cli.flags import label_option
 from vlafuzz.cli.output import data
 from vlafuzz.errors import check_number
 
 
 def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` writes to.")],
+    label: Annotated[
+        str | None, label_option("--label", "Follow the last run of this model.", "the last run")
+    ] = None,
     port: Annotated[
         int, typer.Option(help="Where to listen on this machine; 0 for any port that is free.")
     ] = 0,
@@ -31,7 +35,7 @@ def command(
     from vlafuzz.store.store import Store
 
     with Store.open(store) as opened:
-        live, made = Live(opened), Films(store) if films else None
+        live, made = Live(opened, label), Films(store) if films else None
         with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
             data().write(f"{server.address}\n")
             data().flush()

@@ -9,6 +9,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from enum import Enum
 from typing import Any, Final
 
+from vlafuzz.conditions.model import Model
 from vlafuzz.errors import UsageError, suggestion
 
 ALONE = "alone-"  # begins labels that no other run has
@@ -124,7 +125,12 @@ class Conditions:
     @property
     def called(self) -> str:
         """The policy as people read it: the label that the user gave it, if any, before its name."""
-        return f"{self.named} ({self.policy})" if self.named else self.policy
+        return str(self.tested)
+
+    @property
+    def tested(self) -> Model:
+        """The model that the policy is, as far as the user said."""
+        return Model(self.policy, self.named)
 
     @property
     def short(self) -> str:

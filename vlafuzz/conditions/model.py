@@ -1,4 +1,4 @@
-"""Model: what a policy is told apart by: its name and a label, since an address does not say what answers there."""
+"""Model: a policy's name with a label, since an address does not say which model answers there."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Model:
         return self.address == other.address and self.which != other.which
 
 
-def check_label(label: str | None, flag: str = "--label") -> None:
-    """Raise a UsageError for a label that cannot stand in a line of text."""
+def check_label(flag: str, label: str | None) -> None:
+    """Raise a UsageError for a label that does not fit into a line of text."""
     if label and not re.fullmatch(r"[\w.:@+/-]{1,100}", label):
         problem = f"{flag} {label!r}: expected up to 100 letters, digits and . : @ + / - _"
-        raise UsageError(problem, hint="such as step-40000")
+        raise UsageError(problem, hint=f"such as {flag} step-40000")
 
 
 def not_served(wanted: Model, label: str) -> PrerequisiteError:

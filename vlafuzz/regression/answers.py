@@ -1,4 +1,4 @@
-"""Outcomes of rollouts that are kept in a file, so that a search that was interrupted can go on."""
+"""Outcomes of rollouts that are kept in a file, so that what was interrupted can go on."""
 
 import json
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import ConfigDict
 
+from vlafuzz.conditions.model import Model, not_served
 from vlafuzz.errors import UsageError
 from vlafuzz.files import writing
 from vlafuzz.outcome import Verdict
@@ -13,21 +14,25 @@ from vlafuzz.reading import parse_json, read_text, validated
 from vlafuzz.regression.pairs import Answer, Probe
 from vlafuzz.regression.regress import Side
 
-_HINT = "give --answers the file of an earlier `vlafuzz bisect`, or a new one"
+_HINT = "give --answers the file of an earlier `vlafuzz bisect` or `diff`, or a new one"
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A line of the file: the name of a policy, the digest of a scene, and whether it passed there."""
+    """A line of the file: a policy with its label, the digest of a scene, and whether it passed there.
+
+    ``passed`` is None where the rollout broke. ``repeat`` tells several rollouts in one scene apart.
+    """
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     policy: str
     scene: str
-    passed: bool
+    passed: bool | None
+    repeat: int = 0
 
 
 class Answers:
-    """What is known already. Rollouts that broke are not kept: they are tried again.
+    """What is known already. Rollouts that broke are tried again.
 
     Args:
         path: a file of JSON lines, which grows with every outcome; None to keep them in memory only.
@@ -38,7 +43,7 @@ class Answers:
 
     def __init__(self, path: Path | None = None) -> None:
         self._path = path
-        self._known: dict[tuple[str, str], Answer] = {}
+        self._known: dict[tuple[str, str, int], Answer] = {}
         if path is not None:
             with writing(path, _HINT), path.open("a"):
                 pass  # it can be written
@@ -46,21 +51,27 @@ class Answers:
                 self._read(line, f"{path}, line {number}")
 
     def __len__(self) -> int:
-        return len(self._known)
+        return sum(answer.judged for answer in self._known.values())
 
     def of(self, side: Side) -> Side:
-        """A side that is asked only for what is not known. It has one rollout in a scene."""
+        """A side that is asked only for what is not known."""
         return _Remembering(side, self)
 
-    def get(self, policy: str, probe: Probe) -> Answer | None:
-        return self._known.get((policy, probe.scene.digest))
+    def without(self, model: Model, served: str) -> Side:
+        """The known results of a model that cannot be asked, since ``served`` answers at its address.
 
-    def keep(self, policy: str, probe: Probe, answer: Answer) -> None:
-        if not answer.judged:
-            return
-        self._known[policy, probe.scene.digest] = answer
+        Its ``answer`` raises a PrerequisiteError where none is known.
+        """
+        return _Absent(model, served, self)
+
+    def get(self, policy: str, probe: Probe, repeat: int) -> Answer | None:
+        return self._known.get((policy, probe.scene.digest, repeat))
+
+    def keep(self, policy: str, probe: Probe, repeat: int, answer: Answer) -> None:
+        self._known[policy, probe.scene.digest, repeat] = answer
         if self._path is not None:
-            row = {"policy": policy, "scene": probe.scene.digest, "passed": answer.passed}
+            passed = answer.passed if answer.judged else None
+            row = {"policy": policy, "scene": probe.scene.digest, "passed": passed, "repeat": repeat}
             with writing(self._path, _HINT), self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
 
@@ -70,7 +81,8 @@ class Answers:
         except ValueError as error:
             raise UsageError(f"{where}: not JSON: {error}", _HINT) from None
         row = validated(_Row, value, where, UsageError, _HINT)
-        self._known[row.policy, row.scene] = Answer(Verdict.PASSED if row.passed else Verdict.FAILED)
+        verdict = {True: Verdict.PASSED, False: Verdict.FAILED, None: Verdict.ERROR}[row.passed]
+        self._known[row.policy, row.scene, row.repeat] = Answer(verdict)
 
 
 @dataclass(frozen=True)
@@ -84,10 +96,28 @@ class _Remembering:
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """The known result, or that of a rollout."""
-        known = self.answers.get(self.name, probe)
-        if known is None:
+        known = self.answers.get(self.name, probe, repeat)
+        if known is None or not known.judged:
             known = self.side.answer(probe, repeat)
-            self.answers.keep(self.name, probe, known)
+            self.answers.keep(self.name, probe, repeat, known)
+        return known
+
+
+@dataclass(frozen=True)
+class _Absent:
+    model: Model
+    served: str
+    answers: Answers
+
+    @property
+    def name(self) -> str:
+        return str(self.model)
+
+    def answer(self, probe: Probe, repeat: int) -> Answer:
+        """The known result."""
+        known = self.answers.get(self.name, probe, repeat)
+        if known is None:
+            raise not_served(self.model, self.served)
         return known
 
 

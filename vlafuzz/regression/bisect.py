@@ -210,7 +210,7 @@ class _Search:
         last = len(self._checkpoints) - 1
         compared = compare(self._probes, side, self._baseline, alpha=alpha / 2, watch=self._progress(last))
         if not compared.tells:
-            raise _unjudged(side, compared)
+            raise unjudged(side, compared)
         self._see(last, compared)
         self._end(last, [compared])
         return compared
@@ -230,7 +230,7 @@ class _Search:
         while block := self._probes[self._ran[index] :][:BLOCK]:
             compared = compare(block, side, self._baseline, whole=True, watch=self._progress(index))
             if not compared.controls.policy.of:
-                raise _unjudged(side, compared)
+                raise unjudged(side, compared)
             self._see(index, compared)
             blocks.append(compared)
             self.probabilities = first_broken(self._of_baseline, self._outcomes)
@@ -268,7 +268,8 @@ class _Search:
         return lambda now: self._watch(name, begun + now.done, len(self._probes))
 
 
-def _unjudged(side: Side, compared: Comparison) -> PrerequisiteError:
+def unjudged(side: Side, compared: Comparison) -> PrerequisiteError:
+    """The error where no rollout of a policy could be judged."""
     details = (f": {scene.detail}" for scene in compared.compared if scene.detail)
-    message = f"{side.name}: cannot tell: no control could be judged{next(details, '')}"
+    message = f"{side.name}: cannot tell: no rollout could be judged{next(details, '')}"
     return PrerequisiteError(message, hint="`vlafuzz doctor --policy` examines a checkpoint")

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from vlafuzz.conditions.model import Model
 from vlafuzz.evidence import Causes, Rate, Witness
 from vlafuzz.phrasing import titled
 from vlafuzz.scene import Scene
@@ -135,6 +136,11 @@ class Corpus:
     def policy(self) -> str:
         """The policy that failed, as the user named it."""
         return self.runs[0].policy
+
+    @property
+    def tested(self) -> Model:
+        """The model that failed."""
+        return self.runs[0].tested
 
     def seed(self, case: Case) -> int:
         """Seed of the rollouts in which the case failed."""

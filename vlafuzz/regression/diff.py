@@ -5,10 +5,11 @@ cause of the second policy is new if the first one mostly passes in its scenes.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from vlafuzz.conditions.model import Model
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.phrasing import titled
 from vlafuzz.regression.changes import Change
@@ -31,19 +32,17 @@ class Known:
 
     Attributes:
         source: store or corpus, for messages.
+        model: whose failures they are.
         runs: that found them; ``Probe.run`` is an index.
         causes: signature and title of each failing scene.
         probes: the failing scenes and the passing ones beside them.
     """
 
     source: Path
+    model: Model
     runs: Sequence[Manifest]
     causes: dict[Scene, tuple[str, str]]
     probes: Sequence[Probe]
-
-    @property
-    def policy(self) -> str:
-        return self.runs[0].policy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,12 +101,16 @@ class Difference:
         return f"causes of {self.first} in {self.second}: {fixed}, {new}{unjudged}; {beside}"
 
 
-def known(source: Path, run: int | None = None) -> Known:
+def known(source: Path, run: int | None = None, label: str = "") -> Known:
     """The certified failures in a store or corpus.
+
+    Args:
+        run: only those of this run.
+        label: the model; only its failures, where the runs have labels.
 
     Raises:
         StoreError: it has no run.
-        UsageError: it has several policies or tasks.
+        UsageError: it has several models or tasks, or none of that label.
     """
     if is_corpus(source):
         if run is not None:
@@ -115,20 +118,30 @@ def known(source: Path, run: int | None = None) -> Known:
         corpus = read_corpus(source)
         causes = {case.scene: (case.signature, case.title) for case in corpus.cases}
         probes = [probe for probe in probes_of(corpus) if probe.group != "control"]
-        return Known(source=source, runs=corpus.runs, causes=causes, probes=probes)
+        model = _labelled(source, corpus.tested, label)
+        return Known(source=source, model=model, runs=corpus.runs, causes=causes, probes=probes)
     with Store.open(source) as store:
-        return _of_store(store, run)
+        return _of_store(store, run, label)
 
 
-def _of_store(store: Store, run: int | None) -> Known:
+def _labelled(source: Path, model: Model, label: str) -> Model:
+    """The model with the label that the user gives it, if the runs have none."""
+    if label and model.label not in ("", label):
+        raise UsageError(f"{source} is of {model}, not of {label}", hint="leave the label out")
+    return replace(model, label=label or model.label)
+
+
+def _of_store(store: Store, run: int | None, label: str) -> Known:
     runs = {begun.id: begun.manifest for begun in store.runs()}
     of = {finding.key: finding.run for finding in store.findings(run)}
     numbers = sorted(set(of.values())) or [number for number in runs if run in (None, number)]
+    if label in {runs[number].named for number in numbers}:
+        numbers = [number for number in numbers if runs[number].named == label]
     causes: dict[Scene, tuple[str, str]] = {}
     beside: dict[Scene, Probe] = {}
     failing: dict[Scene, Probe] = {}
     for row in store.triaged():
-        if row.key not in of or row.bucket != "minimal" or not (row.shrunk and row.signature):
+        if of.get(row.key) not in numbers or row.bucket != "minimal" or not (row.shrunk and row.signature):
             continue
         number, title = numbers.index(of[row.key]), titled(row.operators, row.causes)
         causes.setdefault(row.shrunk, (row.signature, title))
@@ -139,11 +152,15 @@ def _of_store(store: Store, run: int | None) -> Known:
     if not numbers:
         raise StoreError(f"{store.path}: has no run", hint="`vlafuzz run` begins one")
     manifests = [runs[number] for number in numbers]
-    if len({(manifest.policy, manifest.task) for manifest in manifests}) > 1:
+    if len({(manifest.tested, manifest.task) for manifest in manifests}) > 1:
         problem = f"{store.path}: has failures of several policies or tasks"
-        raise UsageError(problem, hint="name a run: --run-a N, --run-b N")
+        raise UsageError(problem, hint="name a run or a label: --run-a N, --label-a NAME, and so on")
     return Known(
-        source=store.path, runs=manifests, causes=causes, probes=[*failing.values(), *beside.values()]
+        source=store.path,
+        model=_labelled(store.path, manifests[0].tested, label),
+        runs=manifests,
+        causes=causes,
+        probes=[*failing.values(), *beside.values()],
     )
 
 
@@ -161,8 +178,8 @@ def diff(
     Args:
         a: failures of ``first``; ``b``: those of ``second``.
     """
-    on_second = _compared(a, second, alpha, watch)
-    on_first = _compared(b, first, alpha, watch)
+    on_second = roll_out(a, second, alpha, watch)
+    on_first = roll_out(b, first, alpha, watch)
     theirs = _changes(a, on_second, "fixed")
     known_already = {change.signature for change in theirs if change.standing == "remaining"}
     ours = [change for change in _changes(b, on_first, "new") if change.signature not in known_already]
@@ -177,8 +194,9 @@ def diff(
     )
 
 
-def _compared(known: Known, side: Side, alpha: float, watch: Watch) -> Comparison:
-    recorded = Recorded(f"{known.policy} as recorded")
+def roll_out(known: Known, side: Side, alpha: float, watch: Watch) -> Comparison:
+    """Roll out the other policy in the scenes of known failures."""
+    recorded = Recorded(f"{known.model} as recorded")
     return compare(
         known.probes, side, recorded, alpha=alpha, whole=True, watch=lambda now: watch(now.done, now.most)
     )

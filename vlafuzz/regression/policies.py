@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from vlafuzz.conditions.model import Model
 from vlafuzz.deadline import Deadline
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.plugins import check_trusted
@@ -13,7 +15,7 @@ from vlafuzz.regression.answers import Answers
 from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
-from vlafuzz.regression.diff import Difference
+from vlafuzz.regression.diff import Difference, Known
 from vlafuzz.regression.pace import Pace
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
@@ -30,6 +32,7 @@ def compare_policies(
     policy: str,
     baseline: str | None = None,
     *,
+    label: str = "",
     alpha: float = 0.05,
     max_rollouts: int | None = None,
     whole: bool = False,
@@ -40,8 +43,11 @@ def compare_policies(
 
     Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
     controls some are drawn, and that policy is rolled out, too. ``folder`` is the corpus's, for messages.
+    ``label`` says which model the policy is.
     """
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    model = Model(policy, label)
+    _check_baseline(baseline, model)
     pace = Pace(watch.note, regress.most_rollouts(scenes, max_rollouts))
 
     def progress(now: regress.Progress) -> None:
@@ -49,7 +55,7 @@ def compare_policies(
         pace.step()
 
     with ExitStack() as stack:
-        new = stack.enter_context(closing(_rerun(folder, corpus, policy, watch)))
+        new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
         old = _baseline(folder, corpus, baseline, stack, watch)
         watch.note(_most(scenes, old, max_rollouts))
         return regress.compare(
@@ -70,6 +76,10 @@ def diff_policies(
     policy_a: str | None = None,
     policy_b: str | None = None,
     *,
+    label_a: str = "",
+    label_b: str = "",
+    label: str = "",
+    answers: Path | None = None,
     run_a: int | None = None,
     run_b: int | None = None,
     alpha: float = 0.05,
@@ -79,40 +89,61 @@ def diff_policies(
 
     Args:
         policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
+        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
+        label: of two models that are served at one address in turn, the one that answers there now.
+        answers: a file that keeps outcomes, see ``Answers``; needed for two models at one address.
 
     Raises:
-        UsageError: both are the same policy, on different tasks, or one has several.
+        UsageError: both are the same model, on different tasks, or one has several.
         StoreError: none of them has a certified cause.
+        PrerequisiteError: the other one of two models has to be served next.
     """
-    first, second = diff.known(a, run_a), diff.known(b, run_b)
+    first, second = diff.known(a, run_a, label_a), diff.known(b, run_b, label_b)
     if not (first.causes or second.causes):
         raise StoreError(
             f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some"
         )
-    names = policy_a or first.policy, policy_b or second.policy
-    if names[0] == names[1]:
-        hint = "name another one: --policy-a, --policy-b"
-        raise UsageError(f"{a} and {b} are both of the policy {names[0]}", hint=hint)
-    if first.runs[0].task != second.runs[0].task:
-        tasks = f"{first.runs[0].task} and {second.runs[0].task}"
-        raise UsageError(f"{a} and {b} are of different tasks, {tasks}", hint="give stores of one task")
-    for name, own in zip(names, (policy_a, policy_b), strict=True):
-        if own is None:
-            check_trusted(name)
-    rollouts = sum(regress.most_rollouts(one.probes, None) for one in (first, second))
+    one, other = _two_models(first, second, policy_a, policy_b)
+    absent = _absent([one, other], label, answers)
+    rollouts = sum(regress.most_rollouts(tested.probes, None) for tested in (first, second))
     watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
+    known = Answers(answers)
+
+    def progress(done: int, most: int) -> None:
+        watch.progress("rollouts where the other policy fails", done, most)
+
     with ExitStack() as stack:
-        sides = [
-            stack.enter_context(closing(Rerun(name, tested.runs, partial(_runner, tested.source, name))))
-            for name, tested in zip(names, (second, first), strict=True)
-        ]
-        return diff.diff(
-            first,
-            second,
-            *sides,
-            alpha=alpha,
-            watch=lambda done, most: watch.progress("rollouts where the other policy fails", done, most),
-        )
+        sides: list[Side] = []
+        for model, tested in ((one, second), (other, first)):
+            if model in absent:
+                sides.append(known.without(model, label))
+                continue
+            make = partial(_runner, tested.source, model.policy)
+            side = known.of(stack.enter_context(closing(Rerun(str(model), tested.runs, make))))
+            sides.append(side)
+            if absent:  # all that can be asked now, before the other one is asked for
+                result = diff.roll_out(tested, side, alpha, progress)
+                if result.stopped == "unjudged":
+                    raise bisect.unjudged(side, result)
+        return diff.diff(first, second, *sides, alpha=alpha, watch=progress)
+
+
+def _two_models(
+    first: Known, second: Known, policy_a: str | None, policy_b: str | None
+) -> tuple[Model, Model]:
+    """The models of ``diff_policies`` under their names of now, once they are found to be comparable."""
+    one = replace(first.model, policy=policy_a or first.model.policy)
+    other = replace(second.model, policy=policy_b or second.model.policy)
+    if one == other:
+        hint = "name another one: --policy-a, --policy-b; or --label-a, --label-b for models at one address"
+        raise UsageError(f"{first.source} and {second.source} are both of the policy {one}", hint=hint)
+    if first.runs[0].task != second.runs[0].task:
+        problem = f"of different tasks, {first.runs[0].task} and {second.runs[0].task}"
+        raise UsageError(f"{first.source} and {second.source} are {problem}", hint="give stores of one task")
+    for model, own in ((one, policy_a), (other, policy_b)):
+        if own is None:
+            check_trusted(model.policy)
+    return one, other
 
 
 def _runner(source: Path, policy: str, run: Manifest) -> scene_runner.SimulatorSceneRunner:
@@ -122,22 +153,29 @@ def _runner(source: Path, policy: str, run: Manifest) -> scene_runner.SimulatorS
 def bisect_checkpoints(
     folder: Path,
     corpus: Corpus,
-    checkpoints: Sequence[str],
+    checkpoints: Sequence[Model],
     baseline: str | None = None,
     *,
+    label: str = "",
     alpha: float = 0.05,
     error: float = 0.05,
     comparisons: int | None = None,
     answers: Path | None = None,
     watch: Watch = SILENT,
 ) -> Bisection:
-    """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
+    """Find out which of several models, in the order of their training, broke; see ``bisect.bisect``.
 
     Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is
-    open at a time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``.
+    open at a time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``. Of checkpoints
+    that are served at one address in turn, ``label`` is the one that answers there now; a PrerequisiteError
+    says which one has to be served next.
     """
-    bisect.check_checkpoints(checkpoints)
+    models = {str(checkpoint): checkpoint for checkpoint in checkpoints}
+    bisect.check_checkpoints(list(map(str, checkpoints)))
+    absent = _absent(checkpoints, label, answers)
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    for checkpoint in checkpoints:
+        _check_baseline(baseline, checkpoint)
     controls = [probe for probe in scenes if probe.group == "control"]
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
     pace = Pace(watch.note, most * len(controls))
@@ -152,14 +190,20 @@ def bisect_checkpoints(
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
-        noting = watch if name == checkpoints[-1] else SILENT  # the first one: the others' notes are the same
-        with closing(_rerun(folder, corpus, name, noting)) as side:
+        model = models[name]
+        if model in absent:
+            yield known.without(model, label)
+            return
+        noting = (
+            watch if model == checkpoints[-1] else SILENT
+        )  # the first one: the others' notes are the same
+        with closing(_rerun(folder, corpus, model, noting)) as side:
             yield known.of(side)
 
     with ExitStack() as stack:
         return bisect.bisect(
             controls,
-            checkpoints,
+            list(models),
             opened,
             known.of(_baseline(folder, corpus, baseline, stack, watch)) if baseline else _recorded(corpus),
             alpha=alpha,
@@ -167,6 +211,30 @@ def bisect_checkpoints(
             comparisons=most,
             watch=progress,
         )
+
+
+def _absent(models: Sequence[Model], label: str, answers: Path | None) -> list[Model]:
+    """Of models that are served at one address in turn, those that do not answer there now."""
+    in_turn = [model for model in models if any(model.replaces(other) for other in models)]
+    names = [model.which for model in in_turn]
+    if label and label not in names:
+        served = f"{' and '.join(names)} are" if names else "none of the models is"
+        raise UsageError(f"--label {label}: {served} served at one address in turn", hint="check the name")
+    if in_turn and not all(names):
+        problem = f"nothing says which models {' and '.join(map(str, in_turn))} are"
+        raise UsageError(problem, hint="name both, which answer at one address: --label-a, --label-b")
+    if in_turn and not (label and answers):
+        problem = f"{' and '.join(names)} cannot both answer at {in_turn[0].address}"
+        hint = "--label NAME says which one does now, and --answers FILE keeps outcomes until others do"
+        raise UsageError(problem, hint)
+    return [model for model in in_turn if model.which != label]
+
+
+def _check_baseline(name: str | None, model: Model) -> None:
+    """Raise a UsageError if a baseline would have to answer where another model does."""
+    if name and (baseline := Model(name)).replaces(model):
+        problem = f"--baseline {baseline} cannot answer where {model.which} does"
+        raise UsageError(problem, hint="leave it out for the outcomes that a corpus with controls records")
 
 
 def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> bytes | None:
@@ -201,11 +269,11 @@ def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, 
     """A policy that is rolled out, or the recorded outcomes of the corpus's own."""
     if name is None:
         return _recorded(corpus)
-    return stack.enter_context(closing(_rerun(folder, corpus, name, watch)))
+    return stack.enter_context(closing(_rerun(folder, corpus, Model(name), watch)))
 
 
 def _recorded(corpus: Corpus) -> Recorded:
-    return Recorded(f"{corpus.policy} as recorded")
+    return Recorded(f"{corpus.tested} as recorded")
 
 
 def _controls(folder: Path, run: Manifest) -> list[Probe]:
@@ -215,15 +283,16 @@ def _controls(folder: Path, run: Manifest) -> list[Probe]:
     return [Probe(scene, "control", "random", 0, passed=None) for scene in scenes]
 
 
-def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
+def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
     """A policy that is rolled out; notes conditions that differ from those of the corpus."""
     changed: dict[str, None] = {}
     places: dict[str, None] = {}
 
     def make(run: Manifest) -> scene_runner.SimulatorSceneRunner:
-        runner = scene_runner.SimulatorSceneRunner(folder, run, policy)
+        runner = scene_runner.SimulatorSceneRunner(folder, run, model.policy)
         # A corpus is always older than the commit, and another policy has another spec.
-        expected = {"commit"} | ({"spec", "source"} if policy != run.policy else set())
+        same = model in (run.tested, Model(run.policy))
+        expected = {"commit"} | (set() if same else {"spec", "source"})
         changed.update(dict.fromkeys(name for name in runner.changed if name not in expected))
         if not run.place and runner.renderer is not None and corpus.renderer not in (None, runner.renderer):
             changed["renderer"] = None
@@ -231,14 +300,15 @@ def _rerun(folder: Path, corpus: Corpus, policy: str, watch: Watch) -> Rerun:
             places[runner.elsewhere] = None
         return runner
 
-    rerun = Rerun(policy, corpus.runs, make)
+    rerun = Rerun(str(model), corpus.runs, make)
+    here = "" if model.replaces(corpus.tested) else f"; `--baseline {corpus.policy}` runs both"
     if changed:
         watch.note(
-            f"note: {policy} runs under other conditions than the corpus: its {', '.join(changed)} differ; "
-            f"`--baseline {corpus.policy}` runs both under the same"
+            f"note: {model} runs under other conditions than the corpus: its {', '.join(changed)} differ"
+            f"{here and f'{here} under the same'}"
         )
     for elsewhere in places:
-        watch.note(f"note: the corpus was made {elsewhere}; `--baseline {corpus.policy}` runs both here")
+        watch.note(f"note: the corpus was made {elsewhere}{here and f'{here} here'}")
     return rerun
 
 

@@ -23,14 +23,14 @@ RECENT = 20  # rollouts over which the speed is measured at least
 
 
 class Live:
-    """Follows the last run of a store, and reads only the trials that are new.
+    """Follows the last run of a store, or of a model in it, and reads only the trials that are new.
 
     Attributes:
         newest: the last trial of the run in which the policy failed.
     """
 
-    def __init__(self, store: Store) -> None:
-        self._store, self._spaces = store, Spaces(store.path)
+    def __init__(self, store: Store, label: str | None = None) -> None:
+        self._store, self._spaces, self._label = store, Spaces(store.path), label
         self._begin(None)
 
     def _begin(self, run: int | None) -> None:
@@ -40,7 +40,7 @@ class Live:
 
     def run(self) -> Run | None:
         """The last run, once its new trials are counted; None before there is one."""
-        runs = self._store.runs()
+        runs = [run for run in self._store.runs() if self._label in (None, run.manifest.named)]
         if not runs:
             return None
         run = runs[-1]
@@ -69,7 +69,7 @@ class Live:
         """
         run = self.run()
         if run is None:
-            return _empty(str(self._store.path))
+            return _empty(str(self._store.path), self._label)
         causes = causes_of(self._store, run, self._spaces)
         return View(
             title=title_of([run.manifest]),
@@ -134,11 +134,11 @@ def _report(store: Store) -> str:
     return shlex.join(["vlafuzz", "report", str(store.path), "--out", "report.html"])
 
 
-def _empty(source: str) -> View:
+def _empty(source: str, label: str | None) -> View:
     return View(
         title=title_of([]),
         source=source,
-        headline="The store has no run yet.",
+        headline=f"The store has no run{f' of {label}' if label else ''} yet.",
         facts=(),
         todo=(),
         runs=(),
