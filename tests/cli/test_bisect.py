@@ -86,7 +86,8 @@ def test_checkpoints_at_one_address_answer_in_turn(
     make = lambda source, run, policy: RuleRunner(passes(served), run)  # noqa: E731
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
     checkpoints = [str(number) for number in range(100, 800, 100)]
-    flags = ["--policy", "http://gpu:8000/act", "--answers", "a.jsonl", "--json", "--checkpoints", *checkpoints]
+    flags = ["--policy", "http://gpu:8000/act", "--answers", "a.jsonl", "--json"]
+    flags += ["--checkpoints", *checkpoints]
     while bisect(*flags, "--label", served) == 3:
         asked.append(served)
         said = " ".join(capsys.readouterr().err.split())

@@ -125,8 +125,8 @@ def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(
 def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, capsys):
     path = tmp_path / "s.db"
     for label, seed in (("v1", 0), ("v2", 1)):
-        flags = ["--policy", "frozen", "--budget", "2", "--stop-early", "--store", str(path), "--label", label]
-        assert main(["run", *flags, "--strategy", "random", "--seed", str(seed), "--no-certify"]) == 0
+        flags = ["--policy", "frozen", "--label", label, "--budget", "2", "--stop-early"]
+        assert main(["run", *flags, "--strategy", "random", "--seed", str(seed), "--store", str(path)]) == 0
     capsys.readouterr()
     with Store.open(path) as store:
         v2 = store.findings(2)[0].scene
