@@ -33,7 +33,7 @@ ROWS = (
     "triage",
     "regression campaign",
     "report",
-    "compare integrations stored",
+    "compare integrations stored logs",
     "studies diagnostics api",
     "cli",
     "__main__",

@@ -1,7 +1,7 @@
 """Intervals of shares and ratios, and tests of whether two samples differ."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -40,7 +40,7 @@ class Share:
         return cls(count, of, *wilson(count, of))
 
     @classmethod
-    def grouped(cls, cases: Sequence[tuple[int, bool]]) -> Self:
+    def grouped(cls, cases: Sequence[tuple[Hashable, bool]]) -> Self:
         """Of cases with their group; those of one group may be alike, see ``share_interval``."""
         return cls(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
 
@@ -266,7 +266,7 @@ def _half_width(values: NDArray[np.float64]) -> float:
     return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
 
 
-def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) -> Interval:
+def share_interval(cases: Sequence[tuple[Hashable, bool]], confidence: float = 0.95) -> Interval:
     """Confidence interval of the share of positive cases that come from several runs.
 
     Cases of one run resemble each other, so they carry less information than as many independent ones. This
@@ -280,15 +280,56 @@ def share_interval(cases: Sequence[tuple[int, bool]], confidence: float = 0.95) 
         cases: the run of each case, and whether the case is positive.
     """
     number, hits = len(cases), sum(positive for _, positive in cases)
-    runs = [[positive for of, positive in cases if of == run] for run in {of for of, _ in cases}]
-    if len(runs) < 2 or hits in (0, number):
-        return wilson(hits, number, confidence)
-    from scipy.stats import norm, t
+    effective = number if hits in (0, number) else _effective(cases, (1 + confidence) / 2)
+    return wilson(hits / max(number, 1) * effective, effective, confidence)
 
-    share, tail = hits / number, (1 + confidence) / 2
+
+def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float = 0.95) -> Interval:
+    """Confidence interval of the mean of paired differences of -1, 0 or 1, such as of success.
+
+    Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs where
+    several belong to one group, as in ``share_interval``.
+
+    Args:
+        cases: the group of each pair, and its difference.
+    """
+    number, tail = len(cases), (1 + confidence) / 2
+    alone = len({of for of, _ in cases}) == number
+    pairs = number if alone else _effective(cases, tail)
+    more, fewer = (
+        (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2)
+        for sign in (1, -1)
+    )
+    half = NormalDist().inv_cdf(tail) * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
+    return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))
+
+
+def _effective(cases: Sequence[tuple[Hashable, float]], tail: float) -> float:
+    """The number of independent cases whose mean would vary as that of cases in groups does."""
+    groups: dict[Hashable, list[float]] = {}
+    for of, value in cases:
+        groups.setdefault(of, []).append(value)
+    number, mean = len(cases), sum(value for _, value in cases) / len(cases)
     # The variance of a ratio of totals, by linearisation.
-    squares = sum((sum(run) - share * len(run)) ** 2 for run in runs)
-    variance = squares / number**2 * len(runs) / (len(runs) - 1)
-    few = float(norm.ppf(tail) / t.ppf(tail, len(runs) - 1)) ** 2
-    effective = min(number, few * share * (1 - share) / variance) if variance else number
-    return wilson(share * effective, effective, confidence)
+    squares = sum((sum(group) - mean * len(group)) ** 2 for group in groups.values())
+    if len(groups) < 2 or not squares:
+        return number
+    from scipy.special import stdtrit
+
+    variance = squares / number**2 * len(groups) / (len(groups) - 1)
+    few = (NormalDist().inv_cdf(tail) / float(stdtrit(len(groups) - 1, tail))) ** 2
+    spread = sum(value**2 for _, value in cases) / number - mean**2
+    return float(min(number, few * spread / variance))
+
+
+def sign_test(worse: int, better: int) -> float:
+    """Two-sided p-value of the exact sign test, which is McNemar's for pairs of yes and no."""
+    pairs = worse + better
+    return min(1.0, 2 * sum(math.comb(pairs, k) for k in range(min(worse, better) + 1)) / (1 << pairs))
+
+
+def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
+    """Two-sided p-value of Fisher's exact test of two shares; SciPy's takes a second to import."""
+    hits, both = k + other_k, math.comb(n + other_n, k + other_k)
+    ways = [math.comb(n, j) * math.comb(other_n, hits - j) for j in range(hits + 1)]
+    return min(1.0, sum(way for way in ways if way <= ways[k]) / both)

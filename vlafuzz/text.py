@@ -75,7 +75,15 @@ def csv_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows with the same keys, at least one, as a table of pipes; None as a dash."""
-    lines = [list(rows[0]), ["---"] * len(rows[0])]
-    lines += [["–" if value is None else str(value) for value in row.values()] for row in rows]
+    """Rows with the same keys as a table of GitHub's Markdown; None as a dash."""
+    heads = list(rows[0]) if rows else []
+    lines = [heads, ["---"] * len(heads), *([markdown_text(row[head]) for head in heads] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def markdown_text(value: object) -> str:
+    """Text without Markdown or HTML of its own: names and details come from files and servers."""
+    text = "–" if value is None else " ".join(str(value).split())
+    for sign in ("\\", "|", "<", "*", "_", "`", "[", "]", "!"):
+        text = text.replace(sign, f"\\{sign}")
+    return text

@@ -16,6 +16,7 @@ import yaml
 
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
+from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv
 from vlafuzz.clients.profiles import load_profile
 from vlafuzz.diagnostics.lint import lint
 from vlafuzz.errors import SceneError
@@ -182,6 +183,21 @@ def mesh(rng: Rng, folder: Path) -> None:
         load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
 
 
+def logs(rng: Rng, folder: Path) -> None:
+    """Logs of others, also through what compares and shows them."""
+    kept = (VLA_EVAL, VLA_EVAL_BEFORE, LEROBOT_BEFORE)
+    match rng.integers(3):
+        case 0:
+            content = json.dumps(mutators.tree(rng, kept[int(rng.integers(len(kept)))])).encode()
+        case 1:
+            content = mutators.data(rng, json.dumps(kept[int(rng.integers(len(kept)))]).encode())
+        case _:
+            content = mutators.data(rng, suite_csv(folder / "a.csv", a="sfe", b="ssf").read_bytes())
+    (folder / "a.log").write_bytes(content)
+    old = suite_csv(folder / "old.csv", a="ssf", libero_goal="sss")
+    command("read", folder / "a.log", "--against", old, "--json")
+
+
 READERS: dict[str, tuple[Reader, int]] = {
     "operators": (operators, 4500),
     "objects": (objects, 600),
@@ -193,5 +209,6 @@ READERS: dict[str, tuple[Reader, int]] = {
     "VLATest": (vlatest, 3500),
     "pack info": (pack_info, 1500),
     "meshes": (mesh, 500),
+    "logs": (logs, 1500),
 }
 """By name: the reader, and its part of 40,000 inputs."""

@@ -17,9 +17,9 @@ from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression import pace
 from vlafuzz.regression.folder import write_corpus
-from vlafuzz.regression.markdown import markdown_table
 from vlafuzz.scene import Scene
 from vlafuzz.space import load_operators
+from vlafuzz.text import markdown_table
 from vlafuzz.triage import scene_runner as runner
 
 RULES = {

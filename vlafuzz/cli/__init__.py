@@ -38,6 +38,7 @@ COMMANDS = {
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
     "diff": ("vlafuzz.cli.diff:command", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
+    "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: rates, repeats, two compared."),
     "watch": ("vlafuzz.cli.watch:command", "Follow a run on a page in the browser."),
     "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),
     "merge": ("vlafuzz.cli.export:merge", "Merge the runs of several stores into one."),

@@ -9,7 +9,7 @@ from typing import Any
 PANELS: Mapping[str, tuple[str, ...]] = {
     "What to run": (
         *("policy", "version", "label", "baseline", "policy_a", "policy_b"),
-        *("label_a", "label_b", "checkpoints"),
+        *("label_a", "label_b", "checkpoints", "against", "column"),
         *("task", "world", "robot", "scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
     ),
     "Which scenes": (
@@ -62,6 +62,10 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     "replay": (
         "vlafuzz replay first.db --video failure.mp4",
         "vlafuzz replay failing.jsonl 3f2a --policy expert --picture solved.png",
+    ),
+    "read": (
+        "vlafuzz read outputs/eval/eval_info.json --out page.html",
+        "vlafuzz read new.csv --against old.csv --junit read.xml",
     ),
     "bisect": (
         "vlafuzz bisect my-corpus --policy lerobot:{} --checkpoints out/010000 out/020000 out/030000",

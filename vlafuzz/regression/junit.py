@@ -29,7 +29,7 @@ def write_junit(comparison: Comparison, path: Path) -> None:
 def _report(comparison: Comparison) -> Xml.Element:
     suites = [_suite(comparison, group) for group in GROUPS]
     cases = [case for suite in suites for case in suite.findall("testcase")]
-    report = Xml.Element("testsuites", _counts(cases), name="vlafuzz regress")
+    report = Xml.Element("testsuites", counts(cases), name="vlafuzz regress")
     report.extend(suites)
     Xml.indent(report)
     return report
@@ -37,21 +37,21 @@ def _report(comparison: Comparison) -> Xml.Element:
 
 def _suite(comparison: Comparison, group: Group) -> Xml.Element:
     cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
-    suite = Xml.Element("testsuite", _counts(cases), name=group)
+    suite = Xml.Element("testsuite", counts(cases), name=group)
     properties = Xml.SubElement(suite, "properties")
     for name in ("policy", "baseline", "verdict", "changes"):
-        Xml.SubElement(properties, "property", name=name, value=_clean(getattr(comparison, name)))
+        Xml.SubElement(properties, "property", name=name, value=clean(getattr(comparison, name)))
     suite.extend(cases)
     return suite
 
 
 def _verdict(comparison: Comparison) -> Xml.Element:
     seconds = sum(control.seconds for control in comparison.of("control"))
-    name = _clean(f"fails no more often than {comparison.baseline}")
+    name = clean(f"fails no more often than {comparison.baseline}")
     case = Xml.Element("testcase", classname="control", name=name, time=f"{seconds:.3f}")
     if comparison.alarm or not comparison.tells:
         element = "failure" if comparison.alarm else "error"
-        Xml.SubElement(case, element, message=_clean(comparison.verdict))
+        Xml.SubElement(case, element, message=clean(comparison.verdict))
     return case
 
 
@@ -60,11 +60,11 @@ def _case(scene: Compared) -> Xml.Element:
     case = Xml.Element(
         "testcase",
         classname=probe.group,
-        name=_clean(f"{probe.scene.digest}: {probe.what}"),
+        name=clean(f"{probe.scene.digest}: {probe.what}"),
         time=f"{scene.seconds:.3f}",
     )
     if scene.standing in _ELEMENTS:
-        Xml.SubElement(case, _ELEMENTS[scene.standing], message=_clean(_message(scene)))
+        Xml.SubElement(case, _ELEMENTS[scene.standing], message=clean(_message(scene)))
     return case
 
 
@@ -80,11 +80,13 @@ def _message(scene: Compared) -> str:
     return messages.get(scene.standing, scene.standing) + detail
 
 
-def _counts(cases: Sequence[Xml.Element]) -> dict[str, str]:
-    counts = {name: str(sum(case.find(kind) is not None for case in cases)) for kind, name in _COUNTS.items()}
+def counts(cases: Sequence[Xml.Element]) -> dict[str, str]:
+    """Attributes of a suite with these cases."""
+    kinds = {name: str(sum(case.find(kind) is not None for case in cases)) for kind, name in _COUNTS.items()}
     seconds = sum(float(case.attrib["time"]) for case in cases)
-    return {"tests": str(len(cases)), **counts, "time": f"{seconds:.3f}"}
+    return {"tests": str(len(cases)), **kinds, "time": f"{seconds:.3f}"}
 
 
-def _clean(text: str) -> str:
+def clean(text: str) -> str:
+    """A text without what XML cannot hold."""
     return _UNPRINTABLE.sub("?", text)

@@ -1,0 +1,76 @@
+"""``vlafuzz read``: what it prints, what it writes, and how it ends."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+import pytest
+
+from tests.logs.samples import suite_csv
+from vlafuzz.cli import main
+
+
+@pytest.fixture(autouse=True)
+def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    suite_csv(Path("old.csv"), goal="s" * 18 + "ff", long="s" * 10)
+    suite_csv(Path("worse.csv"), goal="f" * 18 + "ff", long="s" * 9 + "e")
+    suite_csv(Path("few.csv"), goal="sf")
+
+
+def test_a_log_alone_is_fine_whatever_it_says(capsys):
+    assert main(["read", "worse.csv"]) == 0
+    shown = capsys.readouterr().out
+    assert "0% (0–16.1%)" in shown
+    assert "A comparison with another log of the same episodes would notice" in shown
+
+
+@pytest.mark.parametrize(("log", "code"), [("old.csv", 0), ("worse.csv", 1), ("few.csv", 3)])
+def test_the_exit_code_says_whether_it_got_worse(log, code, capsys):
+    assert main(["read", log, "--against", "old.csv"]) == code
+    said = capsys.readouterr()
+    verdicts = {
+        0: "old.csv is not shown to differ from old.csv",
+        1: "worse.csv is worse than old.csv in goal, all, not shown to differ in long",
+        3: "cannot tell: too few episodes succeed in old.csv",
+    }
+    assert verdicts[code] in " ".join(said.out.split())
+
+
+def test_json_has_the_figures_and_the_verdict(capsys):
+    assert main(["read", "worse.csv", "--against", "old.csv", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    rate = document["rates"][1]
+    assert (rate["suite"], rate["episodes"], rate["errors"]) == ("goal", 20, 0)
+    assert rate["success"] == {"count": 0, "rate": 0, "low": 0, "high": pytest.approx(0.1611, abs=1e-4)}
+    assert document["against"]["worse"] == ["goal", "all"]
+    assert document["against"]["contrasts"][0]["worse"] == 18
+
+
+def test_markdown_page_and_junit_say_the_same(capsys):
+    words = ["read", "worse.csv", "--against", "old.csv", "--markdown", "--out", "a.html", "--junit", "a.xml"]
+    assert main(words) == 1
+    verdict = "worse.csv is worse than old.csv in goal, all, not shown to differ in long"
+    assert verdict in capsys.readouterr().out
+    assert verdict in Path("a.html").read_text()
+    cases = Xml.parse("a.xml").getroot().findall(".//testcase")
+    assert [(case.get("name"), case.find("failure") is not None) for case in cases] == [
+        ("all", True),
+        ("goal", True),
+        ("long", False),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--alpha", "1"], "expected a probability"),
+        (["--json", "--markdown"], "exclude each other"),
+        (["--column", "success"], "--column success: names no column"),
+        (["--column", "sucess=ok"], "did you mean 'success'?"),
+        (["--against", "none.csv"], "none.csv: cannot be read"),
+    ],
+)
+def test_a_wrong_flag_is_one_sentence(words, message, capsys):
+    assert main(["read", "old.csv", *words]) == 2
+    assert message in capsys.readouterr().err

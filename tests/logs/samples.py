@@ -1,0 +1,78 @@
+"""Small logs in the layouts of lerobot, vla-eval and CSV, made up."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from vlafuzz.logs.episodes import Episode
+from vlafuzz.text import csv_table
+
+
+def episodes(**outcomes: str) -> list[Episode]:
+    """Episodes of suites by one letter each: ``s`` succeeds, ``f`` fails, ``e`` ended in an error."""
+    verdicts = {"s": True, "f": False, "e": None}
+    return [
+        Episode(suite=suite, task="t", state=str(number), place=f"{suite} {number}", success=verdicts[letter])
+        for suite, letters in outcomes.items()
+        for number, letter in enumerate(letters)
+    ]
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+    path.write_text(csv_table(rows))
+    return path
+
+
+def suite_csv(path: Path, **outcomes: str) -> Path:
+    """``episodes`` as CSV."""
+    letters = {True: 1, False: 0, None: ""}
+    return write_csv(
+        path,
+        [
+            {"suite": one.suite, "task": one.task, "episode": one.state, "success": letters[one.success]}
+            for one in episodes(**outcomes)
+        ],
+    )
+
+
+def write_json(path: Path, content: Any) -> Path:
+    path.write_text(json.dumps(content))
+    return path
+
+
+VLA_EVAL = {
+    "benchmark": "libero_goal",
+    "harness_version": "0.3.0",
+    "tasks": [
+        {
+            "task": "open the drawer",
+            "episodes": [
+                {"episode_id": 0, "metrics": {"success": True}, "steps": 90},
+                {"episode_id": 1, "metrics": {"success": False}, "steps": 300},
+                {"episode_id": 2, "metrics": {}, "failure_reason": "timeout"},
+            ],
+        }
+    ],
+}
+VLA_EVAL_BEFORE = {
+    "benchmark": "libero_goal",
+    "harness_version": "0.0.4",
+    "tasks": [
+        {
+            "task": "open the drawer",
+            "episodes": [
+                {"episode_id": "open the drawer_ep0", "success": True, "steps": 90},
+                {"episode_id": "open the drawer_ep1", "success": False, "steps": 300},
+                {"episode_id": "open the drawer_ep2", "success": False, "failure_reason": "timeout"},
+            ],
+        }
+    ],
+}
+LEROBOT_BEFORE = {
+    "per_episode": [
+        {"episode_ix": 0, "sum_reward": 1.5, "success": True, "seed": 1000},
+        {"episode_ix": 1, "sum_reward": float("nan"), "success": False, "seed": 1001},
+    ],
+    "aggregated": {"pc_success": 50.0},
+}

@@ -1,0 +1,78 @@
+"""Two logs compared, by hand."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.logs.samples import episodes
+from vlafuzz.logs.against import changed, compare
+from vlafuzz.logs.episodes import Episode
+
+NAMES = ("old", "new")
+
+
+def test_the_same_episodes_are_compared_in_pairs():
+    """Seven are lost and one is won: the sign test's p is 2 * (1 + 8) / 2**8."""
+    result = compare(episodes(a="ssssssssf"), episodes(a="sfffffffs"), NAMES, 0.05)
+    (contrast,) = result.contrasts
+    assert (contrast.paired, contrast.worse, contrast.better, contrast.left) == (True, 7, 1, 0)
+    assert contrast.p == pytest.approx(18 / 256)
+    assert result.verdict == "new is not shown to differ from old"
+    assert result.tells
+
+
+def test_an_episode_without_a_judged_partner_is_left_out():
+    (contrast,) = compare(episodes(a="ssse"), episodes(a="fffff"), NAMES, 0.05).contrasts
+    assert (contrast.new.of, contrast.worse, contrast.left) == (3, 3, 2)
+
+
+def test_repeats_of_an_episode_are_paired_once_each_and_count_as_one():
+    old = [replace(one, run=run) for run in "12" for one in episodes(a="ssss")]
+    new = [replace(one, run=run) for run in "12" for one in episodes(a="fsff" if run == "1" else "fsfs")]
+    (contrast,) = compare(old, new, NAMES, 0.05).contrasts
+    assert (contrast.new.of, contrast.worse, contrast.better) == (8, 3, 0)
+    (once,) = compare(old, episodes(a="fsff"), NAMES, 0.05).contrasts
+    assert (once.new.of, once.worse, once.left) == (4, 3, 4)
+
+
+def test_other_episodes_are_compared_as_two_samples():
+    """Of 8 and 8, 8 and 2 succeed: Fisher's p is twice C(8, 2) / C(16, 6)."""
+    new = [replace(one, state=f"other {one.state}") for one in episodes(a="ssffffff")]
+    (contrast,) = compare(episodes(a="ssssssss"), new, NAMES, 0.05).contrasts
+    assert not contrast.paired
+    assert contrast.p == pytest.approx(2 * 28 / 8008)
+    assert contrast.fell
+
+
+def test_suites_are_corrected_for_their_number_and_the_loss_of_one_is_named():
+    """Eight of eight lost: 2 / 2**8 times three tests, two suites and both together."""
+    result = compare(episodes(a="s" * 8, b="s" * 8), episodes(a="f" * 8, b="s" * 8), NAMES, 0.05)
+    assert [one.suite for one in result.contrasts] == ["a", "b", "all"]
+    assert result.contrasts[0].p_holm == pytest.approx(3 * 2 / 256)
+    assert [one.suite for one in result.worse] == ["a", "all"]
+    assert result.verdict == "new is worse than old in a, all, not shown to differ in b"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        (episodes(a="fffffff"), episodes(a="fffffff"), "too few episodes succeed in old"),
+        (episodes(a="sssss"), episodes(a="fffff"), "too few episodes succeed in old"),
+        (episodes(a="s" * 9), episodes(b="f" * 9), "no suite in common"),
+        (episodes(a="s" * 19), episodes(a="s" * 9 + "e" * 10), "ended in an error"),
+    ],
+)
+def test_logs_that_could_show_no_loss_tell_nothing(old: list[Episode], new: list[Episode], why: str):
+    result = compare(old, new, NAMES, 0.05)
+    assert not result.tells
+    assert result.verdict.startswith("cannot tell: ")
+    assert why in result.verdict
+
+
+def test_changed_episodes_are_compared_with_the_controls_beside_them():
+    controls = [replace(one, condition="control") for one in episodes(a="s" * 8)]
+    others = [replace(one, condition="dark") for one in episodes(a="f" * 7 + "s")]
+    compared = changed([episode for both in zip(controls, others, strict=True) for episode in both], 0.05)
+    assert compared is not None
+    assert compared.verdict == "changed is worse than control in a"
+    assert changed(others, 0.05) is None

@@ -1,0 +1,105 @@
+"""``vlafuzz read``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vlafuzz.cli.output import Bar, data, print_json, print_rows, stdout
+from vlafuzz.errors import PrerequisiteError, UsageError, printable, suggestion
+
+if TYPE_CHECKING:
+    from vlafuzz.logs.show import Reading
+
+
+def command(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="lerobot's eval_info.json, vla-eval's results or CSV; several are one evaluation."
+        ),
+    ],
+    against: Annotated[
+        list[Path] | None,
+        typer.Option(help="Compare with this log, the older one; may be repeated.", show_default=False),
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What a column of CSV holds, if it has another name: success=ok; may be repeated.",
+            show_default=False,
+        ),
+    ] = None,
+    alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
+    out: Annotated[Path | None, typer.Option(help="Write a page.", show_default=False)] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.", show_default=False)] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Read the logs of an evaluation that you already run: success rates, repeats, and two logs compared.
+
+    Rates come with 95 % intervals, by suite, condition and task. With --against, the exit code is 1 if a
+    suite, or all of them together, got worse, and 3 if the logs cannot tell. Nothing is rolled out.
+    """
+    if not 0 < alpha < 1:
+        raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
+    if json and markdown:
+        raise UsageError("--json and --markdown exclude each other", hint="give one of them")
+    from vlafuzz.logs import show
+    from vlafuzz.logs.formats import read_logs
+
+    columns = _columns(column or [])
+    episodes = read_logs(logs, columns)
+    old = (_name(against), read_logs(against, columns)) if against else None
+    reading = show.Reading.of(_name(logs), episodes, old, alpha)
+    _print(reading, json=json, markdown=markdown)
+    # Last: where one cannot be written, the result is shown all the same.
+    if out:
+        from vlafuzz.report.page import write_page
+
+        write_page(out, show.page(reading))
+    if junit:
+        show.write_junit(reading, junit)
+    for path in filter(None, (out, junit)):
+        Bar.note(f"written: {path}")
+    _end(reading)
+
+
+def _print(reading: Reading, *, json: bool, markdown: bool) -> None:
+    from vlafuzz.logs import show
+
+    if json:
+        print_json(show.document(reading))
+    elif markdown:
+        data().write(printable(show.markdown(reading)))
+    else:
+        for title, rows in show.tables(reading).items():
+            print_rows(rows, title=title)
+        for sentence in show.sentences(reading):
+            stdout().print(sentence, soft_wrap=True)
+
+
+def _end(reading: Reading) -> None:
+    """Exit as `regress` does."""
+    if (compared := reading.against) and compared.worse:
+        raise typer.Exit(1)
+    if compared and not compared.tells:
+        raise PrerequisiteError(compared.verdict, hint="compare logs with more episodes of the same suites")
+
+
+def _name(paths: list[Path]) -> str:
+    return str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
+
+
+def _columns(given: list[str]) -> dict[str, str]:
+    from vlafuzz.logs.csv_table import NAMES
+
+    pairs = [entry.partition("=") for entry in given]
+    for holds, equals, name in pairs:
+        if not (equals and name):
+            raise UsageError(f"--column {holds}: names no column", hint="such as --column success=ok")
+        if holds not in NAMES:
+            raise UsageError(f"--column {holds}={name}: unknown {holds!r}", hint=suggestion(holds, NAMES))
+    return {holds: name for holds, _, name in pairs}
