@@ -4,7 +4,10 @@ The result of a scene is an outcome, never an exception: a crash of policy or si
 """
 
 import difflib
+import shlex
+import sys
 from collections.abc import Iterable
+from importlib import metadata
 from typing import Literal
 
 Cause = Literal["connect", "timeout", "protocol", "remote", "bad_action"]
@@ -99,6 +102,20 @@ def check_number(flag: str, value: int | None, least: int, most: int | None = No
         )
     if value is not None and most is not None and value > most:
         raise UsageError(f"{flag}: expected at most {most}, got {value}", hint=f"give {flag} {most} or less")
+
+
+def install(extra: str) -> str:
+    """The command that installs the packages of an extra into this environment.
+
+    It names the packages themselves: no index has vlafuzz, and a checkout need not be where the user is.
+    """
+    try:
+        declared = metadata.requires("vlafuzz") or []
+    except metadata.PackageNotFoundError:  # a checkout that is not installed
+        declared = []
+    marked = [line.replace("'", '"').partition(";") for line in declared]
+    packages = [name.strip() for name, _, marker in marked if f'extra == "{extra}"' in marker]
+    return shlex.join([sys.executable, "-m", "pip", "install", *(packages or [f".[{extra}]"])])
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

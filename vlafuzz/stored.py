@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from vlafuzz.errors import PrerequisiteError, SceneError
+from vlafuzz.errors import PrerequisiteError, SceneError, install
 from vlafuzz.evidence import Rate, Solver
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
@@ -41,7 +41,7 @@ class Rows(tuple[T, ...]):
             import pandas
         except ImportError:
             message = "to_dataframe needs pandas, which is not installed"
-            raise PrerequisiteError(message, hint="pip install 'vlafuzz[pandas]'") from None
+            raise PrerequisiteError(message, hint=install("pandas")) from None
         return pandas.DataFrame([dict(_flat(value)) for value in self])
 
 

@@ -85,7 +85,20 @@ def test_running_exported_failures_again_says_how_many_pass_now(
     assert f"{fixed} of {exported} scenes that failed before pass now\n" in capsys.readouterr().out
     assert main([*flags, "--json"]) == 0
     again = json.loads(capsys.readouterr().out)["again"]
-    assert (again["failed"], again["fixed"], again["passed"], again["unjudged"]) == (exported, fixed, 0, 0)
+    assert (again["failed"], again["fixed"], again["passed"], again["not_begun"]) == (exported, fixed, 0, 0)
+
+
+def test_what_a_budget_leaves_out_is_not_begun_and_picked_scenes_have_no_failure_rate(
+    store: str, capsys: pytest.CaptureFixture[str]
+):
+    main(["export", store, "--out", "out.jsonl"])
+    exported = len(load_scenes(Path("out.jsonl")))
+    capsys.readouterr()
+    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--budget", "2", "--store", "b.db"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"0 of {exported} scenes that failed before pass now, {exported - 2} not begun" in shown
+    assert "2 of 2 scenes, a failure rate only where" in shown
+    assert "interval" not in shown
 
 
 def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(

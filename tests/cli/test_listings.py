@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+from pathlib import Path
 
 import pytest
 
@@ -29,6 +30,21 @@ def test_operators_of_a_task_where_they_differ(capsys: pytest.CaptureFixture[str
 def test_an_unknown_file_of_operators(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["operators", "--operators", "papper"]) == 2
     assert "hint: did you mean 'paper'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "flags", "says"),
+    [
+        ("names: [green_cub]", [], "no object 'green_cub'"),
+        ("onto: [apple]", ["--task", "put-in"], "onto: 'apple' is of no use there"),
+    ],
+)
+def test_an_object_that_a_run_refuses_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], names: str, flags: list[str], says: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(f"extends: tabletop\noperators:\n  target-type: {{{names}}}\n")
+    assert main(["operators", "--operators", str(tmp_path / "mine.yaml"), *flags]) == 2
+    assert says in capsys.readouterr().err
 
 
 def test_objects_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

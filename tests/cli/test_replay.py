@@ -30,6 +30,19 @@ def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
     assert report["same trajectory as stored"] is True
 
 
+def test_it_shows_what_the_run_named_and_not_what_was_stored_first(tmp_path, capsys):
+    path = tmp_path / "s.db"
+    dark, dim = (replace(nominal("pick-up"), light=Light(intensity=value)) for value in (0.1, 0.2))
+    with Store.open(path, "write") as opened:
+        run = opened.begin(manifest(policy="frozen"))
+        for proposal, scene in ((1, dark), (0, dim)):
+            opened.add(run, Trial(proposal=proposal, scene=scene, outcome=failed(), severity=0.0, cell="c"))
+    main(["replay", str(path), "--json"])
+    assert json.loads(capsys.readouterr().out)["scene"] == dim.digest
+    main(["replay", str(path), "--first-failure", "--json"])
+    assert json.loads(capsys.readouterr().out)["scene"] == dark.digest
+
+
 def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, capsys, monkeypatch):
     assert main(["replay", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["stored trajectory made"] is None

@@ -9,7 +9,7 @@ from tests.documentation import text
 from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.clients.remote import VlaEvalOptions, parse
 from vlafuzz.clients.vla_eval import VlaEval
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError, install
 from vlafuzz.policies.registry import check_policy_name, known_policies, make_policy
 
 PAGE = text("docs/servers.md")
@@ -132,7 +132,7 @@ def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(PrerequisiteError, match=f"needs the package '{missing}") as caught:
         make_policy("vla-eval:ws://127.0.0.1:9")
-    assert caught.value.hint == "pip install 'vlafuzz[remote]'"
+    assert caught.value.hint == install("remote")
 
 
 @pytest.mark.parametrize("name", VlaEvalOptions.model_fields)

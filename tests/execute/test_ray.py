@@ -12,7 +12,7 @@ import pytest
 from tests.doubles import ClosedForm
 from tests.execute.models import Counter
 from tests.execute.test_processes import BRIGHT, DARK, OTHERS, TROUBLES, Treacherous, same
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError, install
 from vlafuzz.execute.ray import RayExecutor
 from vlafuzz.execute.registry import Place
 from vlafuzz.execute.shared import share
@@ -138,4 +138,4 @@ def test_ray_that_is_not_installed_is_one_sentence(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(PrerequisiteError, match="--executor ray needs the package 'ray'") as caught:
         Place(executor="ray").check()
-    assert caught.value.hint == "pip install 'vlafuzz[ray]'"
+    assert caught.value.hint == install("ray")

@@ -94,7 +94,7 @@ def test_a_guided_run_shows_no_failure_rate_that_it_does_not_know(tmp_path: Path
     with running(tmp_path / "a.db", "causes") as (store, run), Store.open(tmp_path / "a.db") as reader:
         store.add(run, trial(0, fails=True))
         facts = dict(Live(reader).view().facts)
-    assert facts["Failed scenes"] == "1 of 1, which the strategy chose: no failure rate"
+    assert facts["Failed scenes"] == "1 of 1, which were chosen: no failure rate"
     assert facts["Failure rate in random scenes"].startswith("known when the run ends")
 
 

@@ -51,7 +51,7 @@ def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
         )
         opened.add(1, kept)
     headline = view(tmp_path / "a.db").headline
-    assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as a ")
+    assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as the ")
     assert "%" not in headline
 
 

@@ -127,7 +127,12 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
         ("extends: tabletop\nvisible: 5", "visible: input should be a valid dictionary, got 5", None),
         ("extends: paper\nvisible: {apart: 9}", "visible.inside: field required", None),
         ("extends: tabletop\nvarry: [light]", "varry: unknown key", "did you mean 'vary'?"),
-        ("extends: tabletop\nvary: [ligt]", "vary: unknown name 'ligt'", "did you mean 'light'?"),
+        ("extends: tabletop\nvary: [ligt]", "vary: unknown operator 'ligt'", "did you mean 'light'?"),
+        (
+            "extends: tabletop\nvary: [confounder-type]",
+            "vary: confounder-type: there is no confounder",
+            "vary confounder-count",
+        ),
         (
             "extends: tabletop\noperators: {lite: {}}",
             "operators: unknown name 'lite'",

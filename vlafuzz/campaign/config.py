@@ -26,9 +26,9 @@ from vlafuzz.policies.registry import check_policy_name, is_shared, names_its_mo
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-from vlafuzz.search.base import Strategy, batch_of
+from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
-from vlafuzz.search.registry import POOL, Factory, strategy_factory
+from vlafuzz.search.registry import Factory, strategy_factory
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.store.records import Manifest

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.formats.scene_lines import load_verdicts
-from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import newcombe
 from vlafuzz.store.store import Store
@@ -108,23 +107,27 @@ class Again:
     Attributes:
         failed: scenes that failed before; ``fixed``: of these, those that pass now.
         passed: scenes that passed before; ``broken``: of these, those that fail now.
-        unjudged: scenes of both that were not run, were invalid, or ended in an error.
+        not_begun: scenes of both that the run did not come to.
+        invalid: those that are no longer fair; ``errors``: those in which policy or simulator broke.
     """
 
     failed: int
     fixed: int
     passed: int
     broken: int
-    unjudged: int
+    not_begun: int
+    invalid: int
+    errors: int
 
     def __str__(self) -> str:
-        parts = [f"{self.fixed} of {plural(self.failed, 'scene')} that failed before pass now"] * bool(
-            self.failed
-        )
-        parts += [f"{self.broken} of {plural(self.passed, 'scene')} that passed before fail now"] * bool(
-            self.passed
-        )
-        return ", ".join(parts + [f"{self.unjudged} could not be judged"] * bool(self.unjudged))
+        parts = {
+            f"{self.fixed} of {plural(self.failed, 'scene')} that failed before pass now": self.failed,
+            f"{self.broken} of {plural(self.passed, 'scene')} that passed before fail now": self.passed,
+            f"{self.not_begun} not begun": self.not_begun,
+            f"{self.invalid} no longer fair": self.invalid,
+            f"{self.errors} ended in an error": self.errors,
+        }
+        return ", ".join(words for words, count in parts.items() if count)
 
 
 def again(store: Store, run: int) -> Again | None:
@@ -133,11 +136,10 @@ def again(store: Store, run: int) -> Again | None:
     source = json.loads(manifest.scene_file or "{}")
     if source.get("flag") != "scenes" or not Path(source["file"]).is_file():
         return None
-    before, now = load_verdicts(Path(source["file"])), {}
-    for trial in store.trials(run):
-        if trial.outcome.verdict >= Verdict.PASSED:
-            now[trial.scene.digest] = trial.outcome.verdict.name.lower()
+    before = load_verdicts(Path(source["file"]))
+    now = {trial.scene.digest: trial.outcome.verdict.name.lower() for trial in store.trials(run)}
     pairs = Counter((verdict, now.get(digest)) for digest, verdict in before.items())
+    ended = Counter(now.get(digest) for digest in before)
     if not pairs:
         return None
     count = Counter(before.values())
@@ -146,5 +148,7 @@ def again(store: Store, run: int) -> Again | None:
         fixed=pairs["failed", "passed"],
         passed=count["passed"],
         broken=pairs["passed", "failed"],
-        unjudged=pairs["failed", None] + pairs["passed", None],
+        not_begun=ended[None],
+        invalid=ended["invalid"],
+        errors=ended["error"],
     )

@@ -56,7 +56,7 @@ def print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> No
 
 def _hint_at_replay(summary: Summary, found: CauseList | None) -> None:
     """How to see the first cause that a failure shows, or without one the first failure."""
-    shown = next((cause.scene for cause in found.causes if cause.scene), None) if found else None
+    shown = found.shown if found else None
     if scene := shown or summary.first_failure:
         command = shlex.join(["vlafuzz", "replay", summary.store, scene[:12]])
         what = "cause" if shown else "failure"
@@ -146,10 +146,10 @@ def causes(summary: Summary) -> CauseList | None:
 def beside_random(summary: Summary) -> Beside | None:
     """A guided run beside random generation; None where there is nothing to compare."""
     from vlafuzz.campaign.results import beside_random
-    from vlafuzz.search.base import UNGUIDED
+    from vlafuzz.search.base import POOL, RANDOM
     from vlafuzz.store.store import Store
 
-    if summary.strategy in UNGUIDED:
+    if summary.strategy in (RANDOM, POOL):
         return None
     with Store.open(Path(summary.store)) as store:
         return beside_random(store, summary.run)

@@ -5,24 +5,31 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from vlafuzz.cli.flags import OperatorsFlag, PackFlag, opened
+from vlafuzz.cli.flags import OperatorsFlag, PackFlag, RobotFlag, opened
 from vlafuzz.cli.output import print_rows
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.space.operator_set import load_operators
 from vlafuzz.tasks.tabletop import task as task_named
+from vlafuzz.worlds import check_names, make_space
 
 
 def operators(
     operators: OperatorsFlag = None,
     task: Annotated[str | None, typer.Option(help="The ranges in this task, where they differ.")] = None,
+    robot: RobotFlag = None,
+    pack: PackFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
-    """List the operators and their ranges."""
-    chosen = load_operators(operators)
+    """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
+    setup, catalogue = rig(robot or PANDA.robot), load_catalogue(packs=opened(pack))
+    chosen = load_operators(operators or setup.operators)
+    check_names(chosen, catalogue)
     if task is not None:
-        chosen = chosen.in_task(task_named(task).name)
+        make_space(chosen, catalogue, task_named(task).name, setup.robot)
+        chosen = chosen.in_task(task)
     elif chosen.tasks and not (json or csv):
         typer.echo(f"ranges differ in {', '.join(sorted(chosen.tasks))}: --task shows them", err=True)
     rows = [

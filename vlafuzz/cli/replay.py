@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 def command(
     source: Annotated[Path, typer.Argument(help="A store, or a file of JSON scenes.")],
     digest: Annotated[
-        str | None, typer.Argument(help="The first digits of a scene's digest.", show_default="first failure")
+        str | None,
+        typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
     first_failure: Annotated[
         bool, typer.Option("--first-failure", help="The store's first finding.")
@@ -57,8 +58,13 @@ def command(
         raise UsageError(f"--first-failure: {source} is a file of scenes, without verdicts", "leave it out")
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
+    from vlafuzz.report.causes import first_shown
     from vlafuzz.report.deviations import unusual
+    from vlafuzz.store.store import Store
 
+    if digest is None and not first_failure and source.is_file() and is_store(source):
+        with Store.open(source) as store:
+            digest = first_shown(store, label)
     wanted = find(source, digest, policy, label)
     if film is None:
         film = not (json or video or picture or seen or trace) and probe().works

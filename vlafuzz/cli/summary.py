@@ -23,7 +23,7 @@ from vlafuzz.cli.output import Bar, stderr, stdout
 from vlafuzz.deadline import Deadline
 from vlafuzz.outcome import Verdict
 from vlafuzz.probability import Probability
-from vlafuzz.search.base import UNGUIDED
+from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.statistics import Share
 from vlafuzz.text import duration, interval, percent, plural, points
 from vlafuzz.triage.pipeline import SOON
@@ -140,9 +140,13 @@ def _lines(summary: Summary, probability: Probability | None) -> list[tuple[str,
 def _failures(summary: Summary, judged: int, probability: Probability | None) -> list[tuple[str, str]]:
     """How often the policy fails; the scenes of a guided run do not say so."""
     failed = summary.verdicts["failed"]
-    if summary.strategy in UNGUIDED:
+    if summary.strategy == RANDOM:
         share = Share.of_counts(failed, judged)
         return [("failure share", f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}")]
+    if summary.strategy == POOL:
+        return [
+            ("failures", f"{failed} of {judged} scenes, a failure rate only where they are a random sample")
+        ]
     lines = [("failures", f"{failed} among {judged} guided scenes, which is not the policy's failure rate")]
     if probability:
         bounds = interval(probability.low, probability.high)

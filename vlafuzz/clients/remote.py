@@ -11,11 +11,10 @@ from urllib.parse import parse_qsl, urlsplit
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from vlafuzz.clients.profiles import options_of
-from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, install, suggestion
 from vlafuzz.policies.base import SIM_HZ, CameraRequest, PolicySpec
 from vlafuzz.policies.registry import Client
 
-INSTALL = "pip install 'vlafuzz[remote]'"
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
 
 
@@ -167,12 +166,14 @@ def cameras_of(
 
 
 @contextmanager
-def needed(name: str, install: str = INSTALL) -> Iterator[None]:
-    """Import optional packages in this block; PrerequisiteError with the hint ``install`` otherwise."""
+def needed(name: str, hint: str | None = None) -> Iterator[None]:
+    """Import optional packages in this block; else a PrerequisiteError, by default about the extra remote."""
     try:
         yield
     except ModuleNotFoundError as error:
-        raise PrerequisiteError(f"{name} needs the package {error.name!r}", hint=install) from None
+        raise PrerequisiteError(
+            f"{name} needs the package {error.name!r}", hint=hint or install("remote")
+        ) from None
 
 
 def parse(name: str, kind: Client) -> Address[Any]:

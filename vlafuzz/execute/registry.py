@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from vlafuzz.errors import PrerequisiteError, UsageError, check_number, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install, suggestion
 from vlafuzz.execute.base import Executor, LocalExecutor
 from vlafuzz.execute.capacity import most_workers
 from vlafuzz.execute.lockstep import LockstepExecutor, lanes_for
@@ -57,7 +57,7 @@ class Place:
             message = f"--address {self.address}: no address of a ray cluster"
             raise UsageError(message, hint="expected auto or host:port")
         if self.kind == "ray" and importlib.util.find_spec("ray") is None:
-            raise PrerequisiteError("--executor ray needs the package 'ray'", "pip install 'vlafuzz[ray]'")
+            raise PrerequisiteError("--executor ray needs the package 'ray'", install("ray"))
 
 
 def default_workers(policy: str, most: int | None = None) -> int:

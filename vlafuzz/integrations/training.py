@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.clients.interface import Interface, interface_of
-from vlafuzz.errors import CorpusError, PrerequisiteError, StoreError, UsageError
+from vlafuzz.errors import CorpusError, PrerequisiteError, StoreError, UsageError, install
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.integrations.demonstrations import Demonstrations
 from vlafuzz.integrations.selection import (
@@ -81,7 +81,7 @@ def write_demonstrations(
         from vlafuzz.integrations.lerobot import ACTION, STATE, write_dataset
     except ModuleNotFoundError as error:
         message = f"--format lerobot needs the package {error.name!r}"
-        raise PrerequisiteError(message, hint="pip install 'vlafuzz[lerobot]'") from None
+        raise PrerequisiteError(message, hint=install("lerobot")) from None
 
     beside = out.with_name(f"{out.name}-held-out.jsonl")
     check_new(out)

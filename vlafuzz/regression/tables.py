@@ -9,6 +9,7 @@ from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.diff import ORDER, Difference
 from vlafuzz.regression.pairs import Compared, Group
 from vlafuzz.regression.regress import Comparison
+from vlafuzz.statistics import Share
 from vlafuzz.text import Row, points
 
 _GROUPS: dict[Group, str] = {
@@ -55,16 +56,21 @@ def difference(compared: Comparison) -> str:
 
 
 def _row(compared: Comparison, group: Group) -> Row:
+    """A group in numbers; only controls are random, so that the interval of a rate is theirs alone."""
     scenes, tally = compared.of(group), compared.tally(group)
     return {
         "group": _GROUPS[group],
         "scenes": len(scenes),
         "rollouts": tally.policy.of,
-        "baseline passes": str(tally.baseline),
-        "policy passes": str(tally.policy),
+        "baseline passes": _passes(tally.baseline, group),
+        "policy passes": _passes(tally.policy, group),
         "broken": tally.worse,
         "fixed": tally.better,
     }
+
+
+def _passes(share: Share, group: Group) -> str:
+    return str(share) if group == "control" else f"{share.count} of {share.of}"
 
 
 def _count(scenes: list[Compared], standing: str) -> int:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from vlafuzz.evidence import Rate, Solver
+from vlafuzz.outcome import Verdict
 from vlafuzz.plugins import trust_flag
 from vlafuzz.probability import Probability
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
@@ -111,6 +112,11 @@ class CauseList:
     certify: str = ""
 
     @property
+    def shown(self) -> str | None:
+        """The scene of the first cause that has one."""
+        return next((cause.scene for cause in self.causes if cause.scene), None)
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """All but the causes themselves."""
         found = [] if self.causes else ["no cause was found"]
@@ -196,6 +202,20 @@ def all_causes(store: Store) -> tuple[CauseList, ...]:
     spaces = Spaces(store.path)
     lists = (causes_of(store, run, spaces) for run in store.runs())
     return tuple(one for one in lists if one is not None)
+
+
+def first_shown(store: Store, label: str | None = None) -> str | None:
+    """The scene that the newest run with failures names at its end: of a cause, else its first failure.
+
+    Runs of the label come first.
+    """
+    newest = reversed(store.runs())
+    for run in sorted(newest, key=lambda run: label not in (None, run.manifest.named)):
+        found = causes_of(store, run)
+        failed = (trial for trial in store.trials(run.id) if trial.outcome.verdict is Verdict.FAILED)
+        if shown := (found and found.shown) or next((trial.scene.digest for trial in failed), None):
+            return shown
+    return None
 
 
 class _Maker:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.view import Chart, Measure, RunRow
-from vlafuzz.search.base import UNGUIDED
+from vlafuzz.search.base import RANDOM
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -26,7 +26,7 @@ class Counts:
     Attributes:
         last: the last verdict of every scene under every policy key.
         begun: rollouts by task and model; ``reached``: those that reached a stage.
-        guided: whether a strategy chose some of the scenes.
+        guided: whether a strategy or the user chose some of the scenes.
     """
 
     rollouts: int = 0
@@ -47,7 +47,7 @@ class Counts:
 
     def add(self, run: Run, trial: Trial) -> None:
         manifest, outcome = run.manifest, trial.outcome
-        self.guided = self.guided or manifest.strategy not in UNGUIDED
+        self.guided = self.guided or manifest.strategy != RANDOM
         key = (manifest.key(), trial.scene.digest)
         if outcome.verdict is not Verdict.ERROR or key not in self.last:
             self.last[key] = outcome.verdict
@@ -75,7 +75,7 @@ def verdict_chart(counts: Counts) -> Chart:
         of = judged if verdict >= Verdict.PASSED else scenes.total()
         share = Share.of_counts(scenes[verdict], of)
         measures.append(Measure(verdict.name.lower(), share, says, rate=not counts.guided))
-    chosen = " A strategy chose them: their share is no failure rate." if counts.guided else ""
+    chosen = " They were chosen: their share is no failure rate." if counts.guided else ""
     return Chart("Verdicts", f"Distinct scenes by their last verdict.{chosen}", tuple(measures))
 
 

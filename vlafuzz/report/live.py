@@ -11,7 +11,7 @@ from vlafuzz.report.cards import Spaces, card_of_finding
 from vlafuzz.report.causes import causes_of
 from vlafuzz.report.counts import Counts, funnels, run_row, verdict_chart
 from vlafuzz.report.view import Card, Table, View, title_of
-from vlafuzz.search.base import UNGUIDED
+from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Finding, Run, Trial
 from vlafuzz.store.store import Store
@@ -108,13 +108,15 @@ class Live:
         manifest, failed = run.manifest, self._counts.failed
         counted = count_of(failed.count, failed.of, failed.low, failed.high)
         facts = [("Strategy", manifest.strategy), ("Seed", str(manifest.seed)), ("Started", run.started)]
-        if manifest.strategy in UNGUIDED:
+        if manifest.strategy == RANDOM:
             return (("Failure rate in random scenes", counted), *facts)
+        guided = f"{failed.count} of {failed.of}, which were chosen: no failure rate"
+        if manifest.strategy == POOL:
+            return (("Failed scenes", guided), *facts)
         rate = "known when the run ends, or after some more rollouts"
         kept = self._store.causes(run.id)
         if kept and (estimate := kept.probability):
             rate = f"{percent(estimate.value)} ({interval(estimate.low, estimate.high)})"
-        guided = f"{failed.count} of {failed.of}, which the strategy chose: no failure rate"
         return (("Failure rate in random scenes", rate), ("Failed scenes", guided), *facts)
 
     def _cards(self, run: Run, filmed: tuple[Trial, Film] | None) -> Iterator[Card]:

@@ -29,7 +29,7 @@ from vlafuzz.report.view import (
     operator_rows,
     title_of,
 )
-from vlafuzz.search.base import UNGUIDED
+from vlafuzz.search.base import RANDOM
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
@@ -104,11 +104,11 @@ def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) 
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
     share = f"{failed.count} of {failed.of} judged scenes failed"
-    if all(run.strategy in UNGUIDED for run in runs):
+    if all(run.strategy == RANDOM for run in runs):
         bounds = f"95% interval {interval(failed.low, failed.high)}"
         share += f" ({percent(failed.count / failed.of)}, {bounds})"
     else:
-        share += ", which is not the policy's failure rate, as a strategy chose them"
+        share += ", which is not the policy's failure rate, as the scenes were chosen"
     if not summary.triaged:
         return f"{share}. None of the findings was triaged."
     signatures = plural(summary.distinct_signatures, "distinct signature")

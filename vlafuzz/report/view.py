@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from vlafuzz.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.scene import Scene
-from vlafuzz.search.base import UNGUIDED
+from vlafuzz.search.base import RANDOM
 from vlafuzz.sim.base import Film
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
@@ -49,7 +49,7 @@ class Measure:
     """A share with its name, drawn as a bar; ``says`` explains the name.
 
     Attributes:
-        rate: whether the share estimates a rate; if not, as a strategy chose the scenes, only counts show.
+        rate: whether the share estimates a rate; if not, as the scenes were chosen, only counts show.
     """
 
     name: str
@@ -88,8 +88,8 @@ class RunRow:
 
     @property
     def guided(self) -> bool:
-        """Whether a strategy chose the scenes: then their failures are no failure rate."""
-        return self.manifest.strategy not in UNGUIDED
+        """Whether a strategy or the user chose the scenes: then their failures are no failure rate."""
+        return self.manifest.strategy != RANDOM
 
 
 @dataclass(frozen=True)

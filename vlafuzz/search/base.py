@@ -14,7 +14,8 @@ from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
 BATCH = 16  # proposals
-UNGUIDED = ("random", "pool")  # strategies whose scenes do not depend on earlier outcomes
+RANDOM = "random"  # the strategy whose share of failures is the policy's failure rate
+POOL = "pool"  # all scenes of a file, which may be picked because they failed
 
 
 @dataclass(frozen=True, eq=False)

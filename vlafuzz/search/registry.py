@@ -9,7 +9,7 @@ import numpy as np
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.plugins import is_reference, load_factory, users_code
 from vlafuzz.scoring import Score
-from vlafuzz.search.base import Genome, Proposal, Source, Strategy
+from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
 from vlafuzz.search.baselines.mcts import Mcts
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.proposals import Random
@@ -82,7 +82,6 @@ ABLATIONS: dict[str, Factory] = {
     "causes-without-avoiding": partial(_causes, avoid=False),
     "causes-without-suspects": partial(_causes, guided=False),
 }
-POOL = "pool"
 _HINT = "see vlafuzz.search.base.Strategy"
 
 

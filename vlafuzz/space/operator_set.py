@@ -64,18 +64,18 @@ class OperatorSet:
         Raises:
             UsageError: no such operator, or one that has nothing to vary.
         """
-        names = list(names)
-        for name in names:
+        varied = dict.fromkeys(names)
+        for name in varied:
             if name not in OPERATORS:
                 raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, OPERATORS))
-        idle = [name for name in names if name.startswith("confounder-") and name != ConfounderCount.name]
-        if idle and ConfounderCount.name not in names and self.get(ConfounderCount).nominal == 0:
+        idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]
+        if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
             raise UsageError(
                 f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0",
                 hint=f"vary {ConfounderCount.name} as well, or give it another nominal value in a file",
             )
-        tasks = {name: replace(part, varied=frozenset(names)) for name, part in self.tasks.items()}
-        return replace(self, varied=frozenset(names), tasks=tasks)
+        tasks = {name: replace(part, varied=frozenset(varied)) for name, part in self.tasks.items()}
+        return replace(self, varied=frozenset(varied), tasks=tasks)
 
     def in_task(self, task: str) -> OperatorSet:
         """The set for a task."""
@@ -166,14 +166,16 @@ def _make(path: Path, file: _File) -> OperatorSet:
         hint = "`extends: tabletop` fills in what a file leaves out"
         raise CatalogueError(f"{path}: {key}: missing", hint=hint)
     vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
-    _known(path, "vary", vary, OPERATORS)
     _known(path, "tasks", file.tasks, TASKS)
     whole = _ranges(path, "", file, frozenset(vary))
     tasks = {
         name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied)
         for name, part in file.tasks.items()
     }
-    return replace(whole, tasks=tasks)
+    try:
+        return replace(whole, tasks=tasks).only(vary)
+    except UsageError as error:
+        raise CatalogueError(f"{path}: vary: {error.message}", hint=error.hint) from None
 
 
 def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> OperatorSet:

@@ -16,6 +16,7 @@ from vlafuzz.files import make_folder, write_whole
 from vlafuzz.objects import Pack
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.registry import check_policy_name
+from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import Wording
 from vlafuzz.store.records import Run, Trial
@@ -41,7 +42,7 @@ from vlafuzz.studies.wordings import WordingResult
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.watch import SILENT, Watch
 
-SAMPLES = ("random", "pool")  # strategies whose scenes do not depend on earlier outcomes
+SAMPLES = (RANDOM, POOL)  # strategies whose scenes do not depend on earlier outcomes
 
 
 @dataclass(frozen=True)

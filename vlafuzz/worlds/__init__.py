@@ -13,7 +13,9 @@ from vlafuzz.objects import Catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.registry import make_policy
 from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
+from vlafuzz.space.operators import ConfounderType, TargetType
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.libero import Libero
 from vlafuzz.worlds.tabletop import Tabletop
@@ -111,6 +113,17 @@ def make_space(operators: OperatorSet, catalogue: Catalogue, task: str, robot: s
     for name in sorted(idle):
         raise UsageError(f"{name}: nothing of {task} varies so", hint=f"known: {', '.join(sorted(offered))}")
     return space
+
+
+def check_names(operators: OperatorSet, catalogue: Catalogue) -> None:
+    """Raise a UsageError where operators name an object that no world has."""
+    known = {*catalogue, *load_objects().words}
+    for part in (operators, *operators.tasks.values()):
+        targets, around = part.get(TargetType), part.get(ConfounderType)
+        for operator, names in ((targets, targets.names), (targets, targets.onto), (around, around.names)):
+            for name in names or ():
+                if name not in known:
+                    raise UsageError(f"{operator.name}: no object {name!r}", hint=suggestion(name, known))
 
 
 def here(

