@@ -23,7 +23,7 @@ from train_mini import VERSION
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini, read_card
+from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.tasks.tabletop import TASKS
 
@@ -69,7 +69,8 @@ def main() -> None:
     options = parser.parse_args()
     os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
     torch.manual_seed(0)
-    card = {key: value for key, value in read_card(options.weights).items() if key != "ranges"}
+    card = json.loads((options.weights / CARD).read_text())
+    card.pop("ranges", None)
     path = options.weights / CARD
     path.write_text(json.dumps(card, indent=1) + "\n")  # without ranges it computes in floating point
     policy = Watched(options.weights)

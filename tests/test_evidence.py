@@ -1,3 +1,5 @@
+import pytest
+
 from vlafuzz.evidence import Threshold
 from vlafuzz.phrasing import describe, signature
 
@@ -49,3 +51,13 @@ def test_passes_beyond_a_threshold_are_said():
     assert describe(threshold) == (
         "camera-orientation: fails from yaw 2.1° to 3.4° and at 3.8° and from 4° on"
     )
+
+
+def test_a_threshold_has_bounds_for_its_own_values_alone():
+    other = (("light.intensity", 0.5),)
+    broken = [{"low": yaw(1.0)}, {"low": other, "high": other}, {"ranges": ((other, ()),)}]
+    for bounds in broken:
+        with pytest.raises(ValueError, match="a threshold of camera-orientation"):
+            Threshold("camera-orientation", yaw(2.1), 0.9, **bounds)
+    with pytest.raises(ValueError, match="without its values"):
+        Threshold("camera-orientation", (), 0.9)

@@ -17,10 +17,11 @@ from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene
 from vlafuzz.space import SearchSpace, load_operators
 
 NUMBER = st.floats(-1e6, 1e6)
+TEXTS = st.text(st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zl", "Zp")))
 PLACEMENTS = st.builds(
     Placement,
-    object=st.text(),
-    rest=st.text(),
+    object=TEXTS,
+    rest=TEXTS,
     x=NUMBER,
     y=NUMBER,
     yaw=NUMBER,
@@ -30,15 +31,15 @@ PLACEMENTS = st.builds(
 )
 SCENES = st.builds(
     Scene,
-    task=st.text(),
+    task=TEXTS,
     targets=st.lists(PLACEMENTS, min_size=1, max_size=2).map(tuple),
-    instruction=st.text(),
+    instruction=TEXTS,
     confounders=st.lists(PLACEMENTS, max_size=4).map(tuple),
     light=st.builds(Light, NUMBER),
     camera=st.builds(Camera, NUMBER, NUMBER, NUMBER, roll=NUMBER, pitch=NUMBER, yaw=NUMBER),
-    robot=st.text(),
-    frame=st.text(),
-    then=st.lists(st.text(), max_size=2).map(tuple),
+    robot=TEXTS,
+    frame=TEXTS,
+    then=st.lists(TEXTS, max_size=2).map(tuple),
 )
 ONE = Scene(
     "put-on",

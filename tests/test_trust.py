@@ -1,5 +1,6 @@
 """A store or corpus that somebody sent runs no code: ``python:`` names in it need ``--trust``."""
 
+import random
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,9 @@ import pytest
 from tests.doubles import failed, manifest, trial
 from tests.regression.corpora import case, make_corpus
 from vlafuzz import api
-from vlafuzz.cli import main
+from vlafuzz.cli import COMMANDS as PLACES
+from vlafuzz.cli import _load, main
+from vlafuzz.cli.trust import named
 from vlafuzz.errors import UsageError
 from vlafuzz.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.regression.folder import write_corpus
@@ -107,6 +110,80 @@ def test_trust_ends_with_the_command():
         check_trusted("python:a:b")
 
 
-def test_the_words_of_another_file_name_are_no_trust(folder: Path):
-    main(["replay", "a.db", "--trace", f"my-{OWN}"])
+POSITIONAL = {
+    "bisect": ["corpus", "--checkpoints", "mini", "{}"],
+    "diff": ["{}", "b.db"],
+    "import": ["vlatest", "{}"],
+    "merge": ["a.db", "{}", "--out", "b.db"],
+    "regress": ["{}", "--policy", "frozen"],
+    "replay": ["{}"],
+    "serve": ["{}"],
+    "triage": ["{}"],
+}
+
+
+def test_no_positional_word_grants_trust():
+    rng = random.Random(0)
+    signs = (OWN, "--trust", "lerobot:x", "http://gpu:1/act", *", \n*?:a=/")
+    commands = {name: _load(name, PLACES[name][0]) for name in POSITIONAL}
+    for _ in range(2000):
+        word = "".join(rng.choices(signs, k=rng.randint(1, 6)))
+        name = rng.choice(list(POSITIONAL))
+        words = [part.replace("{}", word) for part in POSITIONAL[name]]
+        if not word.startswith("-"):  # else it is a flag
+            assert named(commands[name], words) == named(commands[name], POSITIONAL[name]), words
+
+
+@pytest.mark.parametrize(
+    ("words", "trusted"),
+    [
+        (["run", "--policy", OWN, "--strategy=python:a:b"], [OWN, "python:a:b"]),
+        (["compare", "--strategies", "random, python:a:b"], ["random", "python:a:b"]),
+        (["study", "rq1", "--out", "x", "--policy", OWN, "--policy", "mini"], [OWN, "mini"]),
+        (["diff", "a.db", "b.db", "--policy-b", "a,python:x:y", "--trust"], ["a,python:x:y", EVERYTHING]),
+        (["replay", "a.db", "--trace", OWN], []),
+        (["bisect", "corpus", "--checkpoints", OWN, OWN], []),
+    ],
+)
+def test_the_values_of_flags_for_policies_and_strategies_do(words: list[str], trusted: list[str]):
+    command, *others = words
+    assert [name for name in named(_load(command, PLACES[command][0]), others) if name != "{}"] == trusted
+
+
+def test_the_name_of_a_store_is_no_trust(folder: Path):
+    store = f"a,{OWN},.db"
+    Path("a.db").rename(store)
+    assert main(["replay", store]) == 2
     assert not (folder / RAN).exists()
+
+
+def test_a_file_that_is_named_like_code_is_no_code(folder: Path, capsys: pytest.CaptureFixture[str]):
+    Path(OWN).touch()  # as `bisect corpus --checkpoints *` would name it
+    assert main(["bisect", "corpus", "--checkpoints", "mini", OWN]) == 2
+    assert "is the name of a file here" in capsys.readouterr().err
+    assert not (folder / RAN).exists()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "openpi:ws://gpu:8000",
+        "http://127.0.0.1.example.org:1/act",
+        "http://127.0.0.1,.example.org:1/act",
+        "openpi:ws:\t//gpu:8000",
+        "groot:tcp://[2001:db8::1]:5555?state_key=x,y",
+    ],
+)
+def test_a_server_elsewhere_needs_trust(name: str):
+    with pytest.raises(UsageError, match="a server elsewhere"):
+        check_trusted(name)
+    with trusting(name):
+        check_trusted(name)
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
+def test_the_address_of_a_server_here_is_said_once(host: str, capsys: pytest.CaptureFixture[str]):
+    with trusting():
+        check_trusted(f"openpi:ws://{host}:8000")
+        check_trusted(f"openpi:ws://{host}:8000")
+    assert capsys.readouterr().err == f"note: asks openpi:ws://{host}:8000, which the file names\n"

@@ -12,7 +12,7 @@ from typing import Literal
 
 Cause = Literal["connect", "timeout", "protocol", "remote", "bad_action"]
 LONGEST = 300  # characters of a message
-_SPACES = "\n\t\u00a0\u2009\u202f"  # which Python does not call printable
+_SPACES = "\n\t\u00a0\u2009\u202f\u3000"  # which Python does not call printable
 
 
 class VlafuzzError(Exception):

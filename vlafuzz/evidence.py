@@ -64,6 +64,16 @@ class Threshold:
     direction: str = ""
     ranges: tuple[tuple[Values, Values], ...] = ()
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError for values of other paths than those in ``at``, which somebody else wrote."""
+        paths = {path for path, _ in self.at}
+        several = (self.low, self.high, *(end for ends in self.ranges for end in ends))
+        if not paths or bool(self.low) != bool(self.high):
+            raise ValueError(f"a threshold of {self.operator} without its values or their bounds")
+        for values in filter(None, several):
+            if {path for path, _ in values} != paths:
+                raise ValueError(f"a threshold of {self.operator} between other values than {sorted(paths)}")
+
 
 @dataclass(frozen=True)
 class Causes:

@@ -8,14 +8,17 @@ import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
-from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError, sentence, suggestion
 
 PREFIX = "python:"
 OBJECT = "object:"  # begins the names of policies that were handed over as objects
 EVERYTHING = "--trust"
+_ADDRESS = "://"  # in the names of policies behind servers
 _TRUSTED = "VLAFUZZ_TRUST"  # environment variable with one reference a line
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 _FORM = "expected python:package.module:factory"
@@ -26,16 +29,21 @@ def is_reference(name: str) -> bool:
     return name.startswith(PREFIX)
 
 
-@contextmanager
-def trusting(*references: str) -> Iterator[None]:
-    """Accept these references where a file names them, in this process and in its children.
+def trust(*names: str) -> None:
+    """Accept these policies and strategies where a file names them, until ``trusting`` ends.
 
     Args:
-        references: those that the user named, or ``EVERYTHING``.
+        names: those that the user named, or ``EVERYTHING``.
     """
+    kept = [name for name in names if name == "".join(name.splitlines())]  # one a line, and no other
+    os.environ[_TRUSTED] = "\n".join([os.environ.get(_TRUSTED, ""), *kept])
+
+
+@contextmanager
+def trusting(*names: str) -> Iterator[None]:
+    """``trust`` in a block, in this process and in its children; all trust of the block ends with it."""
     before = os.environ.get(_TRUSTED, "")
-    parts = (part.strip() for reference in references for part in [reference, *reference.split(",")])
-    os.environ[_TRUSTED] = "\n".join([before, *parts])
+    trust(*names)
     try:
         yield
     finally:
@@ -43,25 +51,47 @@ def trusting(*references: str) -> Iterator[None]:
 
 
 def check_trusted(*names: str) -> None:
-    """Check names, or lists of them with commas, that a file holds: one that somebody sent must not run code.
+    """Check names, or lists of them with commas, that a file holds: somebody may have sent it.
+
+    What would be asked on this machine is said on stderr, once.
 
     Raises:
-        UsageError: one refers to code, and the user neither named it nor said ``--trust``.
+        UsageError: one refers to code or to a server elsewhere, and the user neither named it nor said
+            ``--trust``.
     """
-    trusted = os.environ.get(_TRUSTED, "").split("\n")
-    for name in (name.strip() for several in names for name in several.split(",")):
-        if _loads_code(name) and not {name, EVERYTHING} & set(trusted):
-            message = f"the file names {name!r}: code, which is not run just because a file names it"
-            raise UsageError(message, hint="if you know that code, repeat the command with --trust")
+    for name in names:
+        trusted = os.environ.get(_TRUSTED, "").split("\n")
+        if {name, EVERYTHING} & {*trusted}:
+            continue
+        for part in (name, *(part.strip() for part in name.split(","))):
+            if part not in trusted and (risk := _risk(part)):
+                message = f"the file names {part!r}: {risk} just because a file names it"
+                raise UsageError(message, hint="if you know and trust it, repeat the command with --trust")
+        if _ADDRESS in name:
+            sys.stderr.write(f"note: asks {sentence(name)}, which the file names\n")
+            trust(name)
 
 
 def trust_flag(*names: str) -> list[str]:
     """The flag with which a command accepts these names from a file; empty where it needs none."""
-    return [EVERYTHING] if any(map(_loads_code, names)) else []
+    return [EVERYTHING] if any(map(_risk, names)) else []
 
 
-def _loads_code(name: str) -> bool:
-    return name.startswith((PREFIX, "lerobot:"))  # whose folder may name modules
+def _risk(name: str) -> str | None:
+    """Why a name from a file needs trust; None if it needs none."""
+    if name.startswith((PREFIX, "lerobot:")):  # whose folder may name modules
+        return "code, which is not run"
+    address = "".join(filter(str.isprintable, name)).partition(_ADDRESS)  # as urlsplit, which drops tabs
+    return "a server elsewhere, which is not asked" if address[1] and not _is_here(address[2]) else None
+
+
+def _is_here(address: str) -> bool:
+    """Whether an address without its scheme is on this machine."""
+    try:
+        host = urlsplit(f"//{address}").hostname or ""
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def load_factory(reference: str) -> Callable[..., Any]:
@@ -74,6 +104,9 @@ def load_factory(reference: str) -> Callable[..., Any]:
     module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
     if not module_name or not attribute:
         raise UsageError(f"{reference!r} names no factory", hint=_FORM)
+    if os.path.lexists(reference):
+        message = f"{reference!r} is the name of a file here, which a pattern such as * may have put in"
+        raise UsageError(message, hint="rename that file")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     with users_code(reference):

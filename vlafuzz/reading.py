@@ -6,9 +6,12 @@ known to be small enough.
 
 import io
 import json
+import os
+import re
+import stat
 import zlib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 import numpy as np
 import yaml
@@ -18,32 +21,95 @@ from pydantic import TypeAdapter, ValidationError
 from vlafuzz.errors import UsageError
 from vlafuzz.text import shortened
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+_OURS = Path(__file__).parent  # the package, whose files some installers link
 MIB = 1 << 20
 MOST_YAML = MIB // 2  # bytes of a file, and of what its aliases expand to; ours have 6 kB
 DEEPEST = 50  # collections inside each other
+MOST_PIXELS = 8192**2  # of a picture
 KINDS = "biuf"  # of arrays from outside: boolean, integers, floating point
+_STEERING = re.compile(
+    "[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]"
+)
 T = TypeVar("T")
 Array = NDArray[Any]
 Problem = type[UsageError]
 
 
-def read_bytes(path: Path, problem: Problem, hint: str | None = None, *, most: int = 64 * MIB) -> bytes:
-    """The content of a file; an error if it cannot be read, or has more than ``most`` bytes."""
+def read_bytes(
+    path: Path,
+    problem: Problem,
+    hint: str | None = None,
+    *,
+    most: int = 64 * MIB,
+    inside: Path | None = None,
+) -> bytes:
+    """The content of a file.
+
+    Args:
+        problem: the kind of error where it cannot be read, or has more than ``most`` bytes.
+        inside: the folder that somebody else filled, in which it must be a regular file behind no link; None
+            for a file that the user names, which may be a pipe.
+    """
     try:
-        with path.open("rb") as stream:
-            data = stream.read(most + 1)
+        with path.open("rb") if inside is None else _opened(path, inside) as stream:
+            small = os.fstat(stream.fileno()).st_size <= most
+            data = stream.read(most + 1) if small else b""
     except (OSError, ValueError) as error:  # ValueError: of a name with a zero byte
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise problem(f"{path}: cannot be read: {reason}", hint) from None
-    if len(data) > most:
+    if not small or len(data) > most:
         raise problem(f"{path}: cannot be read: it has more than {most / MIB:g} MiB", hint)
     return data
 
 
-def read_text(path: Path, problem: Problem, hint: str | None = None, *, most: int = 64 * MIB) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark."""
+def is_within(path: Path, folder: Path) -> bool:
+    """Whether a path is beneath a folder, and no link leads to it from there."""
+    relative = os.path.relpath(path, folder)
+    beneath = relative.partition(os.sep)[0] != os.pardir
+    return beneath and os.path.realpath(path) == os.path.join(os.path.realpath(folder), relative)
+
+
+def _opened(path: Path, folder: Path) -> BinaryIO:
+    """A regular file in a folder, opened without waiting for a pipe; OSError for anything else."""
+    if folder.is_relative_to(_OURS):
+        return path.open("rb")
+    if not is_within(path, folder):
+        raise OSError("a link, or a path that leads out of the folder")
+    opened = open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb")  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(opened.fileno()).st_mode):
+        opened.close()
+        raise OSError("not a regular file")
+    return opened
+
+
+def decoded(data: bytes, *kinds: str) -> "Image":
+    """A picture of one of these kinds, such as PNG, in memory; ValueError when it is none, or too large."""
+    from PIL import Image
+
     try:
-        return read_bytes(path, problem, hint, most=most).decode("utf-8-sig")
+        picture = Image.open(io.BytesIO(data), formats=kinds)
+        if picture.width * picture.height > MOST_PIXELS:
+            raise ValueError(f"it has {picture.width} x {picture.height} pixels")
+        picture.load()
+    except Exception as error:  # Pillow's readers raise all kinds of errors for damaged files
+        raise ValueError(f"no picture: {error}") from None
+    return picture
+
+
+def read_text(
+    path: Path,
+    problem: Problem,
+    hint: str | None = None,
+    *,
+    most: int = 64 * MIB,
+    inside: Path | None = None,
+) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark; ``inside`` as in ``read_bytes``."""
+    try:
+        return read_bytes(path, problem, hint, most=most, inside=inside).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise problem(f"{path}: cannot be read: not UTF-8 text", hint) from None
 
@@ -61,9 +127,9 @@ def read_yaml(path: Path, problem: Problem, hint: str | None = None) -> Any:
         raise problem(f"{path}: not YAML: a malformed value: {error}", hint) from None
 
 
-def read_json(path: Path, problem: Problem, hint: str | None = None) -> Any:
-    """The content of a JSON file as plain values."""
-    text = read_text(path, problem, hint)
+def read_json(path: Path, problem: Problem, hint: str | None = None, *, inside: Path | None = None) -> Any:
+    """The content of a JSON file as plain values; ``inside`` as in ``read_bytes``."""
+    text = read_text(path, problem, hint, inside=inside)
     try:
         return parse_json(text)
     except ValueError as error:
@@ -96,6 +162,13 @@ def first_problem(error: ValidationError) -> str:
     message = first["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
     got = "" if first["type"] in ("missing", "value_error") else f", got {shortened(first['input'])}"
     return f"{place + ': ' if place else ''}{message[:1].lower()}{message[1:]}{got}"
+
+
+def plain(text: str) -> str:
+    """The same text; ValueError if it has control characters, or signs that turn the direction of writing."""
+    if _STEERING.search(text):
+        raise ValueError(f"it has signs that cannot be seen: {shortened(text)}")
+    return text
 
 
 def inflated(data: bytes, most: int) -> bytes:

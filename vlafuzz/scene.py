@@ -9,10 +9,10 @@ from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from vlafuzz.errors import SceneError
-from vlafuzz.reading import first_problem
+from vlafuzz.reading import first_problem, plain
 
 SCHEMA = 1
 MOST = 100  # objects or further instructions
@@ -20,7 +20,7 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 # Of scenes from outside: far beyond what is fair, and near enough that squares and differences stay numbers.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
 Quaternion = tuple[Real, Real, Real, Real]  # w, x, y, z
-Text = Annotated[str, Field(max_length=10_000)]
+Text = Annotated[str, Field(max_length=10_000), AfterValidator(plain)]
 
 
 def _quantity(unit: str, default: Any = MISSING) -> Any:

@@ -3,9 +3,12 @@
 import csv
 import io
 import math
+import re
 import reprlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
+
+from vlafuzz.errors import printable
 
 Row = dict[str, Any]
 
@@ -82,8 +85,7 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def markdown_text(value: object) -> str:
-    """Text without Markdown or HTML of its own: names and details come from files and servers."""
-    text = "–" if value is None else " ".join(str(value).split())
-    for sign in ("\\", "|", "<", "*", "_", "`", "[", "]", "!"):
-        text = text.replace(sign, f"\\{sign}")
-    return text
+    """Text that shows as it is, without HTML, links or ``@name``: names come from files and servers."""
+    text = "–" if value is None else printable(" ".join(str(value).split()))
+    text = re.sub(r"[\\|<>*_`\[\]!~&]", r"\\\g<0>", text)
+    return re.sub(r"@|:(?=//)|www(?=\.)", "\\g<0>&#8203;", text)  # a space without width

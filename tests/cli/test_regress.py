@@ -19,7 +19,6 @@ from vlafuzz.regression import pace
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.scene import Scene
 from vlafuzz.space import load_operators
-from vlafuzz.text import markdown_table
 from vlafuzz.triage import scene_runner as runner
 
 RULES = {
@@ -176,11 +175,6 @@ def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch: pytest.MonkeyPa
     place = broken[0]["locations"][0]["physicalLocation"]
     line = Path(place["artifactLocation"]["uri"]).read_text().splitlines()[place["region"]["startLine"] - 1]
     assert Scene.from_json(line).digest == broken[0]["partialFingerprints"]["vlafuzz/v1"]
-
-
-def test_names_do_not_become_markdown(tmp_path: Path):
-    rows = [{"scene": "a|b", "why": "<b>*x*</b>\nand [more](http://x)"}]
-    assert markdown_table(rows).splitlines()[2] == r"| a\|b | \<b>\*x\*\</b> and \[more\](http://x) |"
 
 
 def test_a_summary_of_equal_policies_has_no_picture():

@@ -62,6 +62,6 @@ def test_the_card_has_a_range_of_every_large_convolution_but_the_one_that_sees_t
         for name, layer in network.named_modules()
         if isinstance(layer, nn.Conv2d) and layer.kernel_size == (3, 3)
     }
-    to_integers(network, read_card()["ranges"])
+    to_integers(network, read_card().ranges)
     whole = {name for name, layer in network.named_modules() if isinstance(layer, IntegerConv)}
     assert whole == large

@@ -65,7 +65,7 @@ def test_it_finds_nothing_in_the_dark():
 
 
 def test_the_card_says_what_the_weights_are():
-    card = read_card()
+    card = json.loads((SHIPPED / CARD).read_text())
     content = (SHIPPED / WEIGHTS).read_bytes()
     assert card["weights"] == hashlib.sha256(content).hexdigest()[:20]
     assert len(content) <= 8e6
@@ -78,7 +78,7 @@ def test_the_card_says_what_the_weights_are():
 class TestMiniLibero:
     def test_the_card_says_what_the_weights_are(self):
         folder = SHIPPED / "libero"
-        card, content = read_card(folder), (folder / WEIGHTS).read_bytes()
+        card, content = json.loads((folder / CARD).read_text()), (folder / WEIGHTS).read_bytes()
         assert card["weights"] == hashlib.sha256(content).hexdigest()[:20]
         assert "not evidence about OpenVLA" in card["note"]
 
@@ -90,7 +90,7 @@ class TestMiniLibero:
         assert not np.array_equal(said, black)
 
     def test_it_knows_the_words_of_its_suite(self):
-        known = read_card(SHIPPED / "libero")["words"]
+        known = read_card(SHIPPED / "libero").words
         for text in ("pick up the alphabet soup and place it in the basket", "please pick up the milk"):
             assert (words.encode(text, known) <= len(known)).all()
 
@@ -110,7 +110,7 @@ def answer(changed: int | None) -> NDArray[np.float64]:
 
 
 def test_it_knows_all_words_of_nominal_instructions():
-    known = read_card()["words"]
+    known = read_card().words
     for task, wordings in load_wordings().items():
         for name in CATALOGUE.names():
             text = say(wordings[0], [CATALOGUE[name].spoken] * TASKS[task].targets)

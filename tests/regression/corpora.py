@@ -1,5 +1,7 @@
 """A corpus without a simulator: planted failures with made-up witnesses, and controls."""
 
+from base64 import b64decode
+
 import numpy as np
 
 from tests.doubles import manifest, scene
@@ -8,9 +10,13 @@ from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.scene import Scene
 from vlafuzz.statistics import Share
 
+PNG = b64decode(  # one pixel
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+)
+
 
 def case(
-    number: int = 0, *, thumbnail: bytes | None = b"png", run: int = 0, reference: Scene | None = None
+    number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, reference: Scene | None = None
 ) -> Case:
     failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
     dim = (("light.intensity", 0.25),)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.doubles import scene
-from tests.regression.corpora import case, control, make_corpus
+from tests.regression.corpora import PNG, case, control, make_corpus
 from tests.test_reading import in_little_memory
 from vlafuzz.errors import CorpusError
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
@@ -36,7 +36,7 @@ def plain(corpus: Corpus) -> dict[str, object]:
     controls=st.integers(0, 9),
 )
 def test_it_reads_back_as_it_was(tmp_path_factory, numbers, pictures: bool, controls: int) -> None:
-    thumbnail = b"\x89PNG" if pictures else None
+    thumbnail = PNG if pictures else None
     references = (scene(light=1 / 4, x=0.0002 * number) if number % 3 else None for number in numbers)
     cases = (
         case(number, thumbnail=thumbnail, run=number % 2, reference=reference)

@@ -1,15 +1,19 @@
+import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
+from tests.doubles import scene
 from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import SceneError, StoreError, UsageError
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import check_place, render, write_page
 from vlafuzz.report.sources import view_of_corpus
+from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store
 
 HOSTILE = "</script><script>alert('x')</script><b title=\"&amp;\">"
@@ -119,3 +123,27 @@ def test_a_witness_is_explained_only_where_one_is_filmed(tmp_path: Path):
         shown = view(store(tmp_path / f"{triaged}.db", triaged=triaged))
         page = render(filmed(shown, MadeUpFilms(), 50, lambda *_: None))
         assert ("Right, where there is one: the witness" in page) is expected
+
+
+UNSEEN = "mini\x1b[31m\u202e\x00 --policy x\r\u2066"
+
+
+def test_nothing_unseen_reaches_a_page_nor_its_copy_button(tmp_path: Path):
+    shown = view(store(tmp_path / "a.db", findings=1))
+    hostile = replace(shown, title=UNSEEN, cards=[replace(card, replay=UNSEEN) for card in shown.cards])
+    page = render(hostile)
+    assert r"mini\x1b[31m\u202e\x00 --policy x\r\u2066" in page
+    assert not [sign for sign in page if not sign.isprintable() and sign not in "\n\t\u2009\u202f\u00a0"]
+
+
+@pytest.mark.parametrize("sign", ["\x1b", "\u202e", "\u2066", "\x00", "\x7f"])
+def test_unseen_signs_in_scenes_and_runs_are_refused(sign: str, tmp_path: Path):
+    with pytest.raises(SceneError, match="signs that cannot be seen"):
+        Scene.from_json(json.dumps(json.loads(scene().to_json()) | {"instruction": f"a{sign}b"}))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, policy=f"a{sign}b"))
+    with (
+        Store.open(tmp_path / "a.db") as opened,
+        pytest.raises(StoreError, match="signs that cannot be seen"),
+    ):
+        opened.runs()

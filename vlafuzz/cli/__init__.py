@@ -15,8 +15,9 @@ from typer.core import TyperCommand
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
 from vlafuzz.cli.help import epilog, grouped
+from vlafuzz.cli.trust import named
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
-from vlafuzz.plugins import trusting
+from vlafuzz.plugins import trust, trusting
 
 BUG = 70  # the exit code of a traceback
 
@@ -82,7 +83,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         words = _renamed(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
-        with trusting(*_values(words)):  # the flag --trust may be among them
+        with trusting():  # what the command's flags name
             ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
@@ -119,11 +120,6 @@ def _renamed(arguments: Sequence[str]) -> list[str]:
     return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in words]
 
 
-def _values(words: Sequence[str]) -> list[str]:
-    """What the user gives, flags without their values left out: the code in it may be loaded."""
-    return [re.sub("^--[a-z-]+=", "", word) for word in words]
-
-
 def _check_filled(words: Sequence[str]) -> None:
     """Refuse empty values: an unset shell variable must not select a default."""
     for before, argument in pairwise(["vlafuzz", *words]):
@@ -158,7 +154,9 @@ def _register(name: str, target: str, summary: str) -> None:
         def make_context(
             self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
         ) -> Any:
-            return _load(name, target).make_context(info_name, args, parent, **extra)
+            command = _load(name, target)
+            trust(*named(command, args))
+            return command.make_context(info_name, args, parent, **extra)
 
     app.command(name, cls=Deferred, help=summary)(lambda: None)
 

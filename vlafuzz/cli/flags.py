@@ -98,7 +98,9 @@ TimeFlag = Annotated[
 
 TrustFlag = Annotated[
     bool,
-    typer.Option("--trust", help="Load code (python:…) that the file names, not only code that you name."),
+    typer.Option(
+        "--trust", help="Load code (python:…) and ask servers that the file names, not only those you name."
+    ),
 ]
 PackFlag = Annotated[
     list[str] | None,

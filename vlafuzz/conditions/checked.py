@@ -8,7 +8,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.evidence import Causes
-from vlafuzz.reading import first_problem
+from vlafuzz.reading import first_problem, plain
 from vlafuzz.space.operators import OPERATORS
 
 _TOGETHER = "confounders"  # what evidence calls the confounders' operators
@@ -46,7 +46,9 @@ _KINDS: Mapping[str, TypeAdapter[Any]] = {
 
 
 def check_read(conditions: Conditions) -> None:
-    """Raise a ValueError if a field that holds JSON, unless it is empty, holds something else."""
+    """Raise a ValueError if a text has unseen signs, or a field for JSON, unless it is empty, has none."""
+    for text in vars(conditions).values():
+        plain(text if isinstance(text, str) else "")
     for name, kind in _KINDS.items():
         try:
             if text := getattr(conditions, name):

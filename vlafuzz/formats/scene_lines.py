@@ -42,9 +42,13 @@ class SceneFile:
         return scenes
 
 
-def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
-    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error."""
-    lines = read_text(path, SceneError, _EXPECTED, most=MOST).split("\n")  # U+2028 breaks no line
+def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, Scene | SceneError]]:
+    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error.
+
+    ``inside``: see ``read_bytes``.
+    """
+    text = read_text(path, SceneError, _EXPECTED, most=MOST, inside=inside)
+    lines = text.split("\n")  # U+2028 breaks no line
     if len(lines) > MOST_LINES:
         raise SceneError(f"{path}: has more than {MOST_LINES} lines", hint="split it into several files")
     for number, line in enumerate(lines, start=1):
@@ -56,9 +60,9 @@ def read_scenes(path: Path) -> Iterator[tuple[int, Scene | SceneError]]:
             yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
 
 
-def load_scenes(path: Path | str) -> list[Scene]:
+def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
     """All scenes of a JSON-lines file; a SceneError if a line is broken, or there is no scene."""
-    return SceneFile(Path(path), tuple(read_scenes(Path(path)))).scenes()
+    return SceneFile(Path(path), tuple(read_scenes(Path(path), inside))).scenes()
 
 
 def load_verdicts(path: Path) -> dict[str, str]:

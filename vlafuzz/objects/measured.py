@@ -23,10 +23,11 @@ from vlafuzz.objects.build import stable_pose, write_parts
 from vlafuzz.objects.hulls import Array, corners, find_cavity, triangles
 from vlafuzz.objects.model import Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.objects.packs import PackObject
+from vlafuzz.objects.references import MOST_BYTES
 from vlafuzz.objects.shapes import PROMINENT
 from vlafuzz.objects.skin import ROUGH, SRGB
 from vlafuzz.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
-from vlafuzz.reading import MIB, read_bytes
+from vlafuzz.reading import MOST_PIXELS, decoded, read_bytes
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255
@@ -39,9 +40,7 @@ SEARCHED = 24  # the most that are examined if none of those has a grasp
 ALIKE = 0.003  # two stable poses whose heights differ by less are one, metres
 UPRIGHT = 0.7  # least cosine to the vertical
 LONGEST = 2.0  # metres; a larger mesh is in other units
-MOST_BYTES = 64 * MIB  # of a mesh
 MOST_FACES, MOST_PARTS = 200_000, 500
-MOST_PIXELS = 8192**2  # of a texture
 PAINTED = "textured-vertices.glb"
 COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
 
@@ -100,7 +99,7 @@ def _cavity(spec: PackObject, body: Solid) -> Container | None:
 
 def _parts(spec: PackObject) -> list[Array]:
     """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
-    data = read_bytes(spec.collision, CatalogueError, most=MOST_BYTES)
+    data = _read(spec.collision)
     try:
         kind = spec.collision.suffix[1:]
         loaded = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
@@ -230,7 +229,7 @@ def _painted(spec: PackObject) -> _Painted | None:
     kind = source.suffix[1:]
     if kind == "dae":  # trimesh does not read it
         return None
-    data = read_bytes(source, CatalogueError, most=MOST_BYTES)
+    data = _read(source)
     try:
         mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
         shown = mesh.visual
@@ -266,7 +265,7 @@ def _embedded(visual: Path) -> list[Array]:
     """The mean colours of the textures in a GLB."""
     if visual.suffix != ".glb":
         return []
-    data = read_bytes(visual, CatalogueError, most=MOST_BYTES)
+    data = _read(visual)
     try:
         meshes = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
         materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
@@ -278,10 +277,13 @@ def _embedded(visual: Path) -> list[Array]:
 
 def _mean(file: Path) -> Array:
     try:
-        with Image.open(file) as picture:
-            return _mean_of(picture)
-    except Exception as error:  # Pillow's readers raise all kinds of errors for damaged files
-        raise CatalogueError(f"{file}: no picture: {error}") from None
+        return _mean_of(decoded(_read(file), "PNG", "JPEG"))
+    except ValueError as error:
+        raise CatalogueError(f"{file}: {error}") from None
+
+
+def _read(file: Path) -> bytes:
+    return read_bytes(file, CatalogueError, most=MOST_BYTES, inside=file.parent)
 
 
 def _mean_of(picture: Image.Image) -> Array:

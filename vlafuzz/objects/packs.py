@@ -22,8 +22,9 @@ from pydantic import BaseModel, Field, TypeAdapter
 
 from vlafuzz.assets import FOLDERS, listed
 from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.objects.references import MOST_BYTES, check_references
 from vlafuzz.objects.schema import Length, Strict
-from vlafuzz.reading import read_json, validated
+from vlafuzz.reading import read_bytes, read_json, validated
 
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
@@ -197,7 +198,7 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
     """The info files' entries; of several for one object, the one with the largest scale: real size."""
     entries: dict[str, _Info] = {}
     for path in sorted(folder.glob("info_*.json")):
-        read = validated(_INFOS, read_json(path, CatalogueError), path, CatalogueError)
+        read = validated(_INFOS, read_json(path, CatalogueError, inside=folder), path, CatalogueError)
         for name, info in read.items():
             if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
                 wrong = f"{path}: {name!r}: expected a name of at most 100 letters, digits, '_', '-', '.'"
@@ -216,7 +217,7 @@ def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
         sides=box.sides(scale) if box else None,
         marks=name in _MARKERS,
         tall_y="custom" in _pack_name(folder) or any(folder.glob("info_*custom*.json")),
-        content=_content(solid.parent),
+        content=_content(solid.parent, folder),
         collision=solid,
         visual=_first(solid.parent, _LOOKS),
     )
@@ -226,17 +227,18 @@ def _first(folder: Path, names: Iterable[str]) -> Path | None:
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
-def _content(folder: Path) -> str:
+def _content(folder: Path, pack: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(folder.iterdir()):
-        if file.is_file():
-            status = file.stat()
-            digest.update(f"{file.name} {_hash(file, status.st_size, status.st_mtime_ns)}\n".encode())
+        if not file.is_dir():
+            status = file.lstat()
+            found = _hash(file, pack, status.st_size, status.st_mtime_ns, status.st_ino)
+            digest.update(f"{file.name} {found}\n".encode())
     return digest.hexdigest()[:20]
 
 
 @lru_cache(maxsize=4096)
-def _hash(file: Path, size: int, changed: int) -> str:
-    """Hash of a file's bytes, cached until it changes, since a catalogue is loaded often."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _hash(file: Path, pack: Path, *_: int) -> str:
+    """Hash of a file's bytes, checked and cached until it changes, since a catalogue is loaded often."""
+    check_references(file, pack)
+    return hashlib.sha256(read_bytes(file, CatalogueError, most=MOST_BYTES, inside=pack)).hexdigest()

@@ -18,7 +18,7 @@ from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.reading import MIB, first_problem, npy_array, read_bytes, read_json
+from vlafuzz.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.regression.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
@@ -195,10 +195,10 @@ def read_corpus(folder: Path) -> Corpus:
             message names the file.
     """
     folder = locate(folder)
-    manifest = _read_manifest(folder / MANIFEST)
+    manifest = _read_manifest(folder / MANIFEST, folder)
     files = (SCENES, COUNTERPARTS, *([CONTROLS] if manifest.controls else []))
     try:
-        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file)}
+        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file, folder)}
     except SceneError as error:
         raise _damaged(error.message) from None
     cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
@@ -209,9 +209,9 @@ def read_corpus(folder: Path) -> Corpus:
     return Corpus(runs=manifest.runs, cases=cases, controls=controls, **_fields(manifest, _OF_CORPUS))
 
 
-def _read_manifest(path: Path) -> _Manifest:
+def _read_manifest(path: Path, folder: Path) -> _Manifest:
     """Read and validate a manifest of any schema so far."""
-    content = read_json(path, CorpusError, hint="expected an exported corpus")
+    content = read_json(path, CorpusError, hint="expected an exported corpus", inside=folder)
     try:
         schema = content["schema"] if isinstance(content, dict) else None
         if isinstance(schema, int) and schema > SCHEMA:
@@ -250,14 +250,14 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
         rig(failing.robot)
     except SceneError as error:
         raise CorpusError(f"{folder / SCENES}: case {number}: {error.message}", hint=error.hint) from None
-    actions = _read_actions(witness_path(folder, failing), row.witness.digest)
+    actions = _read_actions(witness_path(folder, failing), row.witness.digest, folder)
     return Case(
         scene=failing,
         counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
         nominal=scene(row.nominal, COUNTERPARTS),
         reference=scene(row.reference, COUNTERPARTS) if row.reference else None,
         witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
-        thumbnail=_read(thumbnail_path(folder, failing)) if row.thumbnail else None,
+        thumbnail=_read_picture(thumbnail_path(folder, failing), folder) if row.thumbnail else None,
         **_fields(row, _OF_CASE),
     )
 
@@ -268,8 +268,17 @@ def _scene(scenes: Mapping[str, Scene], digest: str, where: str) -> Scene:
     return scenes[digest]
 
 
-def _read_actions(path: Path, digest: str) -> Actions:
-    data = _read(path)
+def _read_picture(path: Path, folder: Path) -> bytes:
+    data = _read(path, folder)
+    try:
+        decoded(data, "PNG")
+    except ValueError as error:
+        raise _damaged(f"{path}: {error}") from None
+    return data
+
+
+def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
+    data = _read(path, folder)
     if _digest(data) != digest:
         raise _damaged(f"{path}: was changed: its digest is {_digest(data)}, not {digest}")
     try:
@@ -281,8 +290,8 @@ def _read_actions(path: Path, digest: str) -> Actions:
     return actions
 
 
-def _read(path: Path) -> bytes:
-    return read_bytes(path, CorpusError, _AGAIN, most=16 * MIB)
+def _read(path: Path, folder: Path) -> bytes:
+    return read_bytes(path, CorpusError, _AGAIN, most=16 * MIB, inside=folder)
 
 
 def _damaged(problem: str) -> CorpusError:

@@ -4,11 +4,14 @@ SARIF 2.1.0: <https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html>.
 """
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from vlafuzz import __version__
+from vlafuzz.errors import printable
 from vlafuzz.files import write_whole, writing
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.folder import CONTROLS, COUNTERPARTS, MANIFEST, SCENES
@@ -68,11 +71,16 @@ def _message(scene: Compared) -> str:
 
 
 def _result(rule: str, level: str, text: str, file: Path, line: int, same: str) -> dict[str, Any]:
-    place = {"artifactLocation": {"uri": file.as_posix()}, "region": {"startLine": line}}
+    place = {"artifactLocation": {"uri": quote(file.as_posix())}, "region": {"startLine": line}}
     return {
         "ruleId": rule,
         "level": level,
-        "message": {"text": text},
+        "message": {"text": _unlinked(text)},
         "locations": [{"physicalLocation": place}],
         "partialFingerprints": {"vlafuzz/v1": same},
     }
+
+
+def _unlinked(text: str) -> str:
+    """Text without links or placeholders, see 3.11.5 and 3.11.6 of the standard."""
+    return re.sub(r"[\\\[\]]", r"\\\g<0>", printable(text)).replace("{", "{{").replace("}", "}}")

@@ -5,9 +5,10 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
 
 from vlafuzz import __version__
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import UsageError, printable
 from vlafuzz.files import is_stream, write_whole, writing
 from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import BUCKETS, SOLVERS, View
@@ -35,6 +36,7 @@ def _template(name: str) -> Template:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,  # names and instructions are untrusted text
+        finalize=_shown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -42,6 +44,11 @@ def _template(name: str) -> Template:
     environment.filters |= {"percent": percent, "data": _data}
     environment.globals["interval"] = interval
     return environment.get_template(name)
+
+
+def _shown(value: object) -> object:
+    """What a page shows of a value: text without signs that hide something from whoever copies it."""
+    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _data(content: bytes, kind: str) -> str:

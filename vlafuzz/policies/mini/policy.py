@@ -6,17 +6,18 @@ rollouts to workers needs the spec only.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, Field
 
-from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import (
     ActionChunk,
     ActionSpec,
@@ -25,7 +26,8 @@ from vlafuzz.policies.base import (
     Observation,
     PolicySpec,
 )
-from vlafuzz.policies.mini import words
+from vlafuzz.policies.mini.words import KNOWN, encode
+from vlafuzz.reading import MIB, read_bytes, read_json, validated
 
 if TYPE_CHECKING:
     from vlafuzz.policies.mini.model import Network, Told
@@ -35,6 +37,35 @@ WEIGHTS, CARD = "weights.safetensors", "policy.json"
 CAMERA = CameraRequest("front", 128, 128)
 WRIST = CameraRequest("wrist", 128, 128, role="wrist")
 REMEMBERED = 1000  # instructions
+MOST_WEIGHTS = 64 * MIB  # bytes; ours have 6.5 MB
+_HINT = "scripts/train_mini.py makes a card and weights; a complete wheel has ours"
+
+
+class Card(BaseModel):
+    """What is read of a model card.
+
+    Attributes:
+        weights: digest of their file.
+        words: the vocabulary.
+        views: number of cameras.
+        action: what its numbers mean, as in ``ActionSpec``; else as in the tabletop.
+        ranges: the largest inputs of convolutions that are done in integers.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    version: Annotated[str, Field(min_length=1, max_length=200)]
+    weights: str
+    words: Annotated[tuple[str, ...], Field(max_length=KNOWN)]
+    views: Annotated[int, Field(ge=1, le=2)] = 1
+    action: Mapping[str, str | int | float] = {}
+    ranges: Mapping[str, Annotated[float, Field(gt=0, allow_inf_nan=False)]] = {}
+
+    def spec(self, where: Path) -> ActionSpec:
+        """What the numbers of an action mean; a UsageError if the card in ``where`` says what is unknown."""
+        try:
+            return ActionSpec(**{"relative_to": "current", **self.action})  # type: ignore[arg-type]
+        except TypeError as error:
+            raise UsageError(f"{where}: action: {error}", _HINT) from None
 
 
 @dataclass
@@ -56,15 +87,14 @@ class Mini:
     def __init__(self, folder: Path = SHIPPED) -> None:
         self._folder = folder
         self._card = read_card(folder)
-        cameras = (CAMERA, WRIST)[: self._card.get("views", 1)]
         self.spec = PolicySpec(
-            self._card["name"],
-            version=self._card["version"],
-            action=ActionSpec(relative_to="current", **self._card.get("action", {})),
-            cameras=cameras,
+            self._card.name,
+            version=self._card.version,
+            action=self._card.spec(folder / CARD),
+            cameras=(CAMERA, WRIST)[: self._card.views],
             state=True,
             max_batch=64,
-            provenance={"weights": self._card["weights"]},
+            provenance={"weights": self._card.weights},
         )
         self._told: dict[str, Told] = {}
         self._memory: dict[str, Memory] = {}
@@ -83,14 +113,19 @@ class Mini:
     @cached_property
     def _network(self) -> Network:
         import torch
-        from safetensors.torch import load_file
+        from safetensors.torch import load
 
         from vlafuzz.policies.mini.integer import to_integers
         from vlafuzz.policies.mini.model import Network
 
-        network, weights = Network(len(self.spec.cameras)).eval(), load_file(self._folder / WEIGHTS)
-        network.load_state_dict({name: value.float() for name, value in weights.items()})
-        to_integers(network, self._card.get("ranges", {}))
+        path = self._folder / WEIGHTS
+        data = read_bytes(path, UsageError, most=MOST_WEIGHTS, inside=self._folder)
+        network = Network(len(self.spec.cameras)).eval()
+        try:
+            network.load_state_dict({name: value.float() for name, value in load(data).items()})
+            to_integers(network, self._card.ranges)
+        except Exception as error:  # safetensors and torch raise many types
+            raise UsageError(f"{path}: not the weights that {CARD} describes: {error}", _HINT) from None
         torch.set_num_threads(1)  # more would change the last bits, and there are many workers
         return network
 
@@ -124,7 +159,7 @@ class Mini:
         if instruction not in self._told:
             if len(self._told) == REMEMBERED:
                 self._told.clear()
-            tokens = torch.from_numpy(words.encode(instruction, self._card["words"]))[None]
+            tokens = torch.from_numpy(encode(instruction, self._card.words))[None]
             self._told[instruction] = self._network.read(tokens)
         return self._told[instruction]
 
@@ -134,10 +169,15 @@ def mini_libero() -> Mini:
     return Mini(SHIPPED / "libero")
 
 
-def read_card(folder: Path = SHIPPED) -> dict[str, Any]:
-    """The model card beside the weights; PrerequisiteError when either of them is missing."""
+def read_card(folder: Path = SHIPPED) -> Card:
+    """The model card beside the weights.
+
+    Raises:
+        PrerequisiteError: one of them is missing.
+        UsageError: the card is damaged, or is of another model.
+    """
     for name in (CARD, WEIGHTS):
-        if not (folder / name).is_file():
-            hint = "scripts/train_mini.py makes it; a complete wheel has it"
-            raise PrerequisiteError(f"{folder / name}: not there", hint)
-    return cast(dict[str, Any], json.loads((folder / CARD).read_text(encoding="utf-8")))
+        if not os.path.lexists(folder / name):
+            raise PrerequisiteError(f"{folder / name}: not there", _HINT)
+    path = folder / CARD
+    return validated(Card, read_json(path, UsageError, _HINT, inside=folder), path, UsageError, _HINT)

@@ -4,10 +4,10 @@ A photo may replace the background of the third-person camera, as in VLATest's e
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
-import imageio.v3 as imageio
 import numpy as np
 import sapien
 from mani_skill.agents.base_agent import BaseAgent
@@ -15,7 +15,9 @@ from mani_skill.sensors.camera import CameraConfig
 from numpy.typing import NDArray
 
 from vlafuzz import assets
+from vlafuzz.errors import CatalogueError
 from vlafuzz.policies.base import CameraRequest
+from vlafuzz.reading import decoded, read_bytes
 from vlafuzz.rigs.camera import CameraPose, camera_pose
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.sim.maniskill.rendering import use_shaders
@@ -38,7 +40,7 @@ class Cameras:
         self._photo: Picture | None = None
         if requests and task in rig.photos:
             path = assets.need(f"overlays/{rig.photos[task]}", f"robot {rig.robot}")
-            self._photo = np.asarray(imageio.imread(path), dtype=np.uint8)[..., :3]
+            self._photo = _photo(path)
 
     @property
     def third_person(self) -> list[str]:
@@ -91,6 +93,14 @@ class Cameras:
 
 def sapien_pose(view: CameraPose) -> sapien.Pose:
     return sapien.Pose(view.position, view.quaternion)
+
+
+def _photo(path: Path) -> Picture:
+    data = read_bytes(path, CatalogueError, inside=path.parent.parent)
+    try:
+        return np.asarray(decoded(data, "PNG", "JPEG").convert("RGB"), dtype=np.uint8)
+    except ValueError as error:
+        raise CatalogueError(f"{path}: {error}") from None
 
 
 def _wrist_config(request: CameraRequest, agent: Any) -> CameraConfig:

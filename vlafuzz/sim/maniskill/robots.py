@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from vlafuzz import assets
 from vlafuzz.errors import UsageError
+from vlafuzz.objects.references import check_references
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import GOOGLE, WIDOWX
 from vlafuzz.sim.maniskill.arm import Gripper, MetricArm, Pace
@@ -115,7 +116,10 @@ class _FromPack(BaseAgent):
     wrist: str | None = None
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
-        self.urdf_path = str(assets.need(f"robots/{self.rig.urdf}", f"robot {self.rig.robot}"))
+        name = f"robots/{self.rig.urdf}"
+        urdf = assets.need(name, f"robot {self.rig.robot}")
+        check_references(urdf, urdf.parents[name.count("/")])
+        self.urdf_path = str(urdf)
         super()._load_articulation(initial_pose)
 
     @property
