@@ -45,7 +45,7 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.Capture
     said = capsys.readouterr().err
     made = read_corpus(Path("tilted"))
     assert (made.name, len(made.controls)) == ("tilted", 30)
-    assert f"{len(made.cases)} minimal failures (1 signatures) and 30 controls written to tilted" in said
+    assert f"{len(made.cases)} minimal failures (1 cause) and 30 controls written to tilted" in said
     assert load_scenes(Path("tilted/scenes.jsonl")) == [case.scene for case in made.cases]
     manifest = json.loads(Path("tilted/manifest.json").read_text())
     assert manifest["evidence"]["shares"]["minimal"] == {"count": 3, "of": 3} | {

@@ -332,7 +332,7 @@ def test_triage_follows_a_run_when_so_wished(
     printed = json.loads(capsys.readouterr().out)
     assert printed["findings"] == printed["triage"]["triaged"] > 0
     assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--triage"]) == 0
-    assert "distinct signatures after" in capsys.readouterr().out
+    assert "distinct causes" in capsys.readouterr().out
 
 
 def test_one_failure_has_its_cause(capsys: pytest.CaptureFixture[str], folder: Path):

@@ -84,6 +84,13 @@ def test_few_scenes_give_the_failure_rate_alone(store):
     assert f"at least {ENOUGH} are needed" in found.says
 
 
+@pytest.mark.parametrize(("failing", "advised"), [(9, True), (8, False)])
+def test_where_nine_of_ten_scenes_fail_it_says_how_fewer_would(store, failing, advised):
+    run(store, lambda scene: scene in SCENES[:failing], scenes=10)
+    advice = effects(store).advice
+    assert advice.startswith("9 of 10 random scenes fail") if advised else not advice
+
+
 def test_guided_scenes_have_no_part_in_it(store):
     """Of a strategy's scenes only those count that it drew at random."""
     run(store, lambda _: True, manifest=replace(MANIFEST, strategy="causes"))

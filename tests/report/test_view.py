@@ -39,7 +39,7 @@ def counts(chart: Chart) -> dict[str, tuple[int, int]]:
 def test_it_begins_with_the_result_in_a_sentence(triaged: View):
     assert triaged.title == "idle on pick-up"
     assert triaged.headline.startswith("6 of 8 judged scenes failed (75%, 95% interval 40.9–92.9%).")
-    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct signatures.")
+    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct causes.")
     assert triaged.todo == ()
 
 
@@ -137,13 +137,15 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
-    assert (shown.operators, shown.signatures) == ((), ())
+    assert shown.operators == ()
 
 
 def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("vlafuzz.triage.pipeline.pace", lambda *_: 18.0)
     ((sentence, _),) = view(store(tmp_path / "a.db", triaged=0)).todo
-    assert sentence.endswith("names their causes (about 2.1 h; --time bounds it):")
+    assert sentence.endswith(
+        "names their causes (about 2.1 h; --time bounds it, --limit 1 takes about 21 min):"
+    )
 
 
 def test_those_with_the_most_evidence_come_first(tmp_path: Path):
@@ -182,9 +184,7 @@ def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     evidence, lost = shown.charts
     assert counts(evidence) == {"confirmed": (8, 9)}
     assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
-    assert (
-        shown.headline == "2 minimal failing scenes, 1 signature, all solved by the expert; from 9 findings."
-    )
+    assert shown.headline == "2 minimal failing scenes, 1 cause, all solved by the expert; from 9 findings."
     assert [card.replay for card in shown.cards] == [
         f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
     ]

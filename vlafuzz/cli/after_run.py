@@ -189,3 +189,5 @@ def print_effects(effects: Effects | None) -> None:
     if table.rows:
         print_rows(table.rows, title=table.title)
     stdout().print(effects.says, soft_wrap=True)
+    if advice := effects.advice:
+        stdout().print(advice, soft_wrap=True)

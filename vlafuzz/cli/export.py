@@ -225,8 +225,8 @@ def _export_corpus(
             watch=bar,
         )
     write_corpus(corpus, out)
-    bugs = len({case.signature for case in corpus.cases})
-    failures = f"{len(corpus.cases)} minimal failures ({bugs} signatures)"
+    causes = plural(len({case.signature for case in corpus.cases}), "cause")
+    failures = f"{len(corpus.cases)} minimal failures ({causes})"
     stderr().print(f"{failures} and {len(corpus.controls)} controls written to {out}", soft_wrap=True)
     if len(corpus.controls) < wanted:
         stderr().print(f"only {len(corpus.controls)} of {wanted} controls were fair and could be judged")

@@ -70,7 +70,7 @@ def command(
 
 def _title(cards: Sequence[Card], view: View) -> str:
     findings = sum(len(card.findings) + len(card.alike) for card in cards)
-    apart = f", {len(cards)} without those alike" if len(cards) < findings else ""
+    apart = f", {findings - len(cards)} of them like another" if len(cards) < findings else ""
     return f"{plural(findings, 'finding')}{apart}, the strongest causes first: {view.title}"
 
 

@@ -126,10 +126,7 @@ def _lines(summary: Summary, probability: Probability | None) -> list[tuple[str,
         lines += [
             ("stages reached", ", ".join(f"{stage} {count}" for stage, count in summary.stages.items())),
             *_failures(summary, judged, probability),
-            ("failure cells", str(summary.distinct_cells)),
         ]
-    if summary.clusters is not None:
-        lines.append(("failure clusters", f"{summary.clusters}, near-duplicates as one"))
     if summary.last_error is not None:
         lines.append(("last error", summary.last_error))
     if summary.progress_mean is not None:

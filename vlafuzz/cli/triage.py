@@ -218,8 +218,7 @@ def _print(summary: TriageSummary) -> None:
         "witnessed": _share(summary.witnessed, summary.triaged),
         "of these, by sight": _share(summary.by_sight, summary.witnessed),
         **{f"in bucket {name}": share for name, share in shares.items()},
-        "distinct cells before": summary.distinct_cells,
-        "distinct signatures after": summary.distinct_signatures,
+        "distinct causes": summary.distinct_signatures,
         "operators not nominal before, median": summary.deviating_before,
         "operators left, median": summary.deviating_after,
         "rollouts to shrink one, median": summary.shrink_rollouts,
@@ -229,8 +228,8 @@ def _print(summary: TriageSummary) -> None:
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
     if summary.signatures:
-        bugs = [{"signature": name, "findings": count} for name, count in summary.signatures.items()]
-        print_rows(bugs, title="bugs")
+        causes = [{"cause": name, "findings": count} for name, count in summary.signatures.items()]
+        print_rows(causes, title="findings by cause")
 
 
 def print_causes(found: CauseList) -> None:

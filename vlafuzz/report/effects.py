@@ -24,6 +24,9 @@ QUARTERS = 4
 FEWEST = 5  # scenes with one of several options; rarer ones are left out
 ALPHA = 0.05  # of all effects together
 SHOWN = 6
+# Nine of ten: of the 100 rollouts of a usual run at most ten pass, too few to compare the quarters of more
+# than a few ranges.
+MOSTLY, TEN = 0.9, 10
 _NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
 Value = float | str
 
@@ -84,6 +87,18 @@ class Effects:
         return (
             f"{failed}. {len(self.found)} of {self.tested} quantities make a "
             f"difference beyond chance{f', the strongest {SHOWN} are shown' * (len(self.found) > SHOWN)}."
+        )
+
+    @property
+    def advice(self) -> str:
+        """What to do where nearly all random scenes fail, so that hardly any is left to compare with."""
+        if self.failed.of < TEN or self.failed.share < MOSTLY:
+            return ""
+        return (
+            f"{self.failed.count} of {self.failed.of} random scenes fail: hardly any passes to compare with. "
+            "To go on, vary one or two operators (--vary light,camera-position), narrow the ranges in a file "
+            "(--operators; `vlafuzz operators` lists them), or train the policy on demonstrations of the "
+            "failures (`vlafuzz export --format lerobot`)."
         )
 
     @property

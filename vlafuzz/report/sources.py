@@ -111,8 +111,8 @@ def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) 
         share += ", which is not the policy's failure rate, as the scenes were chosen"
     if not summary.triaged:
         return f"{share}. None of the findings was triaged."
-    signatures = plural(summary.distinct_signatures, "distinct signature")
-    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {signatures}."
+    causes = plural(summary.distinct_signatures, "distinct cause")
+    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {causes}."
 
 
 def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
@@ -125,13 +125,12 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     facts = [
         *_of_runs(manifests),
         ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
-        ("Failure cells before triage", str(summary.distinct_cells)),
     ]
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
     facts.insert(1, ("Policy checkup", checkups))
     if summary.triaged:
         spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds)
-        facts += [("Distinct signatures after", str(summary.distinct_signatures)), ("Triage", spent)]
+        facts.append(("Triage", spent))
     if any(run.simulator for run in manifests):
         facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
     facts.append(_places({run.id: run.manifest for run in runs}))
@@ -256,10 +255,10 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
 
 
 def _corpus_headline(corpus: Corpus) -> str:
-    signatures = plural(len({case.signature for case in corpus.cases}), "signature")
+    causes = plural(len({case.signature for case in corpus.cases}), "cause")
     cases = plural(len(corpus.cases), "minimal failing scene")
     findings = plural(corpus.evidence.findings, "finding")
-    return f"{cases}, {signatures}, all solved by the expert; from {findings}."
+    return f"{cases}, {causes}, all solved by the expert; from {findings}."
 
 
 def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
@@ -269,7 +268,6 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
         *_of_runs(corpus.runs),
         ("Search", plural(evidence.search_rollouts, "rollout")),
         ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
-        ("Distinct signatures", str(len({case.signature for case in corpus.cases}))),
         _places(dict(enumerate(corpus.runs, start=1))),
         ("Renderer", corpus.renderer or ""),
         ("Made", corpus.created),

@@ -234,15 +234,6 @@ class View:
     notes: tuple[str, ...] = ()
 
     @property
-    def signatures(self) -> tuple[tuple[str, int], ...]:
-        """Number of findings by signature, the most frequent first."""
-        counted: Counter[str] = Counter()
-        for card in self.cards:
-            if card.signature and card.bucket != "base":
-                counted[card.signature] += len(card.findings)
-        return tuple(counted.most_common())
-
-    @property
     def filmed(self) -> bool:
         return any(card.failure or card.solution for card in self.cards)
 
