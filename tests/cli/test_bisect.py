@@ -70,6 +70,11 @@ def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(
     assert capsys.readouterr().err.startswith("error: a.jsonl, line 1: policy: ")
 
 
+def test_its_time_may_end_before_it_tells(capsys: pytest.CaptureFixture[str]):
+    assert bisect("--checkpoints", "100", "200", "--time", "0.000001s") == 3
+    assert "200: --time is over: cannot tell: 0 of 0 controls could be judged" in capsys.readouterr().err
+
+
 def test_a_pattern_names_the_policies(capsys: pytest.CaptureFixture[str]):
     assert bisect("--policy", "mine-{}", "--checkpoints", "100", "200", "300", "--json") == 1
     printed = json.loads(capsys.readouterr().out)

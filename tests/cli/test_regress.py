@@ -69,6 +69,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
     assert "pinhole is worse than idle as recorded: 8 worse and 0 better of 25 controls" in captured.out
     assert "biased upward, because the test stopped at the alarm" in captured.out
     assert "40 controls and 60 other scenes, at most 220 rollouts" in captured.err
+    assert "32 of 40 controls pass: a loss of 45 points or more is noticed with 90% power" in captured.err
     assert regress("pinhole", "--whole") == 1
     captured = capsys.readouterr()
     assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
@@ -83,6 +84,20 @@ def test_the_first_rollouts_tell_how_long_it_takes(
     said = capsys.readouterr().err
     assert said.count("at the speed of the first") == 1
     assert "about 109 min for the other 218, at the speed of the first 2 rollouts" in said
+
+
+@pytest.mark.parametrize("name", ["regress", "bisect"])
+def test_where_no_alarm_is_possible_nothing_is_run(name: str, capsys: pytest.CaptureFixture[str]):
+    run = manifest(operators=operators_json(load_operators()))
+    rarely = make_corpus(controls=40)
+    controls = [replace(control, passed=number < 2) for number, control in enumerate(rarely.controls)]
+    write_corpus(replace(rarely, controls=controls, runs=[run]), Path("rarely"))
+    flags = ["--policy", "pinhole"] if name == "regress" else ["--checkpoints", "idle", "pinhole"]
+    assert main([name, "rarely", *flags]) == 3
+    said = capsys.readouterr().err
+    assert said.startswith("error: no alarm is possible: 2 of 40 controls pass, and it takes")
+    assert "\nhint: export a corpus with more passing controls: the policy passes " in said
+    assert MADE == []
 
 
 def test_its_time_may_end_before_it_tells(capsys: pytest.CaptureFixture[str]):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.regression.sides import Planned, flaky, probes
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.bisect import bisect, most_comparisons
@@ -82,10 +83,24 @@ def test_the_baseline_is_rolled_out_once_in_every_control():
     assert len(baseline.calls) == len(set(baseline.calls)) < 100
 
 
+def test_after_its_deadline_no_rollout_is_begun_and_what_is_known_is_said():
+    ends = Deadline()
+
+    def rule(number, repeat):
+        if number == 11:
+            ends.__init__(0)
+        return False
+
+    sides = {name: Planned(rule, name=name) for name in NAMES}
+    opened, result = search(sides, deadline=ends)
+    assert (opened, result.rollouts) == ([NAMES[-1]], 12)
+    assert (result.alarm, result.in_time, result.certain) == (True, False, False)
+
+
 def test_a_checkpoint_that_only_breaks_is_an_error():
     sides = {name: Planned(lambda n, _: False, name=name) for name in NAMES}
     sides[NAMES[7]] = Planned(lambda n, _: Verdict.ERROR, name=NAMES[7])
-    with pytest.raises(PrerequisiteError, match="step 7: cannot tell: no control could be judged: policy"):
+    with pytest.raises(PrerequisiteError, match="step 7: cannot tell: no rollout could be judged: policy"):
         search(sides)
 
 

@@ -10,16 +10,17 @@ from tests.doubles import failed, manifest, passed
 from tests.triage.planted import SPACE
 from tests.triage.runners import PlantedRunner
 from tests.triage.test_pipeline import DARK, TILTED, scenes
-from vlafuzz.errors import StoreError, UsageError
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression.check import FLAKY, UNSOLVED
-from vlafuzz.regression.controls import CONTROL, number_of
+from vlafuzz.regression.controls import CONTROL, number_of, record
 from vlafuzz.regression.export import export
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 from vlafuzz.triage.path import nominal
 from vlafuzz.triage.pipeline import triage
+from vlafuzz.watch import SILENT
 
 
 class CheckingRunner(PlantedRunner):
@@ -79,7 +80,19 @@ def test_controls_are_random_scenes_with_the_outcome_of_the_policy(store: Store)
     assert all(control.passed is not DARK(control.scene) for control in controls)
     assert not {control.scene for control in controls} & {trial.scene for trial in store.trials(1)}
     again = export(store, runner, name="a", controls=20).controls
-    assert [control.scene for control in again] == [control.scene for control in controls[:20]]
+    assert [control.scene for control in again] == [control.scene for control in controls[: len(again)]]
+
+
+def test_where_the_policy_rarely_passes_more_controls_are_drawn_and_all_are_kept():
+    controls = record(CheckingRunner([lambda scene: scene.light.intensity > 0.1]), 0, 40, SILENT)
+    assert 40 < len(controls) <= 200
+    assert 16 <= sum(control.passed for control in controls) < 32
+
+
+def test_where_no_alarm_is_possible_it_ends_before_the_findings_are_checked(store: Store):
+    with pytest.raises(PrerequisiteError, match="no alarm is possible: 0 of 40 controls pass") as refused:
+        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=8)
+    assert "passes 0 of 10 scenes nearest to nominal; run again in narrower" in str(refused.value.hint)
 
 
 def test_a_control_that_broke_is_replaced_by_another_and_all_have_seeds_of_their_own(store: Store):
@@ -114,7 +127,7 @@ def test_what_no_longer_fails_is_left_out_and_said(store: Store):
 
 def test_what_fails_without_its_operators_too_is_left_out(store: Store):
     with pytest.raises(StoreError, match="without light it no longer passes"):
-        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1)
+        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=0)
 
 
 def test_what_cannot_be_judged_is_left_out_and_said(store: Store):

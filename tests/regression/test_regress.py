@@ -74,6 +74,20 @@ def test_fewer_controls_than_an_alarm_takes_are_no_verdict():
     assert result.verdict == "cannot tell: 7 of 7 controls could be judged; an alarm takes 8 or more"
 
 
+def test_where_too_few_controls_could_break_there_is_no_verdict():
+    """A policy that passes 2 of 40: one that does nothing breaks both."""
+    rarely = [replace(probe, passed=number < 2) for number, probe in enumerate(probes(40))]
+    result = compare(rarely, Planned(lambda number, repeat: False), RECORDED)
+    said = "cannot tell: old as recorded passes 2 of 40 controls, only these can break, and an alarm takes 8"
+    assert (result.tells, result.alarm, result.verdict) == (False, False, f"{said} or more")
+
+
+def test_the_verdict_says_where_too_few_are_left_to_break_for_an_alarm():
+    some = [replace(probe, passed=number < 8) for number, probe in enumerate(probes(40))]
+    result = compare(some, Planned(lambda number, repeat: number in (0, 1, 9)), RECORDED, whole=True)
+    assert result.verdict.endswith("an alarm would take 5 more, and only 2 others could break")
+
+
 def test_a_better_policy_is_not_worse():
     result = compare(probes(), Planned(lambda number, repeat: True), RECORDED)
     assert (result.alarm, result.controls.better, result.lost) == (False, 12, pytest.approx(-0.2))

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TrustFlag
+from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
+from vlafuzz.deadline import deadline
 from vlafuzz.errors import UsageError, check_number
 from vlafuzz.text import percent
 
@@ -48,6 +49,7 @@ def command(
         int | None,
         typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
     ] = None,
+    time: TimeFlag = None,
     trust: TrustFlag = False,
     answers: AnswersFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
@@ -63,6 +65,7 @@ def command(
     """
     names = [*(checkpoints or ()), *(more or ())]
     _check(names, policy, baseline, alpha, error, comparisons)
+    until = deadline("--time", time)
     in_turn = "{}" not in policy
     from vlafuzz.conditions.model import Model
     from vlafuzz.regression.folder import read_corpus
@@ -81,6 +84,7 @@ def command(
             alpha=alpha,
             error=error,
             comparisons=comparisons,
+            deadline=until,
             answers=answers,
             watch=bar,
         )
@@ -133,4 +137,5 @@ def _print(result: Bisection) -> None:
         for step in result.steps
     ]
     print_rows(rows, title=f"comparisons with {result.baseline}")
-    stdout().print(result.verdict, soft_wrap=True)
+    early = "" if result.in_time else "--time is over: "
+    stdout().print(f"{early}{result.verdict}", soft_wrap=True)

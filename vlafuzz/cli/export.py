@@ -55,7 +55,8 @@ def export(
     controls: Annotated[
         int | None,
         typer.Option(
-            help="Random scenes in a corpus, in which `vlafuzz regress` compares policies.",
+            help="Random scenes in a corpus, in which `vlafuzz regress` compares policies; up to five times "
+            "as many if the policy rarely passes.",
             show_default="200",
         ),
     ] = None,

@@ -14,6 +14,7 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.regression.answers import Answers
 from vlafuzz.regression.breaking import first_broken, likeliest
@@ -53,6 +54,7 @@ class Bisection:
         steps: all comparisons, this one first.
         probabilities: that a checkpoint is the first broken one, given that the last one is broken.
         rollouts: of checkpoints.
+        in_time: whether the search ended before its deadline.
     """
 
     checkpoints: tuple[str, ...]
@@ -63,6 +65,7 @@ class Bisection:
     steps: tuple[Step, ...]
     probabilities: tuple[float, ...]
     rollouts: int
+    in_time: bool = True
 
     @property
     def p_value(self) -> float:
@@ -145,6 +148,7 @@ def bisect(
     alpha: float = 0.05,
     error: float = 0.05,
     comparisons: int | None = None,
+    deadline: Deadline | None = None,
     watch: Watch = lambda checkpoint, done, most: None,
 ) -> Bisection:
     """Name the first broken one of checkpoints in the order of their training.
@@ -157,19 +161,25 @@ def bisect(
         alpha: bound on the probability of a false alarm.
         error: the search ends where the probability that another one broke is at most this.
         comparisons: at most; by default ``most_comparisons``.
+        deadline: after which no rollout is begun.
         watch: called after every rollout.
 
     Raises:
         UsageError: there are fewer than two checkpoints, or one twice.
-        PrerequisiteError: rollouts of a checkpoint cannot be judged.
+        PrerequisiteError: rollouts of a checkpoint cannot be judged, or no alarm is possible.
     """
     check_checkpoints(checkpoints)
-    search = _Search(probes, checkpoints, baseline, error, watch)
+    deadline = deadline or Deadline()
+    search = _Search(probes, checkpoints, baseline, error, deadline, watch)
     with open_side(checkpoints[-1]) as side:
         last = search.begin(side, alpha)
+    in_time = last.stopped != "time"
     while _p_value(last) <= alpha and len(search.steps) < (comparisons or most_comparisons(len(checkpoints))):
         index = search.next()
         if index is None:
+            break
+        in_time = not deadline.passed
+        if not in_time:
             break
         with open_side(checkpoints[index]) as side:
             search.compare(index, side)
@@ -182,6 +192,7 @@ def bisect(
         steps=tuple(search.steps),
         probabilities=tuple(map(float, search.probabilities)),
         rollouts=search.rollouts,
+        in_time=in_time,
     )
 
 
@@ -189,9 +200,16 @@ class _Search:
     """The outcomes so far, and what follows from them."""
 
     def __init__(
-        self, probes: Sequence[Probe], checkpoints: Sequence[str], baseline: Side, error: float, watch: Watch
+        self,
+        probes: Sequence[Probe],
+        checkpoints: Sequence[str],
+        baseline: Side,
+        error: float,
+        deadline: Deadline,
+        watch: Watch,
     ) -> None:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
+        self._deadline = deadline
         self._baseline = Answers().of(baseline)
         recorded = [probe.passed if isinstance(baseline, Recorded) else None for probe in probes]
         self._of_baseline = np.array([np.nan if passed is None else float(passed) for passed in recorded])
@@ -208,7 +226,14 @@ class _Search:
     def begin(self, side: Side, alpha: float) -> Comparison:
         """Compare the last checkpoint with the baseline until it is shown to be worse."""
         last = len(self._checkpoints) - 1
-        compared = compare(self._probes, side, self._baseline, alpha=alpha / 2, watch=self._progress(last))
+        compared = compare(
+            self._probes,
+            side,
+            self._baseline,
+            alpha=alpha / 2,
+            deadline=self._deadline,
+            watch=self._progress(last),
+        )
         if not compared.tells:
             raise unjudged(side, compared)
         self._see(last, compared)
@@ -228,13 +253,21 @@ class _Search:
         blocks: list[Comparison] = []
         clear = self._error / CLEAR
         while block := self._probes[self._ran[index] :][:BLOCK]:
-            compared = compare(block, side, self._baseline, whole=True, watch=self._progress(index))
-            if not compared.controls.policy.of:
+            compared = compare(
+                block,
+                side,
+                self._baseline,
+                whole=True,
+                deadline=self._deadline,
+                watch=self._progress(index),
+            )
+            over = compared.stopped == "time"
+            if not (compared.controls.policy.of or over):
                 raise unjudged(side, compared)
             self._see(index, compared)
             blocks.append(compared)
             self.probabilities = first_broken(self._of_baseline, self._outcomes)
-            if not clear < self._broken(index) < 1 - clear:
+            if over or not clear < self._broken(index) < 1 - clear:
                 break
         self._end(index, blocks)
 
@@ -269,7 +302,12 @@ class _Search:
 
 
 def unjudged(side: Side, compared: Comparison) -> PrerequisiteError:
-    """The error where no rollout of a policy could be judged."""
+    """The error where no verdict on a policy is possible."""
+    if compared.stopped == "time":
+        message = f"{side.name}: --time is over: {compared.verdict}"
+        return PrerequisiteError(message, hint="give more --time; with --answers FILE outcomes are kept")
+    if compared.controls.policy.of:
+        return PrerequisiteError(f"{side.name}: {compared.verdict}", hint="give a corpus with more controls")
     details = (f": {scene.detail}" for scene in compared.compared if scene.detail)
     message = f"{side.name}: cannot tell: no rollout could be judged{next(details, '')}"
     return PrerequisiteError(message, hint="`vlafuzz doctor --policy` examines a checkpoint")

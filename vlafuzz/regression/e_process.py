@@ -32,7 +32,11 @@ def _won(worse: int, better: int, p: float | None) -> float:
         return (2 * p) ** worse * (2 - 2 * p) ** better
     # The mean of (2p)^worse (2 - 2p)^better over p in [1/2, 1]: an incomplete beta integral, in closed form.
     pairs = worse + better
-    return sum(comb(pairs + 1, k) for k in range(worse + 1)) / ((pairs + 1) * comb(pairs, worse))
+    total = term = 1
+    for k in range(worse):
+        term = term * (pairs + 1 - k) // (k + 1)  # comb(pairs + 1, k + 1)
+        total += term
+    return total / ((pairs + 1) * comb(pairs, worse))
 
 
 @dataclass

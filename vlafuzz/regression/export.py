@@ -9,11 +9,14 @@ from itertools import count, groupby
 from operator import itemgetter
 
 from vlafuzz.conditions import provenance
-from vlafuzz.errors import StoreError, UsageError
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.regression.check import PictureRunner, check
 from vlafuzz.regression.controls import CONTROLS, record
 from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
+from vlafuzz.regression.milder import suggest_ranges
+from vlafuzz.regression.power import power_of
 from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
@@ -48,7 +51,8 @@ def export(
     Args:
         runner: makes the scene runner that checks the findings of a run.
         run: only findings that this run found first.
-        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``.
+        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``;
+            more where it passes rarely, see ``record``.
         firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they
             do not, the scene moves on in the same direction until they do. By default most have to, and
             each is repeated until that is clear.
@@ -57,6 +61,7 @@ def export(
     Raises:
         UsageError: the store has several tasks or policies.
         StoreError: the store has no minimal finding, or none that holds.
+        PrerequisiteError: the policy passes in so few controls that there could be no alarm.
     """
     chosen = _choose(store, run)
     runs = {begun.id: begun for begun in store.runs()}
@@ -74,13 +79,14 @@ def export(
         findings = [triaged for _, triaged in group]
         results: dict[int, Case | str] = {}
         with _checker(runner, runs[number], workers) as (checker, each):
+            if number == numbers[0]:
+                renderer = checker.renderer
+                recorded = record(checker, runs[number].manifest.seed, controls, watch)
+                _check_power(checker.space, recorded, watch)
             one = partial(check, run=numbers.index(number), runner=checker, share=firm)
             for index, result in each(one, findings):
                 results[index] = result
                 checked(next(done))
-            if number == numbers[0]:
-                renderer = checker.renderer
-                recorded = record(checker, runs[number].manifest.seed, controls, watch)
         for _, case in sorted(results.items()):
             if not isinstance(case, Case):
                 left_out[case] += 1
@@ -100,6 +106,17 @@ def export(
         versions=provenance.versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def _check_power(space: SearchSpace, controls: Sequence[Control], watch: Watch) -> None:
+    """Say what loss the controls could notice, before the findings are checked."""
+    if not controls:
+        return
+    power = power_of([control.passed for control in controls])
+    milder = suggest_ranges(space, [(control.scene, control.passed) for control in controls])
+    if not power.possible:
+        raise PrerequisiteError(str(power), hint=f"{milder}; --controls 0 writes a corpus without an alarm")
+    watch.note(f"{power}; {milder}" if power.total else str(power))
 
 
 def forecast(store: Store, findings: int, controls: int, workers: int) -> str:

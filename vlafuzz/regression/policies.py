@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vlafuzz.conditions.model import Model
 from vlafuzz.deadline import Deadline
-from vlafuzz.errors import StoreError, UsageError
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.plugins import check_trusted
 from vlafuzz.regression import bisect, diff, regress
 from vlafuzz.regression.answers import Answers
@@ -16,8 +16,10 @@ from vlafuzz.regression.bisect import Bisection
 from vlafuzz.regression.controls import CONTROLS, draw
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.regression.diff import Difference, Known
+from vlafuzz.regression.milder import suggest_ranges
 from vlafuzz.regression.pace import Pace
 from vlafuzz.regression.pairs import Probe, probes
+from vlafuzz.regression.power import power_of
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
 from vlafuzz.renderer import probe_once
 from vlafuzz.store.records import Manifest
@@ -48,6 +50,7 @@ def compare_policies(
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
     model = Model(policy, label)
     _check_baseline(baseline, model)
+    _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
     pace = Pace(watch.note, regress.most_rollouts(scenes, max_rollouts))
 
     def progress(now: regress.Progress) -> None:
@@ -160,6 +163,7 @@ def bisect_checkpoints(
     alpha: float = 0.05,
     error: float = 0.05,
     comparisons: int | None = None,
+    deadline: Deadline | None = None,
     answers: Path | None = None,
     watch: Watch = SILENT,
 ) -> Bisection:
@@ -178,6 +182,7 @@ def bisect_checkpoints(
         _check_baseline(baseline, checkpoint)
     controls = [probe for probe in scenes if probe.group == "control"]
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
+    _check_power(folder, corpus, controls, baseline, alpha / 2, watch)
     pace = Pace(watch.note, most * len(controls))
     watch.note(
         f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
@@ -209,6 +214,7 @@ def bisect_checkpoints(
             alpha=alpha,
             error=error,
             comparisons=most,
+            deadline=deadline,
             watch=progress,
         )
 
@@ -263,6 +269,28 @@ def _scenes(
         "`vlafuzz export` writes corpora with controls"
     )
     return [*_controls(folder, corpus.runs[0]), *scenes], baseline
+
+
+def _check_power(
+    folder: Path, corpus: Corpus, scenes: Sequence[Probe], baseline: str | None, alpha: float, watch: Watch
+) -> None:
+    """Say what loss could be noticed, as far as outcomes are recorded.
+
+    Raises:
+        PrerequisiteError: no alarm is possible.
+    """
+    controls = {probe.scene: probe.passed for probe in scenes if probe.group == "control"}
+    outcomes = [(scene, passed) for scene, passed in controls.items() if passed is not None]
+    if not outcomes:
+        return
+    power = power_of([passed for _, passed in outcomes], alpha)
+    if baseline:
+        watch.note(f"if {baseline} passes where {corpus.policy} did: {power}")
+    elif power.possible:
+        watch.note(str(power))
+    else:
+        milder = suggest_ranges(stored_space(folder, corpus.runs[0]), outcomes)
+        raise PrerequisiteError(str(power), hint=f"export a corpus with more passing controls: {milder}")
 
 
 def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, watch: Watch) -> Side:

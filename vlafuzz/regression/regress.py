@@ -130,9 +130,15 @@ class Comparison:
 
     @property
     def tells(self) -> bool:
-        """Whether there is a verdict: an alarm, or enough controls for one, at least half of them judged."""
-        judged = self.controls.policy.of
-        return self.alarm or (judged >= self.fewest and 2 * judged >= self.tried)
+        """Whether there is a verdict: an alarm, or half of the controls judged, and enough to break."""
+        controls = self.controls
+        possible = controls.baseline.count >= self.fewest
+        return self.alarm or (possible and 2 * controls.policy.of >= self.tried)
+
+    @property
+    def breakable(self) -> int:
+        """Controls that the policy could still have broken: the baseline passes, or they were not run."""
+        return self.controls.baseline.count - self.controls.worse + len(self.of("control")) - self.tried
 
     @property
     def difference(self) -> Interval | None:
@@ -184,12 +190,18 @@ class Comparison:
         if not self.of("control"):
             return "cannot tell: the corpus has no controls, scenes that no outcome selected"
         if not self.tells:
-            enough = f"an alarm takes {self.fewest} or more"
-            return f"cannot tell: {controls.policy.of} of {self.tried} controls could be judged; {enough}"
+            judged, enough = controls.policy.of, f"an alarm takes {self.fewest} or more"
+            if judged < self.fewest or 2 * judged < self.tried:
+                return f"cannot tell: {judged} of {self.tried} controls could be judged; {enough}"
+            passing = f"{self.baseline} passes {controls.baseline.count} of {judged} controls"
+            return f"cannot tell: {passing}, only these can break, and {enough}"
         counts = f"{controls.worse} worse and {controls.better} better of {controls.policy.of} controls ({p})"
         if self.alarm:
             return f"{self.policy} is worse than {self.baseline}: {counts}"
         shown = f"{self.policy} is not shown to be worse than {self.baseline}"
+        if self.needed > self.breakable:
+            left = f"only {self.breakable} others could break"
+            return f"{shown}: {counts}; an alarm would take {self.needed} more, and {left}"
         return f"{shown}: {counts}; {self.needed} more broken controls would make an alarm"
 
 
