@@ -83,7 +83,8 @@ class Effects:
         """The result in a sentence."""
         failed = f"{self.failed.count} of {plural(self.failed.of, 'random scene')} failed"
         if not self.tested:
-            return f"{failed}: at least {ENOUGH} are needed to compare values."
+            few = f"at least {ENOUGH} are needed to compare values"
+            return f"{failed}: {few if self.failed.of < ENOUGH else 'there is nothing to compare'}."
         return (
             f"{failed}. {len(self.found)} of {self.tested} quantities make a "
             f"difference beyond chance{f', the strongest {SHOWN} are shown' * (len(self.found) > SHOWN)}."
