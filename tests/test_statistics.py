@@ -11,14 +11,17 @@ from scipy import stats
 from vlafuzz.statistics import (
     SignedRank,
     a12,
+    fisher,
     holm,
     mann_whitney,
     mean_difference,
     mean_estimate,
     mean_ratio,
+    paired_difference,
     pairs_needed,
     sequential_interval,
     share_interval,
+    sign_test,
     signed_rank,
     smallest_p,
     wilson,
@@ -237,3 +240,30 @@ def test_a_sequential_interval_holds_the_share_and_mirrors_that_of_the_other_out
     low, high = sequential_interval(k, k + others)
     assert 0 <= low <= (k / (k + others) if k + others else 0.5) <= high <= 1
     assert sequential_interval(others, k + others) == pytest.approx((1 - high, 1 - low))
+
+
+@pytest.mark.parametrize(("worse", "better"), [(0, 0), (7, 1), (39, 59), (900, 700)])
+def test_the_sign_test_is_scipys_binomial_one(worse: int, better: int):
+    expected = stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
+    assert sign_test(worse, better) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("counts", [(8, 8, 2, 8), (5, 30, 40, 50), (0, 9, 9, 9), (97, 100, 430, 470)])
+def test_fishers_exact_test_is_scipys(counts: tuple[int, int, int, int]):
+    k, n, other_k, other_n = counts
+    expected = stats.fisher_exact([[k, n - k], [other_k, other_n - other_k]]).pvalue
+    assert fisher(*counts) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_interval_of_a_paired_difference_by_hand():
+    """Of 10 pairs, 4 are lost and 1 is won: shares of 5/12 and 2/12, a difference of -0.25."""
+    pairs = [(number, gain) for number, gain in enumerate([-1] * 4 + [1] + [0] * 5)]
+    half = 1.959964 * math.sqrt((7 / 12 - 1 / 16) / 12)
+    assert paired_difference(pairs) == pytest.approx((-0.25 - half, -0.25 + half), abs=1e-6)
+
+
+def test_pairs_that_are_repeated_are_no_new_evidence():
+    once = [(number, gain) for number, gain in enumerate([-1, -1, 0, 0, 1, 0] * 10)]
+    low, high = paired_difference(once)
+    again_low, again_high = paired_difference(once * 3)
+    assert again_high - again_low == pytest.approx(high - low, rel=0.05)

@@ -44,6 +44,11 @@ class Share:
         """Of cases with their group; those of one group may be alike, see ``share_interval``."""
         return cls(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
 
+    @classmethod
+    def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
+        """As ``grouped``, of the counts of each group: how many cases are positive, of how many."""
+        return cls(sum(count for count, _ in groups), sum(of for _, of in groups), *_of_groups(groups))
+
     @property
     def share(self) -> float:
         """In [0, 1]; 0 where there are no cases."""
@@ -279,8 +284,17 @@ def share_interval(cases: Sequence[tuple[Hashable, bool]], confidence: float = 0
     Args:
         cases: the run of each case, and whether the case is positive.
     """
-    number, hits = len(cases), sum(positive for _, positive in cases)
-    effective = number if hits in (0, number) else _effective(cases, (1 + confidence) / 2)
+    groups: dict[Hashable, list[bool]] = {}
+    for of, positive in cases:
+        groups.setdefault(of, []).append(positive)
+    return _of_groups([(sum(group), len(group)) for group in groups.values()], confidence)
+
+
+def _of_groups(groups: Sequence[tuple[int, int]], confidence: float = 0.95) -> Interval:
+    hits, number = (sum(count) for count in zip(*groups, strict=True)) if groups else (0, 0)
+    alone = hits in (0, number)
+    counts = [(size, positive, positive) for positive, size in groups]
+    effective = number if alone else _effective(counts, (1 + confidence) / 2)
     return wilson(hits / max(number, 1) * effective, effective, confidence)
 
 
@@ -294,8 +308,11 @@ def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float =
         cases: the group of each pair, and its difference.
     """
     number, tail = len(cases), (1 + confidence) / 2
-    alone = len({of for of, _ in cases}) == number
-    pairs = number if alone else _effective(cases, tail)
+    groups: dict[Hashable, list[int]] = {}
+    for of, difference in cases:
+        groups.setdefault(of, []).append(difference)
+    counts = [(len(group), sum(group), sum(map(abs, group))) for group in groups.values()]
+    pairs = number if len(groups) == number else _effective(counts, tail)
     more, fewer = (
         (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2)
         for sign in (1, -1)
@@ -304,32 +321,60 @@ def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float =
     return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))
 
 
-def _effective(cases: Sequence[tuple[Hashable, float]], tail: float) -> float:
-    """The number of independent cases whose mean would vary as that of cases in groups does."""
-    groups: dict[Hashable, list[float]] = {}
-    for of, value in cases:
-        groups.setdefault(of, []).append(value)
-    number, mean = len(cases), sum(value for _, value in cases) / len(cases)
+def _effective(groups: Sequence[tuple[int, int, int]], tail: float) -> float:
+    """The number of independent cases whose mean would vary as that of cases in groups does.
+
+    Args:
+        groups: number of cases, their sum, and the sum of their squares.
+    """
+    number, total, squares = (sum(count) for count in zip(*groups, strict=True))
+    mean = total / number
     # The variance of a ratio of totals, by linearisation.
-    squares = sum((sum(group) - mean * len(group)) ** 2 for group in groups.values())
-    if len(groups) < 2 or not squares:
-        return number
+    apart = sum((of - mean * size) ** 2 for size, of, _ in groups)
+    if len(groups) < 2 or not apart:
+        return float(number)
     from scipy.special import stdtrit
 
-    variance = squares / number**2 * len(groups) / (len(groups) - 1)
+    variance = apart / number**2 * len(groups) / (len(groups) - 1)
     few = (NormalDist().inv_cdf(tail) / float(stdtrit(len(groups) - 1, tail))) ** 2
-    spread = sum(value**2 for _, value in cases) / number - mean**2
-    return float(min(number, few * spread / variance))
+    return float(min(number, few * (squares / number - mean**2) / variance))
 
 
 def sign_test(worse: int, better: int) -> float:
     """Two-sided p-value of the exact sign test, which is McNemar's for pairs of yes and no."""
-    pairs = worse + better
-    return min(1.0, 2 * sum(math.comb(pairs, k) for k in range(min(worse, better) + 1)) / (1 << pairs))
+    return min(1.0, 2 * float(binomial(worse + better, 0.5)[: min(worse, better) + 1].sum()))
 
 
 def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
     """Two-sided p-value of Fisher's exact test of two shares; SciPy's takes a second to import."""
-    hits, both = k + other_k, math.comb(n + other_n, k + other_k)
-    ways = [math.comb(n, j) * math.comb(other_n, hits - j) for j in range(hits + 1)]
-    return min(1.0, sum(way for way in ways if way <= ways[k]) / both)
+    hits = k + other_k
+    least, most = max(0, hits - other_n), min(n, hits)
+    ways = _log_ways(n)[least : most + 1] + _log_ways(other_n)[hits - most : hits - least + 1][::-1]
+    chances = np.exp(ways - ways.max())
+    return float(chances[chances <= chances[k - least] * (1 + _TINY)].sum() / chances.sum())
+
+
+def binomial(number: int, share: float) -> NDArray[np.float64]:
+    """Probabilities of 0 to ``number`` cases."""
+    if not 0 < share < 1:
+        certain = np.zeros(number + 1)
+        certain[number if share else 0] = 1.0
+        return certain
+    counts = np.arange(number + 1)
+    chances: NDArray[np.float64] = np.exp(
+        _log_ways(number) + counts * math.log(share) + counts[::-1] * math.log1p(-share)
+    )
+    return chances
+
+
+def _log_ways(number: int) -> NDArray[np.float64]:
+    """Logarithms of the ways to choose 0 to ``number`` of so many."""
+    factorials = _log_factorials(number.bit_length())[: number + 1]
+    ways: NDArray[np.float64] = factorials[number] - factorials - factorials[::-1]
+    return ways
+
+
+@cache
+def _log_factorials(bits: int) -> NDArray[np.float64]:
+    """Of all numbers with so many bits."""
+    return np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 1 << bits)))])

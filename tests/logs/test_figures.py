@@ -7,7 +7,7 @@ import pytest
 from tests.logs.samples import episodes
 from vlafuzz.logs.episodes import Episode
 from vlafuzz.logs.figures import rates, recurrence
-from vlafuzz.logs.power import noticeable_loss
+from vlafuzz.logs.power import noticeable_loss, power
 from vlafuzz.statistics import sign_test, wilson
 
 
@@ -65,6 +65,12 @@ def test_the_loss_that_is_said_to_be_noticed_is_noticed_in_nine_of_ten_compariso
     counts = zip((old & ~new).sum(axis=1), (new & ~old).sum(axis=1), strict=True)
     noticed = [sign_test(int(worse), int(better)) <= 0.05 for worse, better in counts]
     assert 0.86 < np.mean(noticed) < 0.95
+
+
+def test_of_very_many_pairs_the_loss_is_not_said_to_be_smaller_than_what_is_noticed():
+    loss = noticeable_loss(6000, 0.9, 0.05)
+    assert loss is not None
+    assert 0.9 <= power(6000, 0.9, loss, 0.05) < 0.93
 
 
 @pytest.mark.parametrize(("pairs", "success"), [(0, 0.9), (5, 1.0), (40, 0.05)])

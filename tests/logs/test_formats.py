@@ -70,6 +70,7 @@ BAD = {
     "a.csv, line 2: success is '0.5'": "task,success\na,0.5\n",
     "a.csv: no episode says whether it succeeded": "task,success\na,\n",
     "a.csv, line 3: is the same episode as": "run,episode,success\nx,1,1\nx,1,0\n",
+    "a.csv: has 501 different names of a suite": "suite,success\n" + "".join(f"{n},1\n" for n in range(501)),
     "a.csv: is no log that is known: it has ['accuracy']": '{"accuracy": 1}',
     "a.csv: not JSON": '{"per_task": [',
     "a.csv: per_task: 0.metrics: field required": '{"per_task": [{"task_group": "a", "task_id": 1}]}',

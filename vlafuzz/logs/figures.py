@@ -83,23 +83,18 @@ def starts(episodes: Iterable[Episode]) -> int:
 def recurrence(episodes: Sequence[Episode]) -> Recurrence | None:
     """None where no episode is repeated."""
     by_episode = grouped(judged(episodes), lambda episode: episode.same)
-    repeats = {same: those for same, those in by_episode.items() if same is not None and len(those) > 1}
-    fails = {same: [not episode.success for episode in those] for same, those in repeats.items()}
-    if not fails:
+    repeated = [those for same, those in by_episode.items() if same is not None and len(those) > 1]
+    if not repeated:
         return None
-    pairs = [
-        (same, second)
-        for same, outcomes in fails.items()
-        for number, first in enumerate(outcomes)
-        for other, second in enumerate(outcomes)
-        if first and number != other
-    ]
+    counts = [(sum(not episode.success for episode in those), len(those)) for those in repeated]
     return Recurrence(
-        again=Share.grouped(pairs),
-        failures=Share.grouped([(same, failed) for same, outcomes in fails.items() for failed in outcomes]),
-        episodes=len(fails),
-        failing=sum(any(outcomes) for outcomes in fails.values()),
-        mixed=sum(any(outcomes) and not all(outcomes) for outcomes in fails.values()),
+        again=Share.of_groups(
+            [(failed * (failed - 1), failed * (of - 1)) for failed, of in counts if failed]
+        ),
+        failures=Share.of_groups(counts),
+        episodes=len(counts),
+        failing=sum(failed > 0 for failed, _ in counts),
+        mixed=sum(0 < failed < of for failed, of in counts),
     )
 
 

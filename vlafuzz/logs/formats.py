@@ -15,6 +15,7 @@ from vlafuzz.reading import parse_json, read_text, validated
 from vlafuzz.text import shortened
 
 _OPTIONAL: TypeAdapter[bool | None] = TypeAdapter(bool | None)
+_MOST = 500  # suites or conditions, each with a row; larger numbers are those of episodes
 _FORMATS = "lerobot's eval_info.json, vla-eval's results, or CSV with a heading; docs/logs.md describes them"
 
 
@@ -36,6 +37,10 @@ def read_logs(paths: Sequence[Path], columns: Mapping[str, str]) -> list[Episode
         files = ", ".join(str(path) for path in paths)
         raise UsageError(f"{files}: no episode says whether it succeeded", hint=_FORMATS)
     _check_once(episodes)
+    for name in ("suite", "condition"):
+        if (number := len({getattr(episode, name) for episode in episodes})) > _MOST:
+            hint = f"is another column the {name}? --column {name}=NAME"
+            raise UsageError(f"{paths[0]}: has {number} different names of a {name}", hint)
     return episodes
 
 

@@ -1,11 +1,14 @@
 """The loss of success that so many episodes could notice."""
 
+import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+
+from vlafuzz.statistics import binomial
 
 POWER = 0.9
+_MOST = 4000  # pairs that are computed: the effort grows with the square of their number
 _STEPS = 10  # of bisection: to a tenth of a point
 _RARE = 1e-6  # numbers of discordant pairs that are less probable are left out
 
@@ -19,8 +22,11 @@ def noticeable_loss(pairs: int, success: float, alpha: float) -> float | None:
     Args:
         success: rate of the old one. ``alpha``: of the two-sided test.
     """
-    if not pairs or power(pairs, success, success, alpha) < POWER:
+    if not pairs or power(min(pairs, _MOST), success, success, alpha) < POWER:
         return None
+    if pairs > _MOST:  # from there on it shrinks with the square root of their number, or faster
+        most = noticeable_loss(_MOST, success, alpha)
+        return most and most * math.sqrt(_MOST / pairs)
     low, high = 0.0, success
     for _ in range(_STEPS):
         middle = (low + high) / 2
@@ -31,9 +37,9 @@ def noticeable_loss(pairs: int, success: float, alpha: float) -> float | None:
 def power(pairs: int, success: float, loss: float, alpha: float) -> float:
     """The probability that a two-sided sign test shows that the new one is worse by ``loss``."""
     worse, better = success * (1 - success + loss), (1 - success) * (success - loss)
-    chances = _binomial(pairs, worse + better)
+    chances = binomial(pairs, worse + better)
     return sum(
-        float(chances[discordant] * _binomial(int(discordant), worse / (worse + better))[fewest:].sum())
+        float(chances[discordant] * binomial(int(discordant), worse / (worse + better))[fewest:].sum())
         for discordant in np.flatnonzero(chances > _RARE)
         if (fewest := _fewest(int(discordant), alpha)) <= discordant
     )
@@ -42,24 +48,5 @@ def power(pairs: int, success: float, loss: float, alpha: float) -> float:
 @cache
 def _fewest(discordant: int, alpha: float) -> int:
     """How many of the discordant pairs must be worse to be shown; one more than all if none suffices."""
-    tails = np.cumsum(_binomial(discordant, 0.5)[::-1])
+    tails = np.cumsum(binomial(discordant, 0.5)[::-1])
     return discordant + 1 - int(np.sum(2 * tails <= alpha))
-
-
-def _binomial(number: int, share: float) -> NDArray[np.float64]:
-    """Probabilities of 0 to ``number`` cases."""
-    if not 0 < share < 1:
-        certain = np.zeros(number + 1)
-        certain[number if share else 0] = 1.0
-        return certain
-    counts = np.arange(number + 1)
-    factorials = _log_factorials(number.bit_length())[: number + 1]
-    ways = factorials[number] - factorials - factorials[::-1]
-    chances: NDArray[np.float64] = np.exp(ways + counts * np.log(share) + counts[::-1] * np.log1p(-share))
-    return chances
-
-
-@cache
-def _log_factorials(bits: int) -> NDArray[np.float64]:
-    """Of all numbers with so many bits."""
-    return np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 1 << bits)))])
