@@ -129,6 +129,43 @@ def test_a_wrong_mode_or_name_fails_the_job(tmp_path: Path):
         assert job.code == 2
 
 
+def said_to(program: str, job: Job) -> list[str]:
+    """The arguments of a program that fails, once the job is run."""
+    stub = job.folder / "bin" / program
+    stub.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > said.txt\nexit 3\n')
+    stub.chmod(0o755)
+    job.run()
+    return (job.folder / "said.txt").read_text().splitlines()
+
+
+@pytest.mark.parametrize("mode", ["fuzz", "regress"])
+def test_words_of_the_arguments_are_no_patterns_of_files(tmp_path: Path, mode: str):
+    (tmp_path / "a.yaml").touch()
+    words = said_to("vlafuzz", Job(tmp_path, mode=mode, policy="p", arguments="--operators *.yaml"))
+    assert words[words.index("--operators") + 1] == "*.yaml"
+
+
+def test_what_to_install_is_no_option_of_pip(tmp_path: Path):
+    job = Job(tmp_path, mode="fuzz", policy="p")
+    job._known["inputs.install"] = "--index-url=https://example.org"
+    assert said_to("python", job)[-2:] == ["--", "--index-url=https://example.org"]
+
+
+def test_a_run_that_could_not_judge_its_budget_fails_the_job_and_is_neither_merged_nor_kept(tmp_path: Path):
+    job = Job(tmp_path, mode="fuzz", policy="p")
+    assert said_to("vlafuzz", job)[0] == "run"  # and no merge after it
+    assert job.code == 3
+    assert [
+        step["uses"] for step in STEPS if "cache/save" in step.get("uses", "") and job._true(step["if"])
+    ] == []
+
+
+def test_actions_of_others_are_pinned_by_their_commits():
+    used = [step["uses"] for step in STEPS if "uses" in step]
+    assert used
+    assert [name for name in used if not re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", name)] == []
+
+
 def test_no_step_puts_an_input_into_its_code():
     assert [step["name"] for step in STEPS if "${{" in step.get("run", "")] == []
 

@@ -53,13 +53,15 @@ class CorpusError(UsageError):
 
 
 class PrerequisiteError(VlafuzzError):
-    """Something must be installed or started first; the hint names the command. Exit code 3."""
+    """Something must be installed, started or mended first; the hint names the command. Exit code 3."""
 
     exit_code = 3
 
 
 class PolicyError(VlafuzzError):
     """The policy under test broke; this is no evidence about the scene. ``cause``: the kind of fault."""
+
+    exit_code = 3
 
     def __init__(self, message: str, hint: str | None = None, cause: Cause = "remote") -> None:
         super().__init__(message, hint)
@@ -71,6 +73,8 @@ class PolicyError(VlafuzzError):
 
 class SimulatorError(VlafuzzError):
     """The simulator broke; this is no evidence about the policy."""
+
+    exit_code = 3
 
 
 def sentence(text: object) -> str:

@@ -181,7 +181,7 @@ def test_it_stops_soon_when_the_first_scenes_all_end_in_the_same_error(store: St
     summary = run(store, executor=executor, budget=200, batch=batch)
     assert summary.verdicts == {"failed": 0, "passed": 0, "invalid": 0, "error": 8}
     assert summary.stopped.startswith("all of the first 8 scenes ended in the same error: policy: act: step ")
-    assert store.runs()[0].status == "stopped"
+    assert store.runs()[0].status == "interrupted"
 
 
 def test_it_stops_when_each_scene_is_an_error(store: Store):
@@ -213,14 +213,36 @@ def test_unfair_scenes_do_not_say_that_the_policy_is_still_there(store: Store):
 
 
 @pytest.mark.parametrize("batch", [1, 3, 5, 8, 30])
-def test_a_policy_that_comes_back_is_judged_by_all_scenes_that_were_outstanding(tmp_path: Path, batch: int):
+def test_a_policy_that_comes_back_is_judged_by_all_scenes(tmp_path: Path, batch: int):
     parts = {"space": Pool(FAIR, SPACE), "budget": 1000, "batch": batch, "patience": None}
     with Store.open(tmp_path / "b.db", "write") as store:
         with pytest.raises(PolicyError):
             run(store, executor=LocalExecutor(Gone(after=5)), strategy=InOrder(len(FAIR)), **parts)
         back = run(store, strategy=InOrder(len(FAIR)), resume=1, **parts)
-    told = (8 - 1) // batch * batch  # without an answer, before there was room for more
-    assert (back.proposals, back.verdicts["error"], back.rollouts) == (len(FAIR), told, len(FAIR) - told)
+    assert (back.proposals, back.verdicts["error"], back.rollouts) == (len(FAIR), 0, len(FAIR))
+
+
+@pytest.mark.parametrize("batch", [1, 16])
+def test_errors_in_mid_run_leave_a_run_that_comes_to_what_it_would_have_come_to(tmp_path: Path, batch: int):
+    class Broken(ClosedForm):
+        """From the fifth scene on."""
+
+        def outcome(self, scene):
+            if len(self.evaluated) > 4:
+                return Outcome.error(f"policy: remote: 500 {scene.digest}")
+            return super().outcome(scene)
+
+    with Store.open(tmp_path / "a.db", "write") as store:
+        first = run(store, executor=LocalExecutor(Broken()), budget=40, batch=batch)
+        judged = first.verdicts["passed"] + first.verdicts["failed"]
+        assert first.short.startswith(f"{judged} of 40 rollouts could be judged: ")
+        assert store.runs()[0].status == "interrupted"
+        back = run(store, budget=40, batch=batch, resume=1)
+        assert (back.short, back.rollouts, store.runs()[0].status) == (None, 40, "finished")
+        kept = [trial.outcome.verdict for trial in store.trials(1)]
+    with Store.open(tmp_path / "b.db", "write") as store:
+        run(store, budget=40, batch=batch)
+        assert kept == [trial.outcome.verdict for trial in store.trials(1)]
 
 
 def test_a_policy_that_answers_now_and_then_is_not_gone(store: Store):

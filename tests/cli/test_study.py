@@ -129,7 +129,7 @@ def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
 ) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
     flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
-    assert main(["study", *flags]) == 2
+    assert main(["study", *flags]) == 3
     assert capsys.readouterr().err.splitlines()[-2:] == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: repeat the command once the policy answers",

@@ -5,6 +5,7 @@ import socket
 import struct
 import threading
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -15,7 +16,8 @@ from websockets.server import ServerProtocol
 
 from tests.clients.served import HELLO, message, scripted, seen, start
 from vlafuzz.clients import openvla
-from vlafuzz.clients.msgpack_wire import unpack_openpi, unpack_vla_eval
+from vlafuzz.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
+from vlafuzz.clients.openvla import decode
 from vlafuzz.clients.wire import short
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.registry import make_policy
@@ -131,3 +133,24 @@ def test_what_a_server_says_is_shown_in_one_line_without_what_steers_a_terminal(
     with pytest.raises(ValueError, match="RecursionError"):
         openvla.decode("[" * 100_000)
     assert json.loads("[]") == []
+
+
+MAPS = msgpack.packb({"actions": [{}] * 1_000_000})
+
+
+@pytest.mark.parametrize("unpack", [unpack_openpi, unpack_vla_eval, unpack_groot])
+@pytest.mark.parametrize(
+    "frame", [MAPS, msgpack.packb({"a": [[{}] * 1000] * 1000})], ids=["one list", "many"]
+)
+def test_a_message_of_very_many_containers_is_refused_before_they_are_built(unpack, frame):
+    tracemalloc.start()
+    with pytest.raises(ValueError, match=r"65536"):
+        unpack(frame)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16 << 20
+
+
+def test_json_of_very_many_containers_is_refused_before_they_are_built():
+    with pytest.raises(ValueError, match="more than 65536 values"):
+        decode(b"[" + b"{}," * 100_000 + b"{}]")

@@ -1,13 +1,16 @@
 """The page that follows a run: what it shows, and who may read it."""
 
 import hashlib
+import socket
+import struct
 import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -116,6 +119,27 @@ def test_pages_elsewhere_cannot_read_it(tmp_path: Path):
         assert read(f"{address}etc/passwd")[0] == 404
         assert read(address)[0] == 200
         assert "The store has no run yet" not in read(address)[1]
+
+
+def test_idle_and_aborted_connections_hold_up_nobody_and_leave_no_traceback(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    with running(tmp_path / "a.db"), served(tmp_path / "a.db") as address:
+        place = urlsplit(address)
+        with ExitStack() as stack:
+            for sent in (b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"):
+                client = stack.enter_context(socket.create_connection((place.hostname, place.port)))
+                client.sendall(sent)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            client.close()  # with a reset, while the page is made
+            assert read(address)[0] == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_a_browser_names_no_port_where_it_is_80(tmp_path: Path):
+    with running(tmp_path / "a.db"), served(tmp_path / "a.db") as address:
+        assert read(address, "localhost")[0] == 200
+        assert read(address, "127.0.0.1.example")[0] == 403
 
 
 def test_the_newest_failure_is_filmed_by_its_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -8,7 +8,7 @@ import struct
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
 from urllib.request import urlopen
@@ -34,6 +34,7 @@ from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.policies.registry import guesses, make_policy
+from vlafuzz.serving import http
 from vlafuzz.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
@@ -340,3 +341,40 @@ def test_a_client_that_resets_its_connection_leaves_no_traceback(capfd):
             client.close()  # with a reset
         time.sleep(0.3)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("half", [b"POST /act HT", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n{"])
+def test_a_request_has_to_arrive_in_time_however_often_a_byte_of_it_comes(half, monkeypatch):
+    monkeypatch.setattr(http, "ARRIVAL", 0.3)
+    with serving(Frozen(), "http") as name:
+        parts = urlsplit(name)
+        with socket.create_connection((parts.hostname, parts.port), 5) as client:
+            client.sendall(half)
+            ended = False
+            for _ in range(100):
+                time.sleep(0.05)
+                try:
+                    client.sendall(b" ")
+                    ended = client.recv(1, socket.MSG_DONTWAIT) == b""
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    ended = True
+                if ended:
+                    break
+        assert ended
+        client = make_policy(name)
+        client.reset([start("one")])
+        time.sleep(0.5)  # a simulator may be slow between two requests
+        assert len(client.act([seen("one")])) == 1
+        client.close()
+
+
+def test_connections_beyond_the_bound_are_closed_at_once(monkeypatch):
+    monkeypatch.setattr(http, "CONNECTIONS", 2)
+    with serving(Frozen(), "http") as name, ExitStack() as stack:
+        parts = urlsplit(name)
+        clients = [
+            stack.enter_context(socket.create_connection((parts.hostname, parts.port), 5)) for _ in range(3)
+        ]
+        assert clients[2].recv(1) == b""

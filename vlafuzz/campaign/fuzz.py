@@ -11,7 +11,7 @@ from typing import Protocol
 from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.past import Past
 from vlafuzz.campaign.results import Embed, clusters
-from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.deadline import TimeOverError
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.execute.base import Executor
@@ -25,7 +25,6 @@ from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
-_TIME_OVER = "its time is over; with --resume it goes on"
 
 
 class Space(Measure, Protocol):
@@ -88,11 +87,11 @@ def fuzz(
     status: Status = "failed"
     try:
         campaign.loop()
-        status = "stopped" if tally.stopped else "finished"
+        status = "interrupted" if tally.broken else "stopped" if tally.stopped else "finished"
     except _CrashedError:
-        status, tally.stopped = "stopped", tally.crashed
+        status, tally.stopped = "interrupted", tally.crashed
     except TimeOverError:
-        status, tally.stopped = "interrupted", _TIME_OVER
+        status, tally.stopped = "interrupted", TIME_OVER
     except (KeyboardInterrupt, PolicyError):
         status = "interrupted"
         raise

@@ -14,7 +14,7 @@ from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.conditions.place import by_place, elsewhere
 from vlafuzz.deadline import Deadline
-from vlafuzz.errors import StoreError, UsageError, VlafuzzError
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
 from vlafuzz.execute.until import Until
@@ -104,7 +104,7 @@ def do_missing(
         speed_of: the speed of a plan's policy, for a forecast.
 
     Raises:
-        VlafuzzError: a run judged no scene.
+        VlafuzzError: a run judged no scene, or errors kept it from its budget.
     """
     missing = [run for run in wanted if run.missing]
     if not missing:
@@ -167,14 +167,15 @@ def _plan(run: WantedRun, store: Store, watch: Watch) -> Plan:
 
 
 def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
-    verdicts = summary.verdicts
-    if verdicts["passed"] + verdicts["failed"] or (may_be_empty and not verdicts["error"]):
-        return
-    why = f": {summary.stopped}" if summary.stopped and not summary.first_error else ""
-    raise VlafuzzError(
-        f"{summary.unjudged}{why}",
-        hint="`vlafuzz doctor` checks this machine, with --policy the policy; then use another store",
-    )
+    if summary.verdicts["error"] and summary.short and (summary.stopped or summary.unjudged):
+        doctor = "`vlafuzz doctor` checks this machine, with --policy the policy"
+        again = "then the same command goes on" if summary.stopped else "then use another store"
+        raise PrerequisiteError(summary.short, hint=f"{doctor}; {again}")
+    if summary.unjudged and not may_be_empty:
+        why = f": {summary.stopped}" if summary.stopped else ""
+        raise UsageError(
+            f"{summary.unjudged}{why}", hint="`vlafuzz doctor` checks this machine; then use another store"
+        )
 
 
 class _Pace:

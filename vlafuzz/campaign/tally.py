@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest, Spent, Trial
+from vlafuzz.text import plural
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +19,7 @@ class Summary:
 
     Attributes:
         label: the name that the user gave the policy with ``--label``; empty without one.
+        budget: of rollouts; a scene takes ``repeats`` of them.
         rollouts: of the policy, in this run.
         duplicates: proposals answered with a stored outcome, of this run or an earlier one.
         earlier: distinct scenes answered by an earlier run.
@@ -41,6 +43,7 @@ class Summary:
     strategy: str
     seed: int
     budget: int
+    repeats: int
     rollouts: int
     proposals: int
     duplicates: int
@@ -72,11 +75,23 @@ class Summary:
         which = "the only rollout" if errors == 1 else f"all {errors} rollouts"
         return f"no scene could be judged: {which} ended in an error, first: {self.first_error}"
 
+    @property
+    def short(self) -> str | None:
+        """How far errors kept the run from its budget, in a sentence; None if time or budget ended it."""
+        if self.unjudged or self.stopped == TIME_OVER:
+            return self.unjudged
+        if not (errors := self.verdicts["error"]) or self.rollouts + self.repeats > self.budget:
+            return None
+        judged = f"{self.rollouts} of {plural(self.budget, 'rollout')} could be judged"
+        return f"{judged}: {plural(errors, 'scene')} ended in an error, first: {self.first_error}"
 
-_OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "checkup")
+
+_OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "repeats", "checkup")
 _OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_error", "last_error", "stopped")
 
 
+TIME_OVER = "its time is over; with --resume it goes on"
+_BROKE = "policy or simulator error"
 ALIKE = 8  # scenes that end in the same error, and none in another way, after which no more are tried
 
 
@@ -165,6 +180,11 @@ class Tally:
             return None
         return f"all of the first {number} scenes ended in the same error: {self.last_error}"
 
+    @property
+    def broken(self) -> bool:
+        """Whether errors stopped the run; with --resume it goes on once they are mended."""
+        return self.stopped is not None and any(reason == _BROKE for reason, _ in self._barren)
+
     def judge(self, scenes: Sequence[Scene], outcomes: Sequence[Outcome], patience: int | None) -> None:
         """Stop after ``patience`` proposals in a row without a rollout.
 
@@ -177,7 +197,7 @@ class Tally:
                 self._barren.clear()
             else:
                 invalid = outcome.verdict is Verdict.INVALID
-                reason = f"rejected by the {outcome.check} check" if invalid else "policy or simulator error"
+                reason = f"rejected by the {outcome.check} check" if invalid else _BROKE
                 self._barren.append((reason, outcome.detail))
             self._asked.add(scene.digest)
         if patience is not None and len(self._barren) >= patience:

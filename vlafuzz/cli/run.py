@@ -30,7 +30,7 @@ from vlafuzz.cli.flags import (
     opened,
 )
 from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_json
-from vlafuzz.errors import PolicyError, VlafuzzError
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.plugins import trust_flag
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ def command(
         after_run.hint_at_rest(plan, found)
     if triaged is None:
         raise typer.Exit(INTERRUPTED)
-    _end(summary, fail_on_finding)
+    _end(plan, summary, fail_on_finding)
 
 
 def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
@@ -225,12 +225,16 @@ def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
         )
 
 
-def _end(summary: Summary, fail_on_finding: bool) -> None:
+def _end(plan: Plan, summary: Summary, fail_on_finding: bool) -> None:
     """Say whether the run ended early, with the exit code of its result."""
     if summary.stopped:
         Bar.note(f"stopped: {summary.stopped}")
-    if summary.unjudged:
-        raise VlafuzzError(summary.unjudged, hint=_why_not(summary))
+    if summary.unjudged and not summary.verdicts["error"]:
+        raise UsageError(summary.unjudged, hint=_why_not(summary))
+    if summary.short:
+        again = f"then `{_again(plan)}` goes on" if summary.stopped else "the same command tries them again"
+        doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
+        raise PrerequisiteError(summary.short, hint=f"`{doctor}` says what is wrong; {again}")
     if fail_on_finding and summary.findings:
         raise typer.Exit(1)
 
@@ -238,9 +242,6 @@ def _end(summary: Summary, fail_on_finding: bool) -> None:
 def _why_not(summary: Summary) -> str:
     if not summary.proposals:
         return "give it more --time"
-    if summary.verdicts["error"] or not summary.invalid:
-        doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
-        return f"`vlafuzz doctor` checks this machine, `{doctor}` the policy"
     checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
     export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
     return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
@@ -251,8 +252,7 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
-    trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
-    again = shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
+    again = _again(plan)
 
     def note() -> str:
         if not _is_begun(plan):
@@ -267,6 +267,12 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
+
+
+def _again(plan: Plan) -> str:
+    """The command that resumes a run."""
+    trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
+    return shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
 
 
 def _is_begun(plan: Plan) -> bool:

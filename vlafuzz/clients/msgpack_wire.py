@@ -16,7 +16,7 @@ from typing import Any
 import msgpack
 import numpy as np
 
-from vlafuzz.clients.wire import short
+from vlafuzz.clients.wire import MOST_VALUES, short
 from vlafuzz.reading import KINDS, array_of, npy_array
 
 # GR00T's marks of modality configs, and keys of their content: N1.6, N1.7, and the copy in N1.7's examples.
@@ -63,8 +63,23 @@ def unpack_groot(frame: bytes) -> Any:
 
 
 def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
+    left = MOST_VALUES
+
+    def counted(values: Any) -> Any:
+        nonlocal left
+        left -= 1 + len(values)
+        if left < 0:
+            raise ValueError(f"more than {MOST_VALUES} values")
+        return values
+
     try:
-        return msgpack.unpackb(frame, object_hook=decode)
+        return msgpack.unpackb(
+            frame,
+            object_hook=lambda values: decode(counted(values)),
+            list_hook=counted,
+            max_array_len=MOST_VALUES,
+            max_map_len=MOST_VALUES,
+        )
     except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
 

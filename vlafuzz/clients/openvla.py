@@ -116,11 +116,18 @@ def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
 def decode(body: bytes | str) -> Any:
     """The value, whether it was encoded once or twice; ValueError for other text, or an invalid array."""
     try:
-        value = json.loads(body, object_hook=_decode)
-        return json.loads(value, object_hook=_decode) if isinstance(value, str) else value
+        value = _parsed(body)
+        return _parsed(value) if isinstance(value, str) else value
     except Exception as error:  # NumPy raises many types on malformed data
         text = body if isinstance(body, str) else body.decode("utf-8", "replace")
         raise ValueError(f"{wire.short(text)}: {type(error).__name__}: {wire.short(error)}") from None
+
+
+def _parsed(text: bytes | str) -> Any:
+    signs = text if isinstance(text, bytes) else text.encode("utf-8", "replace")
+    if sum(map(signs.count, (b"{", b"[", b","))) > wire.MOST_VALUES:  # base64 has none of them
+        raise ValueError(f"more than {wire.MOST_VALUES} values")
+    return json.loads(text, object_hook=_decode)
 
 
 def _encode(value: Any) -> Any:

@@ -20,6 +20,7 @@ from vlafuzz.reading import first_problem
 from vlafuzz.text import shortened
 
 MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
+MOST_VALUES = 1 << 16  # in the lists and maps of a message, where a byte may become 80; arrays are one each
 OPENING = 10.0  # seconds for a connection to open
 PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
 CONNECTION: tuple[Cause, ...] = ("connect",)

@@ -135,6 +135,8 @@ def _check(chunk: ActionChunk, name: str) -> Array:
 
 
 def _check_finite(actions: Array, name: str) -> None:
-    if not np.all(np.isfinite(actions)):
-        bad = actions[~np.isfinite(actions).all(axis=1)][0]
-        raise PolicyError(f"{name}: an action is not finite: {bad}", cause="bad_action")
+    usable = np.abs(actions) <= np.finfo(np.float32).max  # as which actions are stored
+    if not usable.all():
+        bad = actions[~usable.all(axis=1)][0]
+        problem = "is beyond 32-bit floats" if np.isfinite(bad).all() else "is not finite"
+        raise PolicyError(f"{name}: an action {problem}: {bad}", cause="bad_action")

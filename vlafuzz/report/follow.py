@@ -3,17 +3,19 @@
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import closing
 from html import escape
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from queue import SimpleQueue
 
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.files import reason
 from vlafuzz.renderer import probe_once
 from vlafuzz.report.live import Live
 from vlafuzz.report.page import render
+from vlafuzz.serving.http import BoundedHandler, BoundedServer
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest, Trial
 from vlafuzz.triage import scene_runner
@@ -21,6 +23,7 @@ from vlafuzz.triage import scene_runner
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # other names are those of pages elsewhere that resolve to this machine
 REFRESH, SELDOM = 5, 30  # seconds, while the run goes on and afterwards: triage may follow
+LOOK = 0.05  # seconds that a browser waits for its page to be begun, at most
 PAUSE = 20.0  # seconds between films, which take time from the run
 
 
@@ -54,35 +57,26 @@ class Films:
             self._next = time.monotonic() + PAUSE
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(BoundedHandler):
     server: "PageServer"
 
-    def do_GET(self) -> None:
-        if self.headers.get("Host", "").rpartition(":")[0] not in _NAMES:
-            self._answer(HTTPStatus.FORBIDDEN, "this page is for this machine only")
+    def do_GET(self) -> None:  # noqa: N802 - http.server's name
+        if self.headers.get("Host", "").partition(":")[0] not in _NAMES:  # browsers leave out port 80
+            self._say(HTTPStatus.FORBIDDEN, "this page is for this machine only")
         elif self.path.partition("?")[0] != "/":
-            self._answer(HTTPStatus.NOT_FOUND, "there is one page: /")
+            self._say(HTTPStatus.NOT_FOUND, "there is one page: /")
         else:
             try:
-                self._answer(HTTPStatus.OK, self.server.page())
+                self._say(HTTPStatus.OK, self.server.ask())
             except VlafuzzError as error:
-                self._answer(HTTPStatus.SERVICE_UNAVAILABLE, f"<p>{escape(error.message)}</p>")
+                self._say(HTTPStatus.SERVICE_UNAVAILABLE, f"<p>{escape(error.message)}</p>")
 
-    def _answer(self, status: HTTPStatus, page: str) -> None:
-        body = page.encode()
-        self.send_response(status)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Say nothing."""
+    def _say(self, status: HTTPStatus, page: str) -> None:
+        self.answer(status, "text/html; charset=utf-8", page.encode())
 
 
-class PageServer(HTTPServer):
-    """Answers one request at a time, in the thread that opened the store."""
+class PageServer(BoundedServer):
+    """Makes the page in the thread that serves, as it opened the store; other threads talk to browsers."""
 
     def __init__(self, port: int, page: Callable[[], str]) -> None:
         try:
@@ -90,7 +84,25 @@ class PageServer(HTTPServer):
         except OSError as error:
             message = f"--port {port}: cannot listen there: {reason(error)}"
             raise UsageError(message, hint="--port 0 takes one that is free") from None
-        self.page = page
+        self._page, self._asked = page, SimpleQueue[Future[str]]()
+
+    def ask(self) -> str:
+        """The page, for a thread that talks to a browser."""
+        asked = Future[str]()
+        self._asked.put(asked)
+        return asked.result()
+
+    def serve_forever(self, poll_interval: float = LOOK) -> None:
+        super().serve_forever(poll_interval)
+
+    def service_actions(self) -> None:
+        """Called by ``serve_forever`` in every round."""
+        while not self._asked.empty():
+            asked = self._asked.get()
+            try:
+                asked.set_result(self._page())
+            except Exception as error:
+                asked.set_exception(error)
 
     @property
     def address(self) -> str:

@@ -1,26 +1,25 @@
 """HTTP server for OpenVLA's ``POST /act``."""
 
-import sys
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import contextmanager
 from typing import Any
 
 from vlafuzz.clients.openvla import ActOptions, decode, encode
 from vlafuzz.clients.wire import ROLLOUT, short
 from vlafuzz.policies.base import PolicySpec
+from vlafuzz.serving.http import BoundedHandler, BoundedServer
 from vlafuzz.serving.sessions import ClientSession, ServedPolicy
 
 MAX_BYTES = 64 << 20  # of an observation
-SILENCE = 600.0  # seconds after which a silent client is disconnected
+SILENCE = 600.0  # seconds between two requests of a rollout: its simulator may be slow
 
 
 @contextmanager
 def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
     """Answer requests within the block, with a thread per connection; yields the port."""
     handler = type("Handler", (_Handler,), {"served": served})
-    server = _Server((address, port), handler)
+    server = BoundedServer((address, port), handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True)
     thread.start()
     try:
@@ -31,24 +30,11 @@ def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
         thread.join()
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False  # clients keep connections open
-    request_queue_size = 128  # with the default of 5, the sixth simulator to start waits for a second
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that resets its connection ends its rollout, and is no error of ours."""
-        if not isinstance(sys.exc_info()[1], OSError):
-            super().handle_error(request, client_address)
-
-
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(BoundedHandler):
     """A connection, which is one rollout."""
 
     served: ServedPolicy
-    protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True
-    timeout = SILENCE
+    silence = SILENCE
 
     def setup(self) -> None:
         super().setup()
@@ -59,19 +45,10 @@ class _Handler(BaseHTTPRequestHandler):
             self._session.end()
         super().finish()
 
-    def do_POST(self) -> None:  # http.server's name
+    def do_POST(self) -> None:  # noqa: N802 - http.server's name
         """Answer an observation with an action, or with a list of actions."""
-        status, value = self._answer()
-        body = encode(value)
-        with suppress(OSError):  # the client may be gone
-            self.send_response(status)
-            self.send_header("Content-Type", "application/json")
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Log nothing."""
+        status, value = self._value()
+        self.answer(status, "application/json", encode(value))
 
     def _body(self) -> bytes:
         if self.path.partition("?")[0] != "/act":
@@ -82,7 +59,7 @@ class _Handler(BaseHTTPRequestHandler):
             raise ValueError(f"a body of {length} bytes, expected 1 to {MAX_BYTES}")
         return self.rfile.read(length)
 
-    def _answer(self) -> tuple[int, object]:
+    def _value(self) -> tuple[int, object]:
         try:
             message = decode(self._body())
             if isinstance(message, dict) and "encoded" in message:

@@ -89,7 +89,10 @@ class Store(KeptWork):
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
     def reopen(self, run: int) -> Spent:
-        """Continue a run that ended early; returns the time that it has taken."""
+        """Continue a run that ended early; returns the time that it has taken.
+
+        Its last errors, after which no scene was judged, are forgotten and so tried again.
+        """
         rolling = "coalesce(seconds, (SELECT total(seconds) FROM trial WHERE run = ?1))"  # if it was killed
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
@@ -99,6 +102,10 @@ class Store(KeptWork):
             )
             if not reopened.rowcount:
                 raise StoreError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")
+            judged = "SELECT max(id) FROM trial WHERE run = ?1 AND verdict IN ('passed', 'failed')"
+            last = f"SELECT id FROM trial WHERE run = ?1 AND id > coalesce(({judged}), 0)"
+            for table, column in (("rollout", "trial"), ("trial", "id")):
+                self._connection.execute(f"DELETE FROM {table} WHERE {column} IN ({last})", (run,))
             return Spent(*self._connection.execute(query, (run,)).fetchone())
 
     def add(self, run: int, trial: Trial) -> None:
