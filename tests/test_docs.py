@@ -10,12 +10,14 @@ import threading
 from dataclasses import replace
 from http.server import ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
 from tests.documentation import ROOT, files, text
 from tests.doubles import ClosedForm
+from tests.report.stores import store
 from tests.search import climb
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.campaign import launch
@@ -34,6 +36,7 @@ README, COMMANDS_PAGE, SCENES = (
 OWN_POLICY = files(ROOT / "docs" / "your-policy.md")["mine.py"]
 OWN_STRATEGY = files(ROOT / "docs" / "strategies.md")["climb.py"]
 STEPS = files(ROOT / "docs" / "gymnasium.md")["steps.py"]
+RECIPES = files(ROOT / "docs" / "python.md")
 PYTHON = re.findall(r"```python\n(.*?)```", text("docs/python.md"), re.DOTALL)
 
 
@@ -127,6 +130,55 @@ def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(
 def test_the_example_of_the_page_on_python_lists_failures_and_causes(tmp_path):
     lines = output_of(PYTHON[0], tmp_path).splitlines()
     assert [line for line in lines if re.match(r"[0-9a-f]{32} (grasp|lift|success)", line)]
+
+
+class Board:
+    """Stands in for a run of W&B and a writer of TensorBoard, which are not installed for tests."""
+
+    def __init__(self, *_: object, **about: object) -> None:
+        self.about, self.summary, self.logged = about, {}, []
+        BOARDS.append(self)
+
+    def log(self, row: dict[str, object], step: int) -> None:
+        self.logged += [name for name in row if name.startswith("failure rate")]
+
+    def add_scalar(self, name: str, value: float, step: int) -> None:
+        self.log({name: value}, step)
+
+    def add_text(self, name: str, value: str) -> None:
+        pass
+
+    def finish(self) -> None:
+        pass
+
+    close = finish
+
+
+BOARDS: list[Board] = []
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "module"),
+    [
+        ("to_wandb.py", "wandb", SimpleNamespace(init=Board)),
+        ("to_tensorboard.py", "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Board)),
+    ],
+)
+def test_a_recipe_logs_the_failure_rate_of_each_run(name, package, module, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    store(tmp_path / "pinhole.db", triaged=0)
+    monkeypatch.setitem(sys.modules, package, module)
+    BOARDS.clear()
+    exec(RECIPES[name], {})
+    assert [board.logged for board in BOARDS] == [["failure rate of random scenes"] * 4] * 2
+
+
+def test_the_recipe_of_pandas_prints_rates_by_model_and_light(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    store(tmp_path / "pinhole.db", triaged=0)
+    exec(RECIPES["to_pandas.py"], {})
+    assert "idle" in capsys.readouterr().out
 
 
 @pytest.mark.slow
