@@ -20,6 +20,11 @@ class Model:
         return f"{self.label} ({self.policy})" if self.label else self.policy
 
     @property
+    def short(self) -> str:
+        """The label with the address, but without options, which may be long."""
+        return f"{self.label} ({self.address})" if self.label else self.policy
+
+    @property
     def address(self) -> str:
         """Where it is asked: a server's address, a folder, or the name of another policy."""
         return self.policy.partition("?")[0]

@@ -53,9 +53,9 @@ class Answers:
     def __len__(self) -> int:
         return sum(answer.judged for answer in self._known.values())
 
-    def of(self, side: Side) -> Side:
-        """A side that is asked only for what is not known."""
-        return _Remembering(side, self)
+    def of(self, side: Side, model: Model) -> Side:
+        """A side that is asked only for what is not known of its model."""
+        return _Remembering(side, str(model), self)
 
     def without(self, model: Model, served: str) -> Side:
         """The known results of a model that cannot be asked, since ``served`` answers at its address.
@@ -88,6 +88,7 @@ class Answers:
 @dataclass(frozen=True)
 class _Remembering:
     side: Side
+    model: str
     answers: Answers
 
     @property
@@ -96,10 +97,10 @@ class _Remembering:
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """The known result, or that of a rollout."""
-        known = self.answers.get(self.name, probe, repeat)
+        known = self.answers.get(self.model, probe, repeat)
         if known is None or not known.judged:
             known = self.side.answer(probe, repeat)
-            self.answers.keep(self.name, probe, repeat, known)
+            self.answers.keep(self.model, probe, repeat, known)
         return known
 
 
@@ -111,11 +112,11 @@ class _Absent:
 
     @property
     def name(self) -> str:
-        return str(self.model)
+        return self.model.short
 
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """The known result."""
-        known = self.answers.get(self.name, probe, repeat)
+        known = self.answers.get(str(self.model), probe, repeat)
         if known is None:
             raise not_served(self.model, self.served)
         return known

@@ -14,6 +14,7 @@ from math import ceil, log2
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.conditions.model import Model
 from vlafuzz.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.regression.answers import Answers
@@ -210,7 +211,7 @@ class _Search:
     ) -> None:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
         self._deadline = deadline
-        self._baseline = Answers().of(baseline)
+        self._baseline = Answers().of(baseline, Model(baseline.name))
         recorded = [probe.passed if isinstance(baseline, Recorded) else None for probe in probes]
         self._of_baseline = np.array([np.nan if passed is None else float(passed) for passed in recorded])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)

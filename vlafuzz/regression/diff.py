@@ -196,7 +196,7 @@ def diff(
 
 def roll_out(known: Known, side: Side, alpha: float, watch: Watch) -> Comparison:
     """Roll out the other policy in the scenes of known failures."""
-    recorded = Recorded(f"{known.model} as recorded")
+    recorded = Recorded(f"{known.model.short} as recorded")
     return compare(
         known.probes, side, recorded, alpha=alpha, whole=True, watch=lambda now: watch(now.done, now.most)
     )

@@ -122,7 +122,7 @@ def diff_policies(
                 sides.append(known.without(model, label))
                 continue
             make = partial(_runner, tested.source, model.policy)
-            side = known.of(stack.enter_context(closing(Rerun(str(model), tested.runs, make))))
+            side = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
             sides.append(side)
             if absent:  # all that can be asked now, before the other one is asked for
                 result = diff.roll_out(tested, side, alpha, progress)
@@ -174,8 +174,8 @@ def bisect_checkpoints(
     that are served at one address in turn, ``label`` is the one that answers there now; a PrerequisiteError
     says which one has to be served next.
     """
-    models = {str(checkpoint): checkpoint for checkpoint in checkpoints}
-    bisect.check_checkpoints(list(map(str, checkpoints)))
+    models = {checkpoint.short: checkpoint for checkpoint in checkpoints}
+    bisect.check_checkpoints([checkpoint.short for checkpoint in checkpoints])
     absent = _absent(checkpoints, label, answers)
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
     for checkpoint in checkpoints:
@@ -203,14 +203,16 @@ def bisect_checkpoints(
             watch if model == checkpoints[-1] else SILENT
         )  # the first one: the others' notes are the same
         with closing(_rerun(folder, corpus, model, noting)) as side:
-            yield known.of(side)
+            yield known.of(side, model)
 
     with ExitStack() as stack:
         return bisect.bisect(
             controls,
             list(models),
             opened,
-            known.of(_baseline(folder, corpus, baseline, stack, watch)) if baseline else _recorded(corpus),
+            known.of(_baseline(folder, corpus, baseline, stack, watch), Model(baseline))
+            if baseline
+            else _recorded(corpus),
             alpha=alpha,
             error=error,
             comparisons=most,
@@ -301,7 +303,7 @@ def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, 
 
 
 def _recorded(corpus: Corpus) -> Recorded:
-    return Recorded(f"{corpus.tested} as recorded")
+    return Recorded(f"{corpus.tested.short} as recorded")
 
 
 def _controls(folder: Path, run: Manifest) -> list[Probe]:
@@ -328,13 +330,11 @@ def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
             places[runner.elsewhere] = None
         return runner
 
-    rerun = Rerun(str(model), corpus.runs, make)
+    rerun = Rerun(model.short, corpus.runs, make)
     here = "" if model.replaces(corpus.tested) else f"; `--baseline {corpus.policy}` runs both"
     if changed:
-        watch.note(
-            f"note: {model} runs under other conditions than the corpus: its {', '.join(changed)} differ"
-            f"{here and f'{here} under the same'}"
-        )
+        differ = f"its {', '.join(changed)} differ{here and f'{here} under the same'}"
+        watch.note(f"note: {model.short} runs under other conditions than the corpus: {differ}")
     for elsewhere in places:
         watch.note(f"note: the corpus was made {elsewhere}{here and f'{here} here'}")
     return rerun
