@@ -54,7 +54,7 @@ def test_two_connections_to_a_server_that_samples_say_how_far_its_actions_spread
         check = checked(f"{name}?camera=0", remote=True)
     assert len(requests) == 8
     assert check.verdict == "ok"
-    assert check.found.startswith("it samples, as declared: its actions are ")
+    assert check.found.startswith("it samples, as declared: its actions spread by ")
 
 
 @pytest.mark.parametrize(

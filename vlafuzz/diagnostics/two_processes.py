@@ -128,7 +128,7 @@ def on_answers(spec: PolicySpec, one: Asked, other: Asked, *, remote: bool) -> C
         detail = f"{two} get the same answers to {len(one[0])} observations"
         return Check(ANSWERS, detail, "ok")
     if not spec.deterministic:
-        return Check(ANSWERS, f"it samples, as declared: {_spread(spec, one + other)} apart", "ok")
+        return Check(ANSWERS, f"it samples, as declared: {_spread(spec, one + other)}", "ok")
     size = between.relative(float(np.mean(between.noise)))
     share = f"{np.count_nonzero(between.noise)} of {len(between.noise)} observations"
     found = f"{two} get different answers to {share}, by {size:.2g} of what differs from moment to moment"
@@ -152,7 +152,7 @@ def _spread(spec: PolicySpec, asked: Asked) -> str:
     deviations = numbers.std(axis=0, ddof=1).mean(axis=(0, 1))
     move = 1000 * abs(spec.action.position_scale) * deviations[:3].max()
     turn = abs(spec.action.rotation_scale) * deviations[3:6].max()
-    return f"its actions are {move:.2g} mm and {np.degrees(turn):.2g}° (standard deviation)"
+    return f"its actions spread by {move:.2g} mm and {np.degrees(turn):.2g}° (standard deviation)"
 
 
 def _twice(work: Callable[[], T], *, at_once: bool) -> tuple[T, T]:
