@@ -1,13 +1,16 @@
 """Several tasks and policies in one store: with real spaces and strategies, without a simulator."""
 
+import json
+import shlex
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm
+from tests.doubles import ClosedForm, Raising
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.report.sources import view_of_store
+from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
 
@@ -67,3 +70,42 @@ def test_scenes_of_two_tasks_are_never_alike(mixed: Path):
     assert all(task[digest] == card.scene.task for card in view.cards for digest in card.alike)
     assert view.causes[0].title == "Policies and tasks"
     assert len(view.causes[0].rows) == 3
+
+
+def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", *IDLE, "--task", "all", "--budget", "4", "--table", "rates.md", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    tasks = ["pick-up", "move-near", "put-on", "put-in"]
+    assert [one["task"] for one in shown["tasks"]] == tasks
+    assert [one["task"] for one in shown["standings"]] == tasks
+    (store,) = Path("runs").glob("all-*.db")
+    with Store.open(store) as opened:
+        assert [run.manifest.task for run in opened.runs()] == tasks
+    assert Path("rates.md").read_text().count("\n") == 2 + len(tasks)
+
+
+def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    wanted = [*IDLE, "--task", "pick-up,put-on,put-in", "--store", "s.db"]
+
+    def evaluator(manifest: Manifest, _: object) -> ClosedForm:
+        end = Raising(KeyboardInterrupt(), after=3)
+        return end if manifest.task == "put-on" else ClosedForm(manifest.repeats)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(launch, "make_evaluator", evaluator)
+        patched.setattr("sys.argv", ["vlafuzz", "run", *wanted])
+        assert main(["run", *wanted]) == 130
+    assert shlex.join(["vlafuzz", "run", *wanted, "--resume"]) in capsys.readouterr().err
+    assert main(["run", *wanted, "--resume"]) == 0
+    with Store.open(Path("s.db")) as store:
+        runs = [(run.manifest.task, run.status, run.manifest.budget) for run in store.runs()]
+    assert runs == [(task, "finished", 40) for task in ("pick-up", "put-on", "put-in")]
+
+
+def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys: pytest.CaptureFixture[str]):
+    assert main(["run", *IDLE, "--task", "pick-up,put-under", "--store", "s.db"]) == 2
+    assert "unknown task 'put-under'" in capsys.readouterr().err
+    assert main(["run", *IDLE, "--task", "all", "--table", "rates.txt"]) == 2
+    assert not Path("s.db").exists()

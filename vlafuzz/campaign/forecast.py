@@ -130,6 +130,15 @@ class Forecast:
             return f"probably no certified cause, since one takes about {duration(one)}"
         return f"about {plural(min(max(int(rest / one), 1), most), 'certified cause')}"
 
+    def of_tasks(self, tasks: int) -> str:
+        """The forecast of so many runs like this one, one after another; empty where nobody has to wait."""
+        if tasks * self.run <= NOBODY_WAITS:
+            return ""
+        if tasks == 1:
+            return str(self)
+        whole = tasks * min(self.run + self.certification, self.until.left)
+        return f"{tasks} tasks, one after another: about {duration(whole)} in all; each {self}"
+
     def after(self, seconds: float, done: int = 0) -> str:
         """The forecast in view of the seconds that a rollout takes, of which so many are done.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.campaign.config import (
+    BUDGET,
     Plan,
     RunConfig,
     default_store,
@@ -18,14 +19,15 @@ from vlafuzz.campaign.config import (
     read_scene_file,
 )
 from vlafuzz.campaign.past import AFRESH
+from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.conditions.place import elsewhere
 from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError
 from vlafuzz.plugins import check_trusted
 from vlafuzz.rigs.robots import rig
-from vlafuzz.store.records import UNFINISHED, Manifest, Run
+from vlafuzz.store.records import UNFINISHED, Manifest, Run, Spent
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy
+from vlafuzz.worlds import default_policy, world_of
 
 _ANEW = ("scenes", "pool", "workers", "executor", "address")  # not stored: every command says them anew
 
@@ -59,6 +61,36 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     check_scene_file(path, run.id, run.manifest, planned.manifest)
     check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
+
+
+def flags_of(config: RunConfig) -> dict[str, Any]:
+    """The flags that give a run its strategy, budget and all else that a configuration says."""
+    filled = replace(
+        config, strategy=named_strategy(config), budget=config.budget or (None if config.scenes else BUDGET)
+    )
+    names = {*Manifest.flags(), *_ANEW, "operators", "vary", "packs", "store"}
+    values = {name: getattr(filled, name) for name in names}
+    return {name: value for name, value in values.items() if value not in (None, ())}
+
+
+def begun(config: RunConfig) -> Run | None:
+    """The newest run of a store that is as a configuration says; None where there is none."""
+    if config.store is None or not config.store.is_file():
+        return None
+    flags = flags_of(config)
+    with Store.open(config.store) as store:
+        fitting = (run for run in reversed(store.runs()) if _misfit(flags, run.manifest) is None)
+        return next(fitting, None)
+
+
+def summary_of(store: Store, run: Run) -> Summary:
+    """The summary of a run that is over."""
+    task = run.manifest.task
+    spent = Spent(run.seconds or 0.0, run.search_seconds, run.store_seconds)
+    tally = Tally(run.id, run.manifest, world_of(task).task(task).stage_names, spent)
+    for trial in store.trials(run.id):
+        tally.count(trial)
+    return tally.summary(str(store.path))
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:

@@ -29,7 +29,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     ),
     "Where it runs": ("workers", "executor", "address", "batch"),
     "Output": (
-        *("store", "out", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
+        *("store", "out", "format_", "json", "csv", "markdown", "junit", "summary", "sarif", "table"),
         *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
     ),
 }

@@ -16,6 +16,7 @@ from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import ConfounderType, TargetType
+from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.libero import Libero
 from vlafuzz.worlds.tabletop import Tabletop
@@ -50,6 +51,21 @@ def task_of(world: str | None, task: str | None) -> str | None:
     if task and named and task != named:
         raise UsageError(f"--world {world}, --task {task}: two tasks", hint="leave one of the two out")
     return named or task
+
+
+def tasks_named(names: str) -> tuple[str, ...]:
+    """The tasks of a list with commas, or all of the tabletop.
+
+    Raises:
+        UsageError: there is no such task.
+    """
+    if names == "all":
+        return tuple(TASKS)
+    tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
+    if len(tasks) > 1:
+        for name in tasks:
+            world_of(name).task(name)
+    return tasks
 
 
 def _task_in(world: str) -> str | None:

@@ -1,0 +1,146 @@
+"""``vlafuzz run`` with several tasks: one forecast, one store, and one table of policies and tasks."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vlafuzz.cli.one_run import Asked, Done, note_defaults, run_plan
+from vlafuzz.cli.output import Bar, print_json, print_rows
+from vlafuzz.errors import UsageError
+from vlafuzz.files import write_whole
+from vlafuzz.text import csv_table, markdown_table
+
+if TYPE_CHECKING:
+    from vlafuzz.campaign.config import Plan, RunConfig
+    from vlafuzz.campaign.tally import Summary
+    from vlafuzz.deadline import Deadline
+    from vlafuzz.diagnostics.before_run import Checked
+    from vlafuzz.report.standings import Standing
+
+
+def run_tasks(
+    tasks: Sequence[str],
+    flags: Mapping[str, Any],
+    asked: Asked,
+    until: Deadline,
+    *,
+    resume: bool,
+    unchecked: bool,
+) -> tuple[list[Done], Path, str]:
+    """Run each task with the same flags, up to the first interruption.
+
+    Args:
+        until: the tasks share the time that is left.
+        resume: runs that ended early are taken up again, and those that are over are not repeated.
+
+    Returns:
+        The runs, their store, and in a sentence which tasks were not begun as the time was over.
+    """
+    config, runs, checked = _config(tasks, flags), list[Done](), None
+    again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
+    assert config.store
+    for number, task in enumerate(tasks):
+        if until.passed:
+            return (
+                runs,
+                config.store,
+                f"--time was over before these tasks began: {', '.join(tasks[number:])}",
+            )
+        Bar.note(f"task {number + 1} of {len(tasks)}: {task}")
+        plan, over = _plan(replace(config, task=task), again=resume)
+        first = checked is None and over is None
+        if over is None:
+            plan, speed = checked = _checked(plan, checked, flags, unchecked=unchecked)
+        else:
+            speed = None
+        left = len(tasks) - number
+        done = run_plan(plan, speed, until.after(1 / left), asked, tasks=left * first, again=again, over=over)
+        runs.append(done)
+        if done.interrupted:
+            Bar.note(f"hint: `{again}` does the other tasks")
+            break
+    return runs, config.store, ""
+
+
+def _config(tasks: Sequence[str], flags: Mapping[str, Any]) -> RunConfig:
+    """What all tasks have in common; with a store and a policy."""
+    from vlafuzz.campaign.config import RunConfig, default_store
+    from vlafuzz.tasks.tabletop import TASKS
+    from vlafuzz.worlds import default_policy
+
+    policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
+    name = "all" if set(tasks) == set(TASKS) else "-".join(tasks)
+    store = default_store(name, policy, flags.get("seed", 0))
+    command = shlex.join(["vlafuzz", *sys.argv[1:]])
+    return RunConfig(**{"store": store} | dict(flags) | {"policy": policy, "task": None, "command": command})
+
+
+def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
+    """The plan of a task; with the summary of its run if that came to its end before."""
+    from vlafuzz.campaign.config import plan
+    from vlafuzz.campaign.resume import begun, flags_of, resume, summary_of
+    from vlafuzz.store.records import UNFINISHED
+    from vlafuzz.store.store import Store
+
+    run = begun(config) if again else None
+    if run is None:
+        return plan(config), None
+    if run.status in UNFINISHED:
+        return resume(flags_of(config)), None
+    assert config.store
+    planned = replace(plan(config), manifest=run.manifest)
+    with closing(planned.policy), Store.open(config.store) as store:
+        return planned, summary_of(store, run)
+
+
+def _checked(plan: Plan, before: Checked | None, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
+    """The plan after the check of its policy, which is made once for all tasks."""
+    from vlafuzz.diagnostics.before_run import checked_plan
+
+    if before is None:
+        note_defaults(plan, flags)
+        with Bar() as bar:
+            return checked_plan(plan, unchecked=unchecked, watch=bar)
+    if plan.resume is None:
+        plan = replace(plan, manifest=replace(plan.manifest, checkup=before.plan.manifest.checkup))
+    return before._replace(plan=plan)
+
+
+def standings(store: Path) -> tuple[Standing, ...]:
+    """How each policy of a store does in each task."""
+    from vlafuzz.report.standings import standings_of
+    from vlafuzz.store.store import Store
+
+    with Store.open(store) as opened:
+        return standings_of(opened)
+
+
+def print_several(runs: Sequence[Done], store: Path, *, json: bool) -> None:
+    """Print the table of a store, or as JSON also its runs."""
+    rows = standings(store)
+    if json:
+        documents = [done.document for done in runs]
+        print_json({"tasks": documents, "standings": [one.document() for one in rows]})
+    else:
+        print_rows([one.row() for one in rows], title=f"policies and tasks of {store}")
+
+
+def check_table(path: Path) -> None:
+    """Raise a UsageError for a file whose ending says no format."""
+    if path.suffix not in (".csv", ".md"):
+        raise UsageError(f"--table {path}: neither .csv nor .md", hint="such as --table rates.csv")
+
+
+def write_table(path: Path, store: Path) -> None:
+    """Write the table of a store as CSV or Markdown."""
+    rows = standings(store)
+    if path.suffix == ".csv":
+        write_whole(path, csv_table([one.document() for one in rows]))
+    else:
+        write_whole(path, markdown_table([one.row() for one in rows]) + "\n")
