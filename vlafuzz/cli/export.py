@@ -1,17 +1,22 @@
 """``vlafuzz export`` and ``vlafuzz merge``."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, stderr
-from vlafuzz.errors import UsageError, check_number
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
 from vlafuzz.text import plural
+
+if TYPE_CHECKING:
+    from vlafuzz.regression.corpus import Corpus
 
 
 class Wanted(StrEnum):
@@ -114,7 +119,8 @@ def export(
 
     With --minimal every failure is repeated until it is clear, with its witness and its passing
     counterparts, and only what holds is written. The policy's outcomes in random scenes, the controls, are
-    recorded as well. `vlafuzz regress` and `vlafuzz report` read the folder.
+    recorded as well. `vlafuzz regress` and `vlafuzz report` read the folder. Of a store of several tasks each
+    gets a folder in OUT: OUT/pick-up, OUT/put-on and so on.
 
     With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with
     the pictures, state and actions of the policy: demonstrations to train it with. The store keeps the
@@ -203,10 +209,11 @@ def _export_demonstrations(
 def _export_corpus(
     store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
 ) -> None:
-    """Check the minimal failures once more and write those that hold."""
+    """Check the minimal failures once more and write those that hold: a corpus, or one for each task."""
     from vlafuzz.cli.triage import note_alone
     from vlafuzz.regression.controls import CONTROLS
     from vlafuzz.regression.export import export as export_corpus
+    from vlafuzz.regression.export import tasks_of
     from vlafuzz.regression.folder import check_new, write_corpus
     from vlafuzz.store.store import Store
     from vlafuzz.triage.scene_runner import runner_of_run
@@ -214,23 +221,39 @@ def _export_corpus(
     check_new(out)
     note_alone(store)
     wanted = CONTROLS if controls is None else controls
+    failed: list[VlafuzzError] = []
     with Store.open(store) as opened, Bar() as bar:
-        corpus = export_corpus(
-            opened,
-            partial(runner_of_run, store, note=Bar.note),
-            name=out.name,
-            run=run,
-            controls=wanted,
-            firm=firm,
-            workers=workers,
-            watch=bar,
-        )
-    write_corpus(corpus, out)
+        tasks = tasks_of(opened, run)
+        for task in tasks:
+            folder = out if len(tasks) == 1 else out / task.replace("/", "-")
+            try:
+                corpus = export_corpus(
+                    opened,
+                    partial(runner_of_run, store, note=Bar.note),
+                    name=folder.name,
+                    run=run,
+                    task=task,
+                    controls=wanted,
+                    firm=firm,
+                    workers=workers,
+                    watch=bar,
+                )
+            except (StoreError, PrerequisiteError) as error:
+                failed.append(error)
+                if len(failed) == len(tasks):
+                    raise
+                bar.note(f"no corpus of {task}: {error}")
+                continue
+            write_corpus(corpus, folder)
+            _print_corpus(corpus, folder, wanted)
+
+
+def _print_corpus(corpus: Corpus, folder: Path, controls: int) -> None:
     causes = plural(len({case.signature for case in corpus.cases}), "cause")
     failures = f"{len(corpus.cases)} minimal failures ({causes})"
-    stderr().print(f"{failures} and {len(corpus.controls)} controls written to {out}", soft_wrap=True)
-    if len(corpus.controls) < wanted:
-        stderr().print(f"only {len(corpus.controls)} of {wanted} controls were fair and could be judged")
+    stderr().print(f"{failures} and {len(corpus.controls)} controls written to {folder}", soft_wrap=True)
+    if len(corpus.controls) < controls:
+        stderr().print(f"only {len(corpus.controls)} of {controls} controls were fair and could be judged")
     _print_left_out(corpus.evidence.left_out)
 
 

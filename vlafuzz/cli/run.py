@@ -129,8 +129,8 @@ def command(
 
     Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db; several tasks share one. Scenes that
     a store knows are answered from it at no cost. A policy of your own is first checked, for seconds: a blind
-    policy, for example, is not run. With --time, half of it is for the run and what is left is for triage, if any;
-    all of it is for the run where what is left would probably certify nothing. Several tasks share the time.
+    policy, for example, is not run. With --time, half of it is for the run and what is left is for triage, if
+    any; all of it is for the run where what is left would probably certify nothing. Several tasks share it.
     """
     from vlafuzz.deadline import deadline
 

@@ -38,6 +38,7 @@ def export(
     *,
     name: str,
     run: int | None = None,
+    task: str | None = None,
     controls: int = CONTROLS,
     firm: float | None = None,
     workers: int = 1,
@@ -50,7 +51,7 @@ def export(
 
     Args:
         runner: makes the scene runner that checks the findings of a run.
-        run: only findings that this run found first.
+        run: only findings that this run found first; ``task``: only those of one task.
         controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``;
             more where it passes rarely, see ``record``.
         firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they
@@ -63,7 +64,7 @@ def export(
         StoreError: the store has no minimal finding, or none that holds.
         PrerequisiteError: the policy passes in so few controls that there could be no alarm.
     """
-    chosen = _choose(store, run)
+    chosen = _choose(store, run, task)
     runs = {begun.id: begun for begun in store.runs()}
     numbers = sorted({number for number, _ in chosen})
     _check_alike(store, [runs[number] for number in numbers])
@@ -101,7 +102,7 @@ def export(
         runs=[runs[number].manifest for number in numbers],
         cases=list(cases.values()),
         controls=recorded,
-        evidence=_evidence(store, left_out),
+        evidence=_evidence(store, task, left_out),
         renderer=renderer,
         versions=provenance.versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -138,11 +139,18 @@ def _checker(
             yield PooledRunner(pool, make, run), partial(side_by_side, pool, workers)
 
 
-def _choose(store: Store, run: int | None) -> list[tuple[int, Triaged]]:
+def tasks_of(store: Store, run: int | None) -> list[str]:
+    """The tasks of the minimal findings; a StoreError if there is none."""
+    return list(dict.fromkeys(triaged.scene.task for _, triaged in _choose(store, run)))
+
+
+def _choose(store: Store, run: int | None, task: str | None = None) -> list[tuple[int, Triaged]]:
     """The minimal findings with their runs, ordered by these; of several with one minimal scene the first."""
     runs = {finding.key: finding.run for finding in store.findings(run)}
     chosen: dict[Scene, tuple[int, Triaged]] = {}
     for triaged in store.triaged():
+        if task not in (None, triaged.scene.task):
+            continue
         if triaged.key in runs and triaged.bucket == "minimal" and triaged.shrunk and triaged.witness:
             chosen.setdefault(triaged.shrunk, (runs[triaged.key], triaged))
     if not chosen:
@@ -157,11 +165,12 @@ def _check_alike(store: Store, runs: Sequence[Run]) -> None:
         raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
 
 
-def _evidence(store: Store, left_out: Counter[str]) -> Evidence:
-    summary = summarise(store)
+def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidence:
+    summary = summarise(store, task)
     counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
     counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "edge", "flaky")}
-    trials = (trial for run in store.runs() for trial in store.trials(run.id))
+    runs = [run.id for run in store.runs() if task in (None, run.manifest.task)]
+    trials = (trial for run in runs for trial in store.trials(run))
     return Evidence(
         findings=summary.findings,
         shares={name: Share.of_counts(count, summary.triaged) for name, count in counts.items()},
