@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -64,6 +65,9 @@ class Job:
             name, _, value = line.partition("=")
             self._known[f"steps.{step['id']}.outputs.{name}"] = value
 
+    def output(self, step: str, name: str) -> str:
+        return self._known[f"steps.{step}.outputs.{name}"]
+
     def _filled(self, text: str) -> str:
         return re.sub(r"\$\{\{(.*?)\}\}", lambda found: self._value(found[1]), text)
 
@@ -117,6 +121,27 @@ def test_failures_of_several_nights_are_merged(tmp_path: Path):
         assert [run.manifest.seed for run in store.runs()] == [1, 2]
     assert "<html" in (results / "report.html").read_text()
     assert not (results / "new.db").exists()
+
+
+def test_every_task_of_a_folder_of_corpora_is_compared(tmp_path: Path):
+    for task in ("pick-up", "put-on"):
+        shutil.copytree(ROOT / "corpus" / f"mini-{task}", tmp_path / "corpora" / task)
+    job = Job(tmp_path, mode="regress", policy="frozen", corpus="corpora", task="all")
+    job.run()
+    assert job.code == 1
+    assert job.summary.count("frozen is worse than") == 2
+    assert (tmp_path / "vlafuzz-results" / "put-on" / "junit.xml").is_file()
+
+
+def test_names_tell_tasks_apart_and_fit_caches_and_artifacts(tmp_path: Path):
+    kept = []
+    for task in ("pick-up", "pick-up,put-on", "libero_object/0", "all"):
+        job = Job(tmp_path, mode="none", policy="expert", task=task)
+        job.run()
+        kept.append(job.output("names", "kept"))
+    assert kept == ["vlafuzz-pick-up", "vlafuzz-pick-up+put-on", "vlafuzz-libero_object-0", "vlafuzz-all"]
+    names = [step["with"].get("key") or step["with"].get("name") for step in STEPS if "with" in step]
+    assert all("steps.names.outputs.kept" in name for name in names if name)
 
 
 def test_a_wrong_mode_or_name_fails_the_job(tmp_path: Path):
