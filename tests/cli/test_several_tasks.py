@@ -14,7 +14,7 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
 
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify", "--budget", "40")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify", "--budget", "12")
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +53,7 @@ def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(
 
 def test_standings_tell_policies_and_tasks_apart(mixed: Path):
     rows = StoredResults(mixed).standings()
-    assert [(row.task, row.rollouts) for row in rows] == [("pick-up", 40), ("put-on", 40), ("pick-up", 40)]
+    assert [(row.task, row.rollouts) for row in rows] == [("pick-up", 12), ("put-on", 12), ("pick-up", 12)]
     idle, _, expert = rows
     with Store.open(mixed) as store:
         failed, judged = store.judged([3])
@@ -73,7 +73,7 @@ def test_scenes_of_two_tasks_are_never_alike(mixed: Path):
 
 
 def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--task", "all", "--budget", "4", "--table", "rates.md", "--json"]) == 0
+    assert main(["run", *IDLE, "--task", "all", "--strategy", "random", "--table", "rates.md", "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     tasks = ["pick-up", "move-near", "put-on", "put-in"]
     assert [one["task"] for one in shown["tasks"]] == tasks
@@ -101,7 +101,7 @@ def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
     assert main(["run", *wanted, "--resume"]) == 0
     with Store.open(Path("s.db")) as store:
         runs = [(run.manifest.task, run.status, run.manifest.budget) for run in store.runs()]
-    assert runs == [(task, "finished", 40) for task in ("pick-up", "put-on", "put-in")]
+    assert runs == [(task, "finished", 12) for task in ("pick-up", "put-on", "put-in")]
 
 
 def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys: pytest.CaptureFixture[str]):

@@ -150,7 +150,6 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -
     from vlafuzz.campaign.launch import start
     from vlafuzz.cli.summary import RunBar
 
-
     def note() -> str:
         if not _is_begun(plan):
             return "interrupted: nothing is stored yet"
