@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, scene
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.execute import processes
 from vlafuzz.execute.processes import ProcessExecutor
 from vlafuzz.execute.worker_pool import Worker, WorkerPool
 from vlafuzz.outcome import Outcome, Verdict
@@ -45,6 +46,10 @@ def die() -> None:
 
 def leave() -> None:
     os._exit(7)
+
+
+def stop() -> None:
+    os.kill(os.getpid(), signal.SIGSTOP)
 
 
 def hang() -> None:
@@ -117,6 +122,32 @@ def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(execut
     got = dict(executor(broken).run([(0, [DARK]), (1, [BRIGHT])]))
     details = {outcome.detail for outcomes in got.values() for outcome in outcomes}
     assert details == {"worker: ended with exit code 3, 2 times"}
+
+
+def test_a_stopped_worker_is_said_and_replaced(executor, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(processes, "STOPPED", 0.5)
+    chosen = executor(partial(same, Treacherous(stop, tmp_path, always=False)), workers=1)
+    ((_, (outcome,)),) = chosen.run([(0, [BRIGHT])])
+    assert outcome.verdict is Verdict.PASSED
+    assert "is stopped; in 0.5 s another takes its place" in caplog.text
+
+
+@pytest.mark.parametrize("deaths", [1, 2])
+def test_a_server_of_forks_that_dies_gets_one_more_try_and_is_no_interruption(executor, monkeypatch, deaths):
+    left, context = [EOFError] * deaths, processes.forks.context
+
+    def dying():
+        if left:
+            raise left.pop()
+        return context()
+
+    monkeypatch.setattr(processes.forks, "context", dying)
+    results = executor(partial(same, ClosedForm()), workers=1).run([(0, [BRIGHT])])
+    if deaths == 1:
+        assert [outcome.verdict for _, (outcome,) in results] == [Verdict.PASSED]
+    else:
+        with pytest.raises(PrerequisiteError, match="no worker process starts: EOFError"):
+            list(results)
 
 
 def test_what_the_user_has_to_mend_first_is_raised_as_it_is(executor):

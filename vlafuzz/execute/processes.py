@@ -1,5 +1,6 @@
 """Process executor: evaluates scenes in several processes of this machine, each with its own simulator."""
 
+import logging
 import os
 import signal
 import time
@@ -9,13 +10,16 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.errors import VlafuzzError
+from vlafuzz.errors import PrerequisiteError, VlafuzzError
 from vlafuzz.execute import forks
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.execute.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
+
+STOPPED = 10.0  # seconds that a stopped worker has to go on
+LOG = logging.getLogger(__name__)
 
 
 class ProcessExecutor(WorkerPool):
@@ -41,12 +45,23 @@ class ProcessExecutor(WorkerPool):
         after: Callable[[], None] = lambda: None,
     ) -> None:
         limit = memory or share(workers)
-        super().__init__(lambda: _Process(make, timeout, limit), _wait, workers, after)
+        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, after)
 
 
 def share(workers: int) -> int:
     """Bytes of memory per worker: together they may use four fifths of the machine's."""
     return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
+
+
+def _started(make: Callable[[], Evaluator], timeout: float, memory: int) -> "_Process":
+    """A worker; where the server that forks them dies, another one begins, once."""
+    with suppress(EOFError, OSError):
+        return _Process(make, timeout, memory)
+    try:
+        return _Process(make, timeout, memory)
+    except (EOFError, OSError) as error:
+        message = f"no worker process starts: {type(error).__name__}: {error}"
+        raise PrerequisiteError(message, hint="is there memory for it? --workers 1 needs none") from None
 
 
 class _Process:
@@ -63,6 +78,7 @@ class _Process:
         self._send(make)
         self._timeout, self._memory = timeout, memory
         self._up, self._began, self._scenes = False, 0.0, 0
+        self._stopped: float | None = None  # since when, by a signal
 
     def ready(self) -> bool:
         return True
@@ -95,12 +111,19 @@ class _Process:
             self.pipe.send(message)
 
     def _check(self) -> None:
-        """Raise Lost when the worker exceeds its time or memory."""
+        """Raise Lost when the worker exceeds its time or memory, or was stopped."""
         allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             raise Lost(f"no answer within {allowed:.0f} s")
         if _resident(self._process.pid) > self._memory:
             raise Lost(f"held more than {self._memory / 2**30:.1f} GiB of memory")
+        if not _is_stopped(self._process.pid):
+            self._stopped = None
+        elif self._stopped is None:
+            self._stopped = time.monotonic()
+            LOG.warning("worker %s is stopped; in %g s another takes its place", self._process.pid, STOPPED)
+        elif time.monotonic() - self._stopped > STOPPED:
+            raise Lost(f"was stopped for {STOPPED:g} s")
 
 
 def _wait(workers: Sequence[Any]) -> None:
@@ -132,6 +155,13 @@ def cause_of_death(process: Any) -> str:
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
+
+
+def _is_stopped(pid: int | None) -> bool:
+    """Whether a signal has stopped a process (SIGSTOP); False where the system does not report it."""
+    with suppress(OSError, IndexError):
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
+    return False
 
 
 def _resident(pid: int | None) -> int:

@@ -31,7 +31,7 @@ def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     try:
         with forks.single_threaded():  # the server starts with the first process
             yield pool
-    except BrokenProcessPool:
+    except (BrokenProcessPool, EOFError):  # the latter where the server that forks them dies
         hint = "repeat the command to continue, perhaps with fewer --workers"
         raise SimulatorError("a worker died; finished findings are stored", hint=hint) from None
     finally:
