@@ -1,0 +1,116 @@
+#!/usr/bin/env python
+"""How often `vlafuzz regress` notices the loss that it states, and how often equal policies raise an alarm.
+
+Controls are drawn, recorded and compared as on the command line; only scenes and policies are made up. A
+policy passes in a scene with a probability of its own, whose mean is the given rate: the same in every scene
+(`chance`), always or never (`scenes`), or nearly so (`mixed`). The new policy does so in other scenes. It
+passes as often as the baseline, or less often by the loss that was stated for that very corpus.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil
+from typing import cast
+
+import numpy as np
+
+from vlafuzz.assets import corpus_dir
+from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.regression import controls
+from vlafuzz.regression.corpus import Corpus
+from vlafuzz.regression.folder import read_corpus
+from vlafuzz.regression.pairs import Probe
+from vlafuzz.regression.power import power_of
+from vlafuzz.regression.regress import Recorded, Rerun, compare
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.statistics import wilson
+from vlafuzz.store.records import Manifest
+from vlafuzz.triage.runner import SceneRunner
+from vlafuzz.watch import SILENT
+
+RATES, NUMBERS = (0.05, 0.3, 0.5, 0.8, 0.95), (40, 200)
+CERTAINTY = {"chance": 0.0, "scenes": 1.0, "mixed": 0.9}  # how far a scene decides the outcome
+FRESH = 10_000  # smaller seeds were used while the power was made
+SCENES = 2000  # more than are drawn for any corpus
+STEP = 1e-6  # metres between scenes, which are told apart by the place of the target
+
+
+class Policy:
+    """A runner that passes in random scenes, each told by its number."""
+
+    deterministic = True
+    space = cast(SearchSpace, None)
+
+    def __init__(self, kind: str, rate: float, seed: Sequence[int]) -> None:
+        self._rng, self._rate, self._certain = np.random.default_rng(seed), rate, CERTAINTY[kind]
+        self._decided = self._rng.random(SCENES) < rate
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        return [
+            Outcome(verdict=Verdict.PASSED if self._passes(scene) else Verdict.FAILED) for scene in scenes
+        ]
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def _passes(self, scene: Scene) -> bool:
+        decided = self._decided[round(scene.targets[0].x / STEP)]
+        return bool(decided if self._rng.random() < self._certain else self._rng.random() < self._rate)
+
+
+def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int) -> tuple[bool, bool] | None:
+    """Whether an equal policy, and one with the stated loss, raise an alarm; None if none is possible."""
+    base = template.controls[0].scene
+
+    def draw(space: SearchSpace, seed: int, number: int) -> Scene:
+        return replace(base, targets=(replace(base.targets[0], x=number * STEP), *base.targets[1:]))
+
+    controls.draw = draw
+    baseline = cast(SceneRunner, Policy(kind, rate, [seed, 0]))
+    recorded = controls.record(baseline, seed, number, SILENT)
+    power = power_of([control.passed for control in recorded])
+    if not power.possible:
+        return None
+    left = 0.0 if power.total else max(0.0, rate - ceil(100 * power.loss) / 100)
+    probes = [Probe(control.scene, "control", "random", 0, control.passed) for control in recorded]
+
+    def alarm(passing: float, number: int) -> bool:
+        def make(run: Manifest) -> Policy:
+            return Policy(kind, passing, [seed, number])
+
+        return compare(probes, Rerun("new", template.runs, make), Recorded("old")).alarm
+
+    return alarm(rate, 1), alarm(left, 2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--corpora", type=int, default=200, help="of each shape")
+    parser.add_argument("--kinds", nargs="+", default=list(CERTAINTY), choices=list(CERTAINTY))
+    parser.add_argument("--seed", type=int, default=FRESH, help="of the first corpus")
+    options = parser.parse_args()
+    template = read_corpus(corpus_dir() / "mini-pick-up")
+    for kind in options.kinds:
+        for rate in RATES:
+            for number in NUMBERS:
+                seeds = range(options.seed, options.seed + options.corpora)
+                results = [simulate(template, kind, rate, number, seed) for seed in seeds]
+                possible = [result for result in results if result]
+                shares = [_share([result[at] for result in possible]) for at in (1, 0)]
+                shape = f"{kind:8}passes {rate:4.0%} of {number:3}: possible {len(possible):3}"
+                print(f"{shape}  noticed {shares[0]}  false alarms {shares[1]}", flush=True)
+
+
+def _share(alarms: Sequence[bool]) -> str:
+    low, high = wilson(sum(alarms), len(alarms)) if alarms else (0.0, 1.0)
+    return f"{sum(alarms):3} of {len(alarms):3} ({low:.1%}-{high:.1%})"
+
+
+if __name__ == "__main__":
+    main()
