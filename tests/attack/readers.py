@@ -58,7 +58,7 @@ def operators(rng: Rng, folder: Path) -> None:
 
 
 @contextmanager
-def _cache_in(folder: Path) -> Iterator[None]:
+def cache_in(folder: Path) -> Iterator[None]:
     """Build objects here instead of in the user's cache."""
     before = os.environ.get("VLAFUZZ_CACHE")
     os.environ["VLAFUZZ_CACHE"] = str(folder)
@@ -73,7 +73,7 @@ def _cache_in(folder: Path) -> Iterator[None]:
 def objects(rng: Rng, folder: Path) -> None:
     catalogue = load_catalogue(_yaml(rng, "objects", folder / "a.yaml"))
     changed = [name for name in catalogue if name not in CATALOGUE]
-    with _cache_in(folder):
+    with cache_in(folder):
         for name in changed[:1] or list(catalogue)[: int(rng.random() < 0.05)]:
             catalogue[name]
 
@@ -179,7 +179,7 @@ def mesh(rng: Rng, folder: Path) -> None:
         path.with_name("textured.glb").write_bytes(mutators.data(rng, shape.export(file_type="glb")))
     if rng.random() < 0.2:
         path.with_name("texture.png").write_bytes(mutators.data(rng, b"\x89PNG\r\n\x1a\n" + bytes(60)))
-    with _cache_in(folder):
+    with cache_in(folder):
         load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
 
 

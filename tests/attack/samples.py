@@ -22,6 +22,7 @@ from vlafuzz.assets import operators_dir
 from vlafuzz.clients import profiles
 from vlafuzz.errors import UsageError
 from vlafuzz.formats.vlatest.write import write_vlatest
+from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
@@ -97,7 +98,17 @@ def untriaged() -> Path:
     return write_store(folder() / "untriaged.db", findings=2, triaged=1, policy="frozen")
 
 
+@cache
+def mini() -> Path:
+    """A folder of weights."""
+    place = folder() / "mini"
+    place.mkdir(exist_ok=True)
+    for name in (CARD, WEIGHTS):
+        shutil.copy(SHIPPED / name, place)
+    return place
+
+
 def make_all() -> None:
     """Make all samples; an error in this is none of the readers that are attacked."""
-    for make in (scenes, vlatest, pack, corpus, store, untriaged):
+    for make in (scenes, vlatest, pack, mini, corpus, store, untriaged):
         make()
