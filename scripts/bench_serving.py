@@ -46,7 +46,7 @@ from vlafuzz.execute.registry import Place, executor_at, policy_at
 from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.mini.policy import CAMERA, Mini
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import PROTOCOLS
 from vlafuzz.sim.base import SteppedEvaluator

@@ -32,11 +32,11 @@ from vlafuzz.execute.registry import Place, executor_at
 from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Random
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import serving
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.worlds import make_evaluator
 
 TASK = "pick-up"
 ALONE, TOGETHER = "alone", "together"

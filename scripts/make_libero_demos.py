@@ -24,7 +24,6 @@ from mini_data import ABOUT, write
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.mini.policy import CAMERA, WRIST, Mini
@@ -163,7 +162,7 @@ class Job:
     def run(self) -> dict[str, Any]:
         os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
         operators = load_operators(str(Path(__file__).with_name("demos-libero.yaml")))
-        space = LiberoSpace(operators, load_catalogue(), self.task, self.robot)
+        space = LiberoSpace(operators, self.task, self.robot)
         steps: list[dict[str, Any]] = []
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)

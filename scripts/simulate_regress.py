@@ -24,21 +24,21 @@ from typing import cast
 import numpy as np
 
 from vlafuzz.assets import corpus_dir
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression import controls
 from vlafuzz.regression.corpus import Case, Corpus
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.regression.regress import Recorded, Rerun, compare
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import wilson
 from vlafuzz.store.records import Run
 from vlafuzz.triage.path import nominal
 from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.watch import SILENT
-from vlafuzz.worlds import stored_space
 
 TEMPLATE = corpus_dir() / "mini-pick-up"
 CASES, REPEATS = 3, 5
@@ -69,7 +69,7 @@ class Policy:
     deterministic = True
 
     def __init__(
-        self, kind: str, name: str, space: SearchSpace, *, related: str | None = None, loss: float = 0.0
+        self, kind: str, name: str, space: Space, *, related: str | None = None, loss: float = 0.0
     ) -> None:
         (self._rate, mean), self._name, self._related = KINDS[kind], name, related or name
         self.space, self._kept = space, 1 - loss / mean
@@ -103,7 +103,7 @@ class Maker:
     """Makes corpora with the conditions and the kind of cases of a shipped one."""
 
     template: Corpus
-    space: SearchSpace
+    space: Space
 
     def corpus(self, policy: Policy, seed: int) -> Corpus:
         recorded = controls.record(cast(SceneRunner, policy), seed, controls.CONTROLS, SILENT)

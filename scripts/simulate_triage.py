@@ -23,16 +23,15 @@ from statistics import median
 
 import numpy as np
 
+from vlafuzz.model.genes import Gene
 from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.space.operators import TargetType
-from vlafuzz.space.params import Gene
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Finding, Triaged
-from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.triager import Triager
 from vlafuzz.validity import check_static
 
@@ -233,13 +232,13 @@ def finding(simulated: Simulated, seed: int) -> Scene | None:
 
 
 def reset(scene: Scene, names: Sequence[str]) -> Scene:
-    return SPACE.reset(scene, [operator for name in names for operator in GROUPS[name]])
+    return SPACE.reset(scene, [operator for name in names for operator in SPACE.groups[name]])
 
 
 def is_cause(simulated: Simulated, scene: Scene) -> bool:
     """Whether the planted operators make a scene fail mostly, and each of them is needed for that."""
     planted = [slope.operator for slope in simulated.slopes]
-    only = reset(scene, [name for name in GROUPS if name not in planted])
+    only = reset(scene, [name for name in SPACE.groups if name not in planted])
     without = [reset(only, [name]) for name in planted]
     if any(check_static(shown, SPACE.catalogue, SPACE.operators.min_distance) for shown in (only, *without)):
         return False

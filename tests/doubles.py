@@ -1,7 +1,7 @@
 """Test doubles: a space of three genes, an evaluator in closed form, a policy that does nothing."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 
@@ -15,6 +15,7 @@ from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
 from vlafuzz.sim.stepping import Evaluation
+from vlafuzz.space.table import GROUPS
 from vlafuzz.store.records import Manifest, Trial
 
 STAGES = ("grasp", "lift", "success")
@@ -50,6 +51,11 @@ class TinySpace:
 
     def severity(self, scene: Scene) -> float:
         return sum(self.severities(scene).values())
+
+    groups = GROUPS
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        return "+".join(sorted(name for name, value in severities.items() if value > 0.5)) or "base"
 
 
 def rollout(progress: float = 1.0, reached: tuple[str, ...] = STAGES, steps: int = 4) -> Rollout:

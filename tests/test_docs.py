@@ -24,7 +24,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.registry import known_policies, make_policy
+from vlafuzz.rollouts.policies import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.serving.serve import serving
 from vlafuzz.space import load_operators
@@ -84,7 +84,7 @@ def save(tmp_path, monkeypatch):
 @pytest.mark.render
 def test_the_example_of_an_own_policy_picks_up_what_it_sees(save):
     from vlafuzz.conditions.conditions import Conditions
-    from vlafuzz.policies.registry import make_policy
+    from vlafuzz.rollouts.policies import make_policy
     from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
     save(OWN_POLICY)

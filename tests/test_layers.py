@@ -160,7 +160,7 @@ def test_campaign_loads_no_simulator():
 
 
 def test_a_process_that_leaves_rollouts_to_workers_loads_no_torch_for_mini():
-    assert loaded_by("from vlafuzz.policies.registry import make_policy; make_policy('mini').spec") == []
+    assert loaded_by("from vlafuzz.rollouts.policies import make_policy; make_policy('mini').spec") == []
 
 
 def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(tmp_path: Path):

@@ -19,8 +19,8 @@ from vlafuzz.errors import CatalogueError, CorpusError, UsageError
 from vlafuzz.objects import load_catalogue, open_packs
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import read_corpus, write_corpus
+from vlafuzz.rollouts.policies import make_policy
 
 ROOT = Path(vlafuzz.__file__).parent
 SECRET = "a-private-word"

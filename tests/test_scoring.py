@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
+from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.rigs.rig import Workspace
 from vlafuzz.scoring import cell, score
+from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.statistics import wilson
 
 SPACE = TinySpace()
-TABLE = Workspace(x=(-0.2, 0.2), y=(-0.4, 0.4))
+TABLE = SearchSpace(load_operators(), load_catalogue(), "pick-up")
+TABLE.rig = replace(TABLE.rig, workspace=Workspace(x=(-0.2, 0.2), y=(-0.4, 0.4)))
 
 
 def test_a_failure_scores_its_progress_and_severity():
@@ -49,7 +52,7 @@ def test_the_slack_of_a_pass_is_the_less_the_later_its_slowest_rollout_succeeded
 
 def test_failures_have_no_slack_and_passes_no_cell():
     lost, done = (score(scene(x=0.0), outcome, SPACE) for outcome in (failed(), passed()))
-    assert (lost.slack, lost.cell) == (0.0, "grasp|base|x2y2")
+    assert (lost.slack, lost.cell) == (0.0, "grasp|base")
     assert (done.slack > 0, done.cell) == (True, None)
 
 

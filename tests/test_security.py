@@ -26,8 +26,8 @@ from vlafuzz.clients.profiles import load_profile, options_of
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.objects import open_packs
 from vlafuzz.objects.schema import read_file
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import read_corpus
+from vlafuzz.rollouts.policies import make_policy
 
 ROOT = Path(vlafuzz.__file__).parent
 FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]

@@ -16,10 +16,10 @@ from vlafuzz.clients.openvla import OpenVla
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.profiles import known_profiles
 from vlafuzz.clients.remote import parse
-from vlafuzz.policies.registry import client, make_policy
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import GOOGLE, PANDA, WIDOWX
+from vlafuzz.rollouts.policies import client, make_policy
 from vlafuzz.sim.maniskill.cameras import WRIST_CAMERA
 
 PAGE = text("docs/wires.md")

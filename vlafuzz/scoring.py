@@ -1,29 +1,33 @@
 """Scores of outcomes for strategies, and the cells of failures."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.rigs.rig import Workspace
-from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
-
-FAR = 0.5  # severity above which an operator is part of a cell
-_GRID = 4  # rows and columns of the workspace in a cell
 
 
 class Measure(Protocol):
-    """Measures how far scenes are from nominal."""
+    """Measures how far scenes are from nominal.
+
+    ``groups``: operators that are reset together, see ``Space``.
+    """
+
+    @property
+    def groups(self) -> Mapping[str, Sequence[str]]: ...
 
     def severity(self, scene: Scene) -> float:
         """The severity of a scene, 0 at nominal."""
 
     def severities(self, scene: Scene) -> Mapping[str, float]:
         """The severity of every operator, in [0, 1]."""
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        """The part of a failure's cell that is known before a rollout."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
         progress=outcome.progress if known else None,
         severity=space.severity(scene),
         slack=min(map(_slack, outcome.rollouts), default=0.0) if passed else 0.0,
-        cell=cell(scene, outcome, severities, rig(scene.robot).workspace) if failed else None,
+        cell=cell(scene, outcome, severities, space) if failed else None,
     )
 
 
@@ -85,27 +89,9 @@ def _slack(rollout: Rollout) -> float:
     return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
 
 
-def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], workspace: Workspace) -> str:
+def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], space: Measure) -> str:
     """A coarse, readable location of a failure: ``grasp|camera-position+light|x0y3``.
 
     Consists of the lost stage and the scene's ``site``. Failures in one cell often have the same cause.
     """
-    return f"{outcome.lost_stage or 'none'}|{site(scene, severities, workspace)}"
-
-
-def site(scene: Scene, severities: Mapping[str, float], workspace: Workspace) -> str:
-    """The part of a cell that is known before a rollout: ``camera-position+light|x0y3``.
-
-    Consists of the operators far from nominal (``base`` for none) and the first target's position in a 4 × 4
-    grid over the workspace.
-    """
-    operators = sorted(name for name, value in severities.items() if value > FAR)
-    target = scene.targets[0]
-    column, row = _bin(target.x, workspace.x), _bin(target.y, workspace.y)
-    return f"{'+'.join(operators) or 'base'}|x{column}y{row}"
-
-
-def _bin(value: float, bounds: tuple[float, float]) -> int:
-    low, high = bounds
-    share = (value - low) / (high - low)
-    return int(min(max(share * _GRID, 0), _GRID - 1))
+    return f"{outcome.lost_stage or 'none'}|{space.site(scene, severities)}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vlafuzz.errors import PrerequisiteError, SceneError, install
 from vlafuzz.evidence import Rate, Solver
+from vlafuzz.model.space import Space, value_at
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import ListedCause, causes_of
@@ -17,8 +18,6 @@ from vlafuzz.report.effects import draws
 from vlafuzz.report.standings import Standing, standings_of
 from vlafuzz.report.view import Card
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.codec import value_at
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
@@ -235,7 +234,7 @@ def _trials(store: Store, run: Run, spaces: Spaces) -> Iterator[StoredTrial]:
         )
 
 
-def _values(space: SearchSpace, scene: Scene, operators: Container[str]) -> Iterator[tuple[str, float | str]]:
+def _values(space: Space, scene: Scene, operators: Container[str]) -> Iterator[tuple[str, float | str]]:
     """What the scene has for each parameter of some operators; a slot that it does not use is left out."""
     for path, gene in space.by_path.items():
         with suppress(IndexError):

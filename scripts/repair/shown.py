@@ -12,12 +12,11 @@ from make_demos import Demonstrator
 from mini_data import write
 
 from repair.arms import Kind, wanted
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.integrations.selection import Wanted
 from vlafuzz.outcome import Verdict
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds import make_evaluator
 
 SPARE = 3  # scenes for each demonstration: some are not fair, and some the expert does not solve
 JOB = 10  # demonstrations, in a folder of their own
@@ -57,7 +56,7 @@ def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, ManiSkillEv
     key = run.task, run.key(seeded=False), driver
     if key not in _pairs:
         once, demonstrator = replace(run, repeats=1, stop_early=True), Demonstrator(driver)
-        _pairs[key] = demonstrator, make_evaluator(once, demonstrator, catalogue=stored_catalogue(once))
+        _pairs[key] = demonstrator, make_evaluator(once, demonstrator)
     return _pairs[key]
 
 

@@ -10,18 +10,18 @@ import numpy as np
 
 from strategies.faults import Density, World, space_of, world
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import visible_json
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.objects import Catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Policy
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Evaluator
 from vlafuzz.space import load_operators
+from vlafuzz.space.stored import visible_json
 from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import LIFTED
-from vlafuzz.worlds import make_evaluator
 
 STEADY = 2  # control steps that a lifted object is held before it is let go: the stage counts as reached
 OPEN, CLOSED = 1.0, -1.0  # commands of the built-in policies to the gripper
@@ -63,7 +63,7 @@ def _evaluator(policy: str, task: str) -> tuple[Evaluator, Faulty]:
         visible=visible_json(operators.visible),
         stop_early=True,
     )
-    return make_evaluator(conditions, faulty, catalogue=space_of(task).catalogue), faulty
+    return make_evaluator(conditions, faulty, space=space_of(task)), faulty
 
 
 class Faulty:

@@ -21,10 +21,10 @@ from vlafuzz.compare.comparison import Comparison, compare_runs
 from vlafuzz.compare.failures import CountedRun, count_run, with_causes
 from vlafuzz.compare.plots import plot
 from vlafuzz.compare.verdicts import corrected
-from vlafuzz.conditions.stored import stored_operators
 from vlafuzz.errors import UsageError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.space import SearchSpace
+from vlafuzz.space.stored import stored_operators
 from vlafuzz.store.store import Store
 from vlafuzz.triage.scene_runner import runner_of_run
 from vlafuzz.watch import SILENT

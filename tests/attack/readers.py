@@ -22,7 +22,7 @@ from vlafuzz.diagnostics.lint import lint
 from vlafuzz.errors import SceneError
 from vlafuzz.formats.scene_lines import is_vlatest, read_scene_file
 from vlafuzz.objects import load_catalogue, open_packs
-from vlafuzz.policies.registry import check_policy_name
+from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.tasks.instructions import load_wordings

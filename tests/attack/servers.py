@@ -22,7 +22,7 @@ from tests.clients.faults import Drifting
 from tests.clients.served import STATE, seen, start
 from vlafuzz.clients import wire
 from vlafuzz.clients.openvla import encode
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.serving.serve import serving
 
 

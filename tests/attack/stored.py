@@ -16,8 +16,8 @@ from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import stored_space
 
 
 def changed_corpus(rng: Rng, folder: Path) -> Path:

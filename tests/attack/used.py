@@ -16,8 +16,8 @@ from tests.attack.stored import changed_corpus, changed_store
 from tests.doubles import ClosedForm, passed
 from vlafuzz.campaign import replay as replaying
 from vlafuzz.outcome import Outcome
-from vlafuzz.policies.registry import POLICIES
 from vlafuzz.report.deviations import unusual
+from vlafuzz.rollouts.policies import built_in
 from vlafuzz.scene import Scene
 
 PLACES = ("campaign.launch", "campaign.replay", "triage.scene_runner")
@@ -35,7 +35,7 @@ class Known(ClosedForm):
 
     def __init__(self, policy: Any) -> None:
         super().__init__()
-        self._solves = policy.spec.name not in POLICIES or policy.spec.name in ("expert", "seeing")
+        self._solves = policy.spec.name not in built_in() or policy.spec.name in ("expert", "seeing")
 
     def renew(self) -> None:
         pass

@@ -31,7 +31,7 @@ def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     names = [f"{prefix}{number}" for prefix in ("", "mine-") for number in range(100, 800, 100)]
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
-    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(names))
+    monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(names, object))
     write_corpus(make_corpus(case(), controls=40), tmp_path / "dark")
 
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.policies import registry
+from vlafuzz.rollouts import policies
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 
@@ -23,7 +23,7 @@ def test_an_unset_variable_is_no_default(flags: tuple[str, ...], capsys: pytest.
 def test_a_bug_is_a_traceback_with_a_code_of_its_own(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(registry, "POLICIES", None)
+    monkeypatch.setattr(policies, "built_in", lambda: None)
     assert main(["policies"]) == 70
     assert "TypeError" in capsys.readouterr().err
 

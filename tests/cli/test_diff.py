@@ -60,7 +60,7 @@ RULES = {"idle": fails(dark, far), "pinhole": fails(dazzled, far), "expert": fai
 def corpora(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of idle, which fails in the dark, and of pinhole, which is dazzled; both fail far out."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(RULES))
+    monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(RULES, object))
     monkeypatch.setattr(
         runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(RULES[policy], run)
     )

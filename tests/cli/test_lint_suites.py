@@ -14,8 +14,7 @@ SOUND = AuditedTask("s/2", "take the can", 3, ())
 def audited(monkeypatch) -> list[AuditedTask]:
     """What the audit of any suite finds; ``toy`` is the world of this module."""
     tasks = [SOUND]
-    monkeypatch.setitem(suites.AUDITS, "toy", __name__)
-    monkeypatch.setattr(suites, "import_module", lambda module: Toy(tasks))
+    monkeypatch.setattr(suites, "known_worlds", lambda: {"toy": Toy(tasks)})
     return tasks
 
 

@@ -13,12 +13,12 @@ from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Outcome
 from vlafuzz.regression import pace
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.scene import Scene
 from vlafuzz.space import load_operators
+from vlafuzz.space.stored import operators_json
 from vlafuzz.triage import scene_runner as runner
 
 RULES = {
@@ -40,7 +40,7 @@ def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         return MADE[-1]
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
-    monkeypatch.setattr("vlafuzz.policies.registry.POLICIES", dict.fromkeys(RULES))
+    monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(RULES, object))
     write_corpus(make_corpus(*map(case, range(30)), controls=40), tmp_path / "dark")
     return tmp_path / "dark"
 

@@ -20,7 +20,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.execute.lockstep import LockstepExecutor
 from vlafuzz.formats.scene_lines import write_scenes
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.serving.serve import serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.store import Store

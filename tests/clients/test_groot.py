@@ -17,7 +17,7 @@ from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import check_policy_name, make_policy
+from vlafuzz.rollouts.policies import check_policy_name, make_policy
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance

@@ -20,7 +20,7 @@ from vlafuzz.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla
 from vlafuzz.clients.openvla import decode
 from vlafuzz.clients.wire import short
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("no_pause")
 RESET = struct.pack("ii", 1, 0)

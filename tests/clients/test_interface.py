@@ -8,10 +8,10 @@ import pytest
 
 from vlafuzz.clients.interface import interface_of
 from vlafuzz.clients.profiled import Model
+from vlafuzz.clients.servers import options_of
 from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.registry import options_of
 
 OWN = np.array([0.1, 0.2, 0.3, 3.0, 0.0, 0.0, 0.5], np.float32)
 

@@ -23,7 +23,7 @@ import pytest
 from vlafuzz.clients.lerobot import Card, LeRobot, LeRobotOptions, fitted
 from vlafuzz.clients.remote import parse
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.policies.registry import check_policy_name, is_shared, make_policy
+from vlafuzz.rollouts.policies import check_policy_name, is_shared, make_policy
 
 THERE = os.environ.get("VLAFUZZ_LEROBOT")
 ROOT = Path(__file__).parents[2]
@@ -155,7 +155,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.utils import prepare_observation_for_inference
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.clients.conventions import LAYOUTS
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 folder, stepwise = sys.argv[1], sys.argv[2] == "diffusion"
 policy = make_policy(f"lerobot:{folder}?profile=libero&device=cpu")
@@ -260,7 +260,7 @@ class TestReal:
         folder = shutil.copytree(policy("smolvla"), tmp_path / "broken")
         (folder / "model.safetensors").write_bytes(b"none")
         script = "from tiny_policies import torch; import sys;"
-        script += "from vlafuzz.policies.registry import make_policy; make_policy(sys.argv[1])"
+        script += "from vlafuzz.rollouts.policies import make_policy; make_policy(sys.argv[1])"
         done = there(script, f"lerobot:{folder}?profile=libero")
         assert "UsageError: lerobot:" in done.stderr
         assert "lerobot cannot load it: SafetensorError" in done.stderr

@@ -15,7 +15,7 @@ from tests.clients.served import CLOSE, HANG, STATE, black, seen, start, still_o
 from vlafuzz.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by openpi-client 0.1.2: see test_conformance
 PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)

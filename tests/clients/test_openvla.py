@@ -19,7 +19,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: see test_conformance

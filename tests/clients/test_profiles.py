@@ -14,11 +14,12 @@ from vlafuzz.clients.openvla import ActOptions, OpenVla
 from vlafuzz.clients.profiled import Model, ProfiledOptions
 from vlafuzz.clients.profiles import known_profiles
 from vlafuzz.clients.remote import parse
+from vlafuzz.clients.servers import client
 from vlafuzz.clients.vla_eval import VlaEval
 from vlafuzz.clients.vla_eval_spec import Hello, spec_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest
-from vlafuzz.policies.registry import check_policy_name, client
+from vlafuzz.rollouts.policies import check_policy_name
 
 PAGE = text("docs/servers.md")
 EXECUTABLE = [

@@ -10,7 +10,7 @@ from vlafuzz.clients.conventions import LAYOUTS
 from vlafuzz.clients.remote import VlaEvalOptions, parse
 from vlafuzz.clients.vla_eval import VlaEval
 from vlafuzz.errors import PrerequisiteError, UsageError, install
-from vlafuzz.policies.registry import check_policy_name, known_policies, make_policy
+from vlafuzz.rollouts.policies import check_policy_name, known_policies, make_policy
 
 PAGE = text("docs/servers.md")
 

@@ -27,7 +27,7 @@ from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.validity import check_static
 

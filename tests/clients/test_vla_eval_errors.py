@@ -29,7 +29,7 @@ from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")

@@ -9,7 +9,7 @@ from tests.doubles import manifest
 from vlafuzz.conditions.conditions import ASKED, Conditions, Origin, Role
 from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.records import Manifest
 
 BEGUN = Conditions(

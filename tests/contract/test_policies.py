@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.clients.servers import SERVERS, client
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Calibration, EpisodeStart, Observation, Policy, PolicySpec, Privileged
 from vlafuzz.policies.harness import check_chunks
-from vlafuzz.policies.registry import OF_WORLDS, POLICIES, SERVERS, client, known_policies, make_policy
+from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import PROTOCOLS, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.world import SIM_HZ
 from vlafuzz.tasks.tabletop import task
+from vlafuzz.worlds import world_of
 
 SHOWN = [
     pick_up(put("coke_can", -0.05, 0.1)),
@@ -25,6 +27,7 @@ SHOWN = [
     nominal("put-in"),
 ]
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
+POLICIES = (*world_of("pick-up").policies, *CONTROLS)
 
 
 REMOTE = "random behind vla-eval"
@@ -153,7 +156,7 @@ class TestPolicy:
 
 def test_every_policy_is_listed_with_a_sentence():
     listed = known_policies()
-    assert list(listed) == [*POLICIES, *OF_WORLDS, *(client(protocol).form for protocol in SERVERS)]
+    assert list(listed) == [*built_in(), *(client(protocol).form for protocol in SERVERS)]
     assert all(listed.values())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from vlafuzz.diagnostics.recorder import Lent
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 
 class Changed(Lent):

@@ -13,7 +13,7 @@ from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.exam import Exam
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.watch import SILENT, Watch
 
 Examine = Callable[..., list[Check]]

@@ -18,7 +18,7 @@ from vlafuzz.diagnostics.two_processes import (
     on_pictures,
 )
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 PLANTED = "python:tests.diagnostics.planted"
 MOMENTS = [

@@ -19,7 +19,7 @@ from vlafuzz.execute.shared import PolicyProcess, SharedPolicy, share
 from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import is_shared
+from vlafuzz.rollouts.policies import is_shared
 
 MODELS = "python:tests.execute.models"
 

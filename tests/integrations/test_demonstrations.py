@@ -14,13 +14,13 @@ from tests.sim.scenes import nominal, pick_up, put
 from tests.triage.test_scene_runner import run
 from vlafuzz.cli import main
 from vlafuzz.clients.profiled import Model
+from vlafuzz.clients.servers import options_of
 from vlafuzz.conditions.provenance import described
 from vlafuzz.formats.scene_lines import load_scenes
 from vlafuzz.integrations.demonstrations import Demonstrations, _key
 from vlafuzz.integrations.expert_runner import ExpertRunner
 from vlafuzz.integrations.selection import around, failures_of_store
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
-from vlafuzz.policies.registry import options_of
 from vlafuzz.scene import Latency, Scene
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store

@@ -19,9 +19,9 @@ from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.integrations.vla_eval import CorpusBenchmark
 from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.serving.serve import serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 

@@ -19,8 +19,8 @@ from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
 from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.renderer import Renderer
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.tasks.instructions import load_wordings, say

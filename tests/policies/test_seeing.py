@@ -8,7 +8,6 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import visible_json
 from vlafuzz.errors import PolicyError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Calibration, EpisodeStart, Observation
@@ -20,6 +19,7 @@ from vlafuzz.scene import Camera
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.stored import visible_json
 from vlafuzz.tasks.tabletop import TASKS
 
 DISPLACED = Camera(distance=0.05, azimuth=90.0, yaw=4.0, roll=-3.0)

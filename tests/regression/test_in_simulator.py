@@ -10,14 +10,14 @@ from tests.regression.corpora import case, make_corpus
 from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
 from vlafuzz.conditions.place import here
-from vlafuzz.conditions.stored import operators_json
 from vlafuzz.objects import load_catalogue
-from vlafuzz.policies.registry import make_policy
 from vlafuzz.regression.controls import draw
 from vlafuzz.regression.corpus import Control
 from vlafuzz.regression.folder import write_corpus
 from vlafuzz.renderer import in_use
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.stored import operators_json
 
 PICK_UP = str(corpus_dir() / "mini-pick-up")
 

@@ -9,12 +9,12 @@ import numpy as np
 from tests.doubles import failed, manifest, passed
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.conditions.stored import operators_json
 from vlafuzz.evidence import Actions
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import Film
+from vlafuzz.space.stored import operators_json
 from vlafuzz.store.records import Manifest, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.triage.pipeline import triage

@@ -5,8 +5,7 @@ import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.outcome import Verdict
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scoring import Score, site
+from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
@@ -31,7 +30,7 @@ def played(strategy: Surrogate, judge: Callable[[Proposal], Score], batches: int
 
 def sites(proposals: list[Proposal]) -> list[str]:
     scenes = [space().decode(proposal.genome) for proposal in proposals]
-    return [site(scene, space().severities(scene), rig(scene.robot).workspace) for scene in scenes]
+    return [space().site(scene, space().severities(scene)) for scene in scenes]
 
 
 def failing(proposals: list[Proposal]) -> list[Proposal]:

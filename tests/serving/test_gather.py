@@ -14,7 +14,7 @@ from tests.execute.models import Counter
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.batching import Request
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.serving.serve import PROTOCOLS, serving
 from vlafuzz.serving.sessions import RequestGatherer
 

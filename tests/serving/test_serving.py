@@ -26,6 +26,7 @@ from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
 from vlafuzz.clients.openvla import decode, encode
+from vlafuzz.clients.servers import guesses
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.outcome import Verdict
@@ -33,7 +34,7 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Policy
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.policies.registry import guesses, make_policy
+from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.serving import http
 from vlafuzz.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator

@@ -7,7 +7,6 @@ import pytest
 
 from tests.sim.meddling import ANOTHER, AT_START, NOMINAL, Meddled, evaluate, is_lifted, lets_go_at
 from tests.sim.scenes import STILL, nominal, pick_up, put
-from vlafuzz.conditions.stored import visible_json
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
@@ -16,6 +15,7 @@ from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.space import load_operators
+from vlafuzz.space.stored import visible_json
 from vlafuzz.tasks.tabletop import TASKS
 
 

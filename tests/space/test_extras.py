@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import operators_json, stored_operators, visible_json
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.objects import load_catalogue
 from vlafuzz.scene import EXTRAS as PARTS
 from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise, Scene
 from vlafuzz.space import OPERATORS, SearchSpace, load_operators
 from vlafuzz.space.operators import EXTRAS
+from vlafuzz.space.stored import operators_json, stored_operators, visible_json
 from vlafuzz.tasks.tabletop import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)

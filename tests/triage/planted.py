@@ -11,10 +11,10 @@ from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.space.jitter import Jitter
 from vlafuzz.space.operators import EXTRAS, OPERATORS
+from vlafuzz.space.table import GROUPS
 from vlafuzz.store.records import Judged
 from vlafuzz.triage.certify import Shrunk, certify
 from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink
 from vlafuzz.validity import check_static

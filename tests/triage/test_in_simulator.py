@@ -71,7 +71,7 @@ def triaged(evaluator, conditions, seed):
     def roll(scenes, numbers):
         return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
 
-    oracle = Oracle(roll, STAGES, load_jitter(), budget=200, lead=1)
+    oracle = Oracle(roll, STAGES, load_jitter().apply, budget=200, lead=1)
     oracle.count_up_to(judged.lost)
     shrunk = certify(shrink(found, oracle, SPACE), oracle, SPACE, Reference(None, STAGES))
     causes = attribute(shrunk, oracle, SPACE)

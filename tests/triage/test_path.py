@@ -6,7 +6,8 @@ import pytest
 from tests.triage.planted import SPACE
 from vlafuzz.errors import SceneError
 from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.triage.path import GROUPS, Path, deviating, free_genes
+from vlafuzz.space.table import GROUPS
+from vlafuzz.triage.path import Path, deviating, free_genes
 
 NOMINAL = SPACE.nominal()
 

@@ -4,13 +4,13 @@ import pytest
 
 from tests.doubles import manifest
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz import worlds
-from vlafuzz.conditions.stored import operators_json
 from vlafuzz.outcome import Verdict
 from vlafuzz.plugins import EVERYTHING, trusting
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
-from vlafuzz.space import load_operators
+from vlafuzz.rollouts import setup
+from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space.stored import operators_json
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
@@ -103,7 +103,9 @@ def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal()
 
 
 def test_it_names_what_changed_since_the_run():
-    here = worlds.here("pick-up", run("make_frozen").policy, Frozen(), CATALOGUE)
+    here = setup.here(
+        run("make_frozen").policy, Frozen(), SearchSpace(load_operators(), CATALOGUE, "pick-up")
+    )
     of_users_code = {"source": "of a module that has changed since"}
     for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",)), (of_users_code, ("source",))):
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))

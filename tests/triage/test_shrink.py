@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from tests.triage.planted import CONDITIONS, SPACE, STAGES, Planted, fair
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Camera
+from vlafuzz.space.table import GROUPS
 from vlafuzz.store.records import Judged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import certify
-from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink
 

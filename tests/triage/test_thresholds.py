@@ -11,7 +11,8 @@ import pytest
 from tests.triage.planted import EDGES, SPACE
 from vlafuzz.evidence import Rate
 from vlafuzz.scene import Camera, Scene
-from vlafuzz.space.jitter import Jitter, load_jitter
+from vlafuzz.space.jitter import load_jitter
+from vlafuzz.triage.oracle import Jitter
 from vlafuzz.triage.path import Path, free_genes
 from vlafuzz.triage.thresholds import Located, locate
 
@@ -38,7 +39,7 @@ class Simulated:
         return [self._roll(scene) for scene in scenes]
 
     def _roll(self, scene: Scene) -> bool | None:
-        shown = self.jitter.apply(scene, self.spent) if self.jitter else scene
+        shown = self.jitter(scene, self.spent) if self.jitter else scene
         rate = self.rate(shown)
         if rate is None or self.room == 0:
             return None
@@ -102,7 +103,7 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
     for seed in range(8):
         level = gene.grid.snap(first) + away * int(rng.integers(2, 12))
         scene = SPACE.composer.compose(SPACE.nominal_values | {where: gene.grid.value(level)})
-        policy = Simulated(lambda scene: float(holds(scene)), seed, load_jitter())
+        policy = Simulated(lambda scene: float(holds(scene)), seed, load_jitter().apply)
         path = path_to(scene, operator)
         errors.append(abs(SPACE.values(path.at(found(path, policy).crossing))[where] - first))
         spent.append(policy.spent)
@@ -113,7 +114,7 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
 def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
     errors, spent = [], []
     for seed, at in planted(40):
-        policy = Simulated(lapsing(beyond(at), 0.05), seed, load_jitter())
+        policy = Simulated(lapsing(beyond(at), 0.05), seed, load_jitter().apply)
         errors.append(abs(found(yaw(2.7), policy).crossing * STEP - at))
         spent.append(policy.spent)
     assert sum(error < 1.5 * STEP for error in errors) >= 36
@@ -124,7 +125,7 @@ def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
 def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, high):
     covered, spent = 0, []
     for seed, at in planted(40):
-        policy = Simulated(rises(at, width, low, high), seed, load_jitter())
+        policy = Simulated(rises(at, width, low, high), seed, load_jitter().apply)
         located = found(yaw(4.0), policy)
         covered += located.low * STEP <= at <= located.high * STEP
         spent.append(policy.spent)
@@ -136,7 +137,7 @@ def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, h
 def test_passes_beyond_a_threshold_are_found(share):
     right = 0
     for seed in range(12):
-        policy = Simulated(lapsing(beyond(2.1, 3.4, 4.0), share), seed, load_jitter())
+        policy = Simulated(lapsing(beyond(2.1, 3.4, 4.0), share), seed, load_jitter().apply)
         located = found(yaw(4.3), policy)
         ends = [end for ends in located.ranges for end in ends]
         right += len(ends) == 4 and ends[3] is None and abs(ends[0] - 21) <= 2 and ends[1] <= 35 <= ends[2]

@@ -3,14 +3,13 @@
 import pytest
 
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.space import load_operators
-from vlafuzz.worlds import TABLETOP, WORLDS, make_space, task_of, world_of
+from vlafuzz.worlds import known_worlds, task_of, world_of
+from vlafuzz.worlds.base import Wanted
 
 
 def test_a_tasks_name_says_which_world_it_is_of():
-    assert world_of("pick-up") is WORLDS[TABLETOP]
-    assert world_of("libero_object/0") is WORLDS["libero"]
+    assert world_of("pick-up") is known_worlds()["tabletop"]
+    assert world_of("libero_object/0") is known_worlds()["libero"]
 
 
 @pytest.mark.parametrize(
@@ -34,7 +33,7 @@ def test_a_world_or_a_task_is_named(world: str | None, task: str | None, named: 
     [
         ("moon", None, "unknown world 'moon'"),
         ("libero", None, "--world libero: names no task"),
-        ("libero:libero_object", None, "--world libero:libero_object: names no task"),
+        ("libero:libero_object", None, "--world libero: no task 'libero_object'"),
         ("libero:libero_object/0", "pick-up", "--world libero:libero_object/0, --task pick-up: two tasks"),
     ],
 )
@@ -44,11 +43,11 @@ def test_what_names_no_task_is_refused(world: str, task: str | None, problem: st
 
 
 def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
-    operators = load_operators().only(["initial-state"])
+    wanted = Wanted(task="pick-up", robot="panda", vary=["initial-state"])
     with pytest.raises(UsageError, match="initial-state: nothing of pick-up varies so"):
-        make_space(operators, load_catalogue(), "pick-up", "panda")
+        world_of("pick-up").space(wanted)
 
 
 def test_every_world_has_robots_and_its_default_one_a_rig():
-    assert next(iter(WORLDS[TABLETOP].robots)) == "panda"
-    assert next(iter(WORLDS["libero"].robots)) == "libero"
+    assert next(iter(known_worlds()["tabletop"].robots)) == "panda"
+    assert next(iter(known_worlds()["libero"].robots)) == "libero"

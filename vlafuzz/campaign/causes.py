@@ -13,7 +13,6 @@ from vlafuzz.scoring import Measure
 from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
-from vlafuzz.triage.path import GROUPS
 
 EVERY, SHARE = 30.0, 0.02  # seconds between causes that are kept while a run goes on; of its time, at most
 HARDLY = 0.1  # severity up to which other operators may be off: strategies vary scenes that they repeat
@@ -72,7 +71,7 @@ def _shown_by(cause: Cause, failures: Sequence[Failure], space: Measure) -> Scen
 
 def _has_alone(operators: Sequence[str], scene: Scene, space: Measure) -> bool:
     severities = space.severities(scene)
-    members = [GROUPS.get(operator, (operator,)) for operator in operators]
+    members = [space.groups.get(operator, (operator,)) for operator in operators]
     others = severities.keys() - {name for group in members for name in group}
     return all(any(severities.get(name, 0.0) > 0 for name in group) for group in members) and all(
         severities[name] <= HARDLY for name in others

@@ -7,39 +7,37 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from vlafuzz import assets, worlds
-from vlafuzz.campaign.fuzz import PATIENCE, Space
+from vlafuzz.campaign.fuzz import PATIENCE, Proposed
 from vlafuzz.campaign.results import Embed
+from vlafuzz.clients.servers import names_its_model
 from vlafuzz.conditions import provenance
 from vlafuzz.conditions.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.conditions.model import check_label
-from vlafuzz.conditions.stored import operators_json, packs_json, visible_json
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import Place, default_workers, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
-from vlafuzz.objects import Pack, load_catalogue
+from vlafuzz.model.space import Operators, Space
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import check_policy_name, is_shared, names_its_model
-from vlafuzz.rigs.rig import Rig
-from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.policies import check_policy_name, is_shared
+from vlafuzz.rollouts.setup import here
 from vlafuzz.scene import Scene
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
 from vlafuzz.search.registry import Factory, strategy_factory
-from vlafuzz.space import OperatorSet, SearchSpace, load_operators
-from vlafuzz.space.operators import CameraOrientation, CameraPosition
 from vlafuzz.store.records import Manifest
 from vlafuzz.tasks.base import Task
+from vlafuzz.worlds import default_task, world_of
+from vlafuzz.worlds.base import Wanted
 
 BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
 # Identifies most planted faults; with a pool, most failures: scripts/bench_strategies.py
 STRATEGY, STRATEGY_OF_POOL = "causes", "surrogate"
 MOST = 2**63 - 1  # the largest integer of SQLite
-_CAMERA = {CameraPosition.name, CameraOrientation.name}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +82,7 @@ class RunConfig:
     vary: tuple[str, ...] = ()
     scenes: Path | None = None
     pool: Path | None = None
-    packs: tuple[Pack, ...] = ()
+    packs: tuple[Any, ...] = ()
     store: Path | None = None
     workers: int | None = None
     executor: str | None = None
@@ -102,7 +100,7 @@ class Plan:
 
     manifest: Manifest
     task: Task
-    space: Space
+    space: Proposed
     embed: Embed
     strategy: Strategy
     policy: Policy
@@ -114,12 +112,17 @@ class Plan:
     done: int = 0
 
 
-def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy | None = None) -> Plan:
+def plan(
+    config: RunConfig,
+    operators: Operators | None = None,
+    policy: Policy | None = None,
+    space: Space | None = None,
+) -> Plan:
     """Check a configuration and make everything that it names but simulator and store.
 
     Args:
         operators: replace those that the configuration names.
-        policy: the one that the configuration names, made already.
+        policy: the one that the configuration names, made already; ``space`` likewise.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -128,14 +131,13 @@ def plan(config: RunConfig, operators: OperatorSet | None = None, policy: Policy
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)
     task = named_task(config, scenes)
-    world, setup = worlds.world_of(task.name), named_rig(config, scenes, task.name)
-    policy_name = config.policy or world.default_policy(setup.robot)
+    world, robot = world_of(task.name), named_robot(config, scenes, task.name)
+    policy_name = config.policy or world.default_policy(robot)
     strategy_name = named_strategy(config)
     factory = None if config.scenes else strategy_factory(strategy_name)
     if policy is None:
         check_policy_name(policy_name)
-    catalogue = load_catalogue(packs=config.packs)
-    space = worlds.make_space(operators or named_operators(config, setup), catalogue, task.name, setup.robot)
+    space = space or world.space(wanted_scenes(config, task.name, robot), operators)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
     place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
@@ -227,31 +229,32 @@ def _check_numbers(config: RunConfig) -> None:
 
 def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     """The task that the user names, or that of the scenes of a file."""
-    wanted = config.task or (scenes[0].task if scenes else "pick-up")
+    wanted = config.task or (scenes[0].task if scenes else default_task())
     for number, scene in enumerate(scenes, start=1):
         if scene.task != wanted:
             problem = f"scene {number} is of task {scene.task!r}, not {wanted!r}"
             hint = "a run has one task: split the file, or leave out --task"
             raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
-    return worlds.world_of(wanted).task(wanted)
+    return world_of(wanted).task(wanted)
 
 
-def named_rig(config: RunConfig, scenes: Sequence[Scene], task: str) -> Rig:
-    """The rig of the robot that the user names, or that of the scenes of a file; its files are there."""
-    known = worlds.world_of(task).robots
-    setup = rig(config.robot or (scenes[0].robot if scenes else next(iter(known))))
-    if setup.robot not in known:
-        raise UsageError(f"--robot {setup.robot}: not for {task}", hint=suggestion(setup.robot, known))
+def named_robot(config: RunConfig, scenes: Sequence[Scene], task: str) -> str:
+    """The robot that the user names, or that of the scenes of a file."""
+    world = world_of(task)
+    robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
+    if robot not in world.robots:
+        raise UsageError(f"--robot {robot}: not for {task}", hint=suggestion(robot, world.robots))
     for number, scene in enumerate(scenes, start=1):
-        if scene.robot != setup.robot:
-            problem = f"scene {number} is for {scene.robot!r}, not {setup.robot!r}"
+        if scene.robot != robot:
+            problem = f"scene {number} is for {scene.robot!r}, not {robot!r}"
             hint = "a run has one robot: split the file, or leave out --robot"
             raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
-    if setup.urdf:
-        assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
-    for photo in setup.photos.values():
-        assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
-    return setup
+    return robot
+
+
+def wanted_scenes(config: RunConfig, task: str, robot: str) -> Wanted:
+    """The scenes that the user wants."""
+    return Wanted(task=task, robot=robot, operators=config.operators, vary=config.vary, packs=config.packs)
 
 
 def named_strategy(config: RunConfig) -> str:
@@ -265,7 +268,7 @@ def named_strategy(config: RunConfig) -> str:
 
 
 def _strategy(
-    factory: Factory | None, space: SearchSpace, scenes: Sequence[Scene], seed: int, budget: int
+    factory: Factory | None, space: Space, scenes: Sequence[Scene], seed: int, budget: int
 ) -> Strategy:
     """The strategy: it proposes scenes of its own, scenes of a pool, or those of a file in order."""
     if factory is None:
@@ -273,29 +276,13 @@ def _strategy(
     return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)
 
 
-def named_operators(config: RunConfig, setup: Rig) -> OperatorSet:
-    """The operators with the ranges that the user names, or that fit the robot."""
-    operators = load_operators(config.operators or setup.operators)
-    if config.vary:
-        return operators.only(config.vary)
-    # A photo fits one view only.
-    return operators.only(set(operators.varied) - _CAMERA) if setup.photos else operators
-
-
-def _manifest(
-    config: RunConfig, space: SearchSpace, policy: Policy, scene_file: str, *, workers: bool
-) -> Manifest:
+def _manifest(config: RunConfig, space: Space, policy: Policy, scene_file: str, *, workers: bool) -> Manifest:
     """The manifest of a run; ``config`` has policy, strategy, budget and batch filled in."""
-    operators, flags = space.operators, {name: getattr(config, name) for name in Manifest.flags()}
+    flags = {name: getattr(config, name) for name in Manifest.flags()}
     return Manifest(
-        **flags | {"task": space.task.name, "robot": space.rig.robot},
-        **worlds.here(space.task.name, str(config.policy), policy, space.catalogue, workers=workers),
+        **flags | {"task": space.task.name, "robot": space.robot},
+        **here(str(config.policy), policy, space, workers=workers) | dict(space.conditions),
         scene_file=scene_file,
-        min_distance=operators.min_distance,
-        visible=visible_json(operators.visible),
-        operators=operators_json(operators),
-        operators_digest=operators.digest,
-        packs=packs_json(config.packs),
         versions=provenance.versions(),
         command=config.command,
     )

@@ -6,14 +6,16 @@ import math
 from dataclasses import dataclass, field, replace
 
 from vlafuzz.campaign.config import Plan
+from vlafuzz.clients.servers import is_remote
 from vlafuzz.deadline import Deadline
 from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import lanes_at
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.policies.registry import is_remote, is_shared
-from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.policies import is_shared
+from vlafuzz.store.records import Manifest
 from vlafuzz.text import duration, plural
 from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable
+from vlafuzz.worlds import world_of
 
 # Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.
 SHORT, USUAL = 0.35, 0.7
@@ -64,10 +66,10 @@ def at_a_time(plan: Plan) -> int:
     return min(plan.manifest.batch, max(plan.place.workers, lanes_at(plan.place, plan.policy)))
 
 
-def longest(spec: PolicySpec, robot: str) -> int:
+def longest(spec: PolicySpec, manifest: Manifest) -> int:
     """Control steps of a rollout that does not succeed."""
-    setup = rig(robot)
-    return setup.seconds * (setup.control_hz or spec.action.hz)
+    robot = world_of(manifest.task).robot(manifest.robot)
+    return robot.seconds * (robot.control_hz or spec.action.hz)
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ class Forecast:
 
     @property
     def _rollouts(self) -> str:
-        steps = longest(self.plan.policy.spec, self.plan.manifest.robot)
+        steps = longest(self.plan.policy.spec, self.plan.manifest)
         other = "the other " if self.plan.done else ""
         return f"{other}{plural(self.left, 'rollout')} of up to {steps} steps"
 
@@ -184,7 +186,7 @@ class Forecast:
     @property
     def _answers(self) -> float:
         """Answers in a usual rollout."""
-        return USUAL * longest(self.plan.policy.spec, self.plan.manifest.robot) / self.speed.actions
+        return USUAL * longest(self.plan.policy.spec, self.plan.manifest) / self.speed.actions
 
     def _answer(self, workers: int, lanes: int) -> float:
         """Seconds per answer with so many workers, or so many rollouts at a time in one process."""

@@ -16,7 +16,6 @@ from vlafuzz.deadline import TimeOverError
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Objective, cell, score
 from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes, overlaps
@@ -27,8 +26,8 @@ PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
 
 
-class Space(Measure, Protocol):
-    """The part of a search space that a campaign needs."""
+class Proposed(Measure, Protocol):
+    """The scenes that a strategy proposes, by their genomes."""
 
     def decode(self, genome: Genome) -> Scene: ...
 
@@ -37,7 +36,7 @@ def fuzz(
     *,
     manifest: Manifest,
     stages: Sequence[str],
-    space: Space,
+    space: Proposed,
     strategy: Strategy,
     executor: Executor,
     store: Store,
@@ -142,7 +141,7 @@ class _Asked:
 class _Campaign:
     tally: Tally
     past: Past
-    space: Space
+    space: Proposed
     strategy: Strategy
     executor: Executor
     store: Store
@@ -293,7 +292,7 @@ class _Campaign:
     def _trial(self, asked: _Asked) -> Trial:
         scene, place = asked.scene, None
         if asked.result.verdict is Verdict.FAILED:
-            place = cell(scene, asked.result, self.space.severities(scene), rig(scene.robot).workspace)
+            place = cell(scene, asked.result, self.space.severities(scene), self.space)
         return Trial(
             proposal=asked.proposal.id,
             scene=scene,

@@ -18,11 +18,11 @@ from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.execute.base import Executor
 from vlafuzz.execute.registry import executor_at
 from vlafuzz.execute.until import Until
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import Watch
-from vlafuzz.worlds import make_evaluator
 
 SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 SpeedOf = Callable[[Plan], Speed | None]

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 from vlafuzz.conditions import place
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.model import Model
-from vlafuzz.conditions.stored import packs_json
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.formats.scene_lines import is_store, load_scenes
 from vlafuzz.objects.packs import packs_of
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.plugins import check_trusted
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Scene
+from vlafuzz.space.stored import packs_json
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy, make_evaluator, world_of
+from vlafuzz.worlds import default_policy, world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.recording import Recording
@@ -153,7 +153,7 @@ def replay(
         scene=scene,
         policy=str(Model(name, label or "")),
         outcome=outcome,
-        hz=rig(scene.robot).control_hz or made.spec.action.hz,
+        hz=world_of(scene.task).robot(scene.robot).control_hz or made.spec.action.hz,
         same=same,
         elsewhere=elsewhere,
     )

@@ -11,20 +11,19 @@ from vlafuzz.campaign.config import (
     Plan,
     RunConfig,
     default_store,
-    named_operators,
-    named_rig,
+    named_robot,
     named_strategy,
     named_task,
     plan,
     read_scene_file,
+    wanted_scenes,
 )
 from vlafuzz.campaign.past import AFRESH
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.conditions.place import elsewhere
-from vlafuzz.conditions.stored import packs_json, stored_operators, stored_packs
 from vlafuzz.errors import StoreError
 from vlafuzz.plugins import check_trusted
-from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import UNFINISHED, Manifest, Run, Spent
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, world_of
@@ -44,7 +43,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     asked = RunConfig(**flags)
     scenes = read_scene_file(asked.scenes, asked.pool)
     task, strategy = named_task(asked, scenes), named_strategy(asked)
-    policy = asked.policy or default_policy(task.name, named_rig(asked, scenes, task.name).robot)
+    policy = asked.policy or default_policy(task.name, named_robot(asked, scenes, task.name))
     path = asked.store or default_store(task.name, policy, asked.seed)
     wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
     with Store.open(path) as store:
@@ -56,8 +55,8 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     anew = {name: getattr(asked, name) for name in _ANEW}
     if not scenes:
         anew |= stored_flag(run.manifest)
-    known = RunConfig(**stored, **anew, packs=stored_packs(run.manifest), store=path)
-    planned = plan(known, stored_operators(path, run.manifest))
+    space = stored_space(path, run.manifest)
+    planned = plan(RunConfig(**stored, **anew, store=path), space=space)
     check_scene_file(path, run.id, run.manifest, planned.manifest)
     check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
@@ -149,13 +148,15 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         stored = getattr(manifest, name)
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
-    if "packs" in flags and manifest.differences(replace(manifest, packs=packs_json(flags["packs"]))):
+    asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
+    if not asked:
+        return None
+    wanted = wanted_scenes(RunConfig(**asked), manifest.task, manifest.robot)
+    now = world_of(manifest.task).space(wanted).conditions
+    if "packs" in asked and manifest.differences(replace(manifest, packs=now["packs"])):
         return "other packs of objects"
-    if "operators" in flags or "vary" in flags:
-        named = RunConfig(operators=flags.get("operators"), vary=flags.get("vary", ()))
-        asked = named_operators(named, rig(manifest.robot))
-        if asked.in_task(manifest.task).digest != manifest.operators_digest:
-            return "other operators, or other ranges"
+    if asked.keys() - {"packs"} and now["operators_digest"] != manifest.operators_digest:
+        return "other operators, or other ranges"
     return None
 
 

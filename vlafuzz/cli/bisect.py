@@ -106,8 +106,8 @@ def _check(
 ) -> None:
     """Check the flags before anything is run."""
     from vlafuzz.conditions.model import check_label
-    from vlafuzz.policies.registry import check_policy_name, is_built_in
     from vlafuzz.regression.bisect import check_checkpoints
+    from vlafuzz.rollouts.policies import check_policy_name, is_built_in
 
     check_checkpoints(names)
     for flag, value in (("--alpha", alpha), ("--error", error)):

@@ -48,7 +48,7 @@ def command(
     one while the one answers, and the same with the other --label once the other one does. Until then the
     exit code is 3.
     """
-    from vlafuzz.policies.registry import check_policy_name
+    from vlafuzz.rollouts.policies import check_policy_name
 
     if not 0 < alpha < 1:
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")

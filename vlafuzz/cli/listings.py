@@ -11,8 +11,10 @@ from vlafuzz.objects.catalogue import load_catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.robots import PANDA, rig
 from vlafuzz.space.operator_set import load_operators
+from vlafuzz.space.table import check_names
 from vlafuzz.tasks.tabletop import task as task_named
-from vlafuzz.worlds import check_names, make_space
+from vlafuzz.worlds import known_worlds, world_of
+from vlafuzz.worlds.base import Wanted
 
 
 def operators(
@@ -24,11 +26,13 @@ def operators(
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
     """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
-    setup, catalogue = rig(robot or PANDA.robot), load_catalogue(packs=opened(pack))
+    setup, packs = rig(robot or PANDA.robot), opened(pack)
+    catalogue = load_catalogue(packs=packs)
     chosen = load_operators(operators or setup.operators)
-    check_names(chosen, catalogue)
+    check_names(chosen, {*catalogue, *(name for world in known_worlds().values() for name in world.objects)})
     if task is not None:
-        make_space(chosen, catalogue, task_named(task).name, setup.robot)
+        wanted = Wanted(task=task_named(task).name, robot=setup.robot, packs=packs)
+        world_of(task).space(wanted, chosen)
         chosen = chosen.in_task(task)
     elif chosen.tasks and not (json or csv):
         typer.echo(f"ranges differ in {', '.join(sorted(chosen.tasks))}: --task shows them", err=True)

@@ -106,7 +106,7 @@ def _check(
     places: Mapping[str, Path | None],
 ) -> None:
     """Check the flags before anything is run."""
-    from vlafuzz.policies.registry import check_policy_name
+    from vlafuzz.rollouts.policies import check_policy_name
 
     if not 0 < alpha < 1:
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")

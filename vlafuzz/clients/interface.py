@@ -15,9 +15,9 @@ from pydantic import BaseModel
 from vlafuzz.clients.conventions import LAYOUTS, OWN, Convention, sent
 from vlafuzz.clients.profiled import ProfiledOptions
 from vlafuzz.clients.remote import SIDE
+from vlafuzz.clients.servers import options_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.registry import options_of
 from vlafuzz.reading import read_json, validated
 
 PICTURES = "observation.images."

@@ -10,10 +10,10 @@ from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from vlafuzz.clients.client import Client
 from vlafuzz.clients.profiles import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError, install, suggestion
 from vlafuzz.policies.base import SIM_HZ, CameraRequest, PolicySpec
-from vlafuzz.policies.registry import Client
 
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
 

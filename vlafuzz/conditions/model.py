@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from vlafuzz.clients.servers import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.policies.registry import options_of
 
 
 @dataclass(frozen=True)

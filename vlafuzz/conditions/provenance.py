@@ -11,21 +11,17 @@ from typing import Any
 
 from vlafuzz import __version__
 from vlafuzz.conditions import place
-from vlafuzz.objects import Catalogue
 from vlafuzz.plugins import source_digest
 from vlafuzz.policies.base import Policy, PolicySpec
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 
 
-def here(
-    name: str, policy: Policy, catalogue: Catalogue, renderer: Callable[[], str], *, workers: bool = False
-) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed (``Origin.HERE``) but ``simulator``."""
+def here(name: str, policy: Policy, renderer: Callable[[], str], *, workers: bool = False) -> dict[str, Any]:
+    """The fields of conditions that come with what is installed (``Origin.HERE``), whatever the world."""
     return {
         "spec": described(policy.spec),
         "source": source_digest(name, policy),
-        "catalogue_digest": catalogue.digest,
         "commit": commit(),
         "place": place.here(name, policy.spec, renderer, workers=workers),
     }

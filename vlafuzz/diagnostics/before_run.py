@@ -10,11 +10,12 @@ from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
 from vlafuzz.campaign.launch import stands_alone
+from vlafuzz.clients.servers import guesses, is_remote
 from vlafuzz.deadline import Deadline
 from vlafuzz.diagnostics import Check
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import guesses, is_built_in, is_remote, make_policy
+from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
 
@@ -42,7 +43,7 @@ def examine(
             f"{run.policy}: a few seconds of questions, a scene and a few more in two other processes, then "
             f"{n} rollouts; where they fail, up to some 150 more, with corrections; --time bounds it"
         )
-        most = longest(policy.spec, manifest.robot)
+        most = longest(policy.spec, manifest)
         watch.progress("checks", 0, None)
         with closing(Exam(manifest, policy, watch, deadline)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):

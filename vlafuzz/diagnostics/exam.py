@@ -9,7 +9,6 @@ from statistics import fmean, median
 import numpy as np
 
 from vlafuzz.campaign.forecast import Speed
-from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.deadline import Deadline, TimeOverError
 from vlafuzz.diagnostics import Check, until_refused, verdicts
 from vlafuzz.diagnostics.probes import Interview, moved, reworded, seconds_at_once, sights, spread
@@ -24,14 +23,14 @@ from vlafuzz.diagnostics.wiring import (
 )
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.execute.base import evaluate_safely
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts.setup import make_evaluator, stored_space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Manifest
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
-from vlafuzz.worlds import make_evaluator, world_of
 
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
@@ -57,7 +56,7 @@ class Exam:
         self._recorder = Recorder(self._corrected)
         once = replace(manifest, repeats=1, stop_early=True)
         self._evaluator = make_evaluator(once, self._recorder)
-        self._manifest, self._catalogue = manifest, stored_catalogue(manifest)
+        self._manifest = manifest
         self._space = self._space_of(TARGETS)
         self._nominal = self._drawn(TARGETS)
         self._outcomes: list[tuple[Scene, Outcome]] = []  # of complete rollouts in nominal scenes
@@ -199,10 +198,8 @@ class Exam:
         space = self._space_of(vary)
         return (space.sample(np.random.default_rng([manifest.seed, number])) for number in count())
 
-    def _space_of(self, vary: Sequence[str]) -> SearchSpace:
-        manifest = self._manifest
-        operators = stored_operators(Path("the run"), manifest).only(vary)
-        return world_of(manifest.task).space(operators, self._catalogue, manifest.task, manifest.robot)
+    def _space_of(self, vary: Sequence[str]) -> Space:
+        return stored_space(Path("the run"), self._manifest, vary)
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
         """A rollout to find out what is the wrong way round."""

@@ -1,20 +1,17 @@
-"""Suites of other worlds, named ``WORLD:SUITE``: where their own initial states are audited."""
+"""Suites of worlds, named ``WORLD:SUITE``: their own initial states are audited."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from importlib import import_module
 
 from vlafuzz.sim.audit import AuditedSuite, Scope
-
-# World → module with ``audit(suite, scope)``; imported only when it is asked for.
-AUDITS = {"libero": "vlafuzz.sim.libero.audit"}
+from vlafuzz.worlds import known_worlds
+from vlafuzz.worlds.base import Audited
 
 
 def is_suite(name: str) -> bool:
     """Whether a name is ``WORLD:SUITE`` and no file."""
-    return name.partition(":")[0] in AUDITS and ":" in name and not os.path.exists(name)
+    return _audited(name) is not None and ":" in name and not os.path.exists(name)
 
 
 def audit_suite(name: str, scope: Scope) -> AuditedSuite:
@@ -24,6 +21,11 @@ def audit_suite(name: str, scope: Scope) -> AuditedSuite:
         UsageError: there is no such suite.
         PrerequisiteError: the world's packages are not installed.
     """
-    world, _, suite = name.partition(":")
-    audit: Callable[[str, Scope], AuditedSuite] = import_module(AUDITS[world]).audit
-    return audit(suite, scope)
+    world = _audited(name)
+    assert world is not None, "see is_suite"
+    return world.audit(name.partition(":")[2], scope)
+
+
+def _audited(name: str) -> Audited | None:
+    world = known_worlds().get(name.partition(":")[0])
+    return world if isinstance(world, Audited) else None

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.probes import HARDLY, Answers, ask
 from vlafuzz.diagnostics.recorder import Moment
 from vlafuzz.errors import SimulatorError, VlafuzzError
 from vlafuzz.policies.base import CameraRequest, Knowing, Policy, PolicySpec
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.worlds import make_evaluator, stored_space, world_of
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import make_evaluator, stored_space
+from vlafuzz.space.stored import stored_catalogue
+from vlafuzz.worlds import world_of
 
 TRIED = 30  # scenes until one is fair; of random ones most are
 PHYSICS, PICTURES, ANSWERS = "same physics", "same pictures", "same answers"

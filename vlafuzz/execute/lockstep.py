@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
+from vlafuzz.clients.servers import answers_batches
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.execute.base import Batches, broken, checked
 from vlafuzz.objects.catalogue import Catalogue
@@ -15,7 +16,6 @@ from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release
-from vlafuzz.policies.registry import answers_batches
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import SteppedEvaluator
 from vlafuzz.sim.stepping import Evaluation, proceed

@@ -16,7 +16,7 @@ from vlafuzz.execute.shared import SharedPolicy, share
 from vlafuzz.execute.worker_pool import TIMEOUT
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.harness import release
-from vlafuzz.policies.registry import is_built_in, is_shared, make_policy
+from vlafuzz.rollouts.policies import is_built_in, is_shared, make_policy
 from vlafuzz.sim.base import SteppedEvaluator
 
 EXECUTORS = ("local", "processes", "ray")

@@ -24,7 +24,7 @@ from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import ActionChunk, Policy, PolicySpec
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 Address = str | tuple[str, int]  # path of a socket, or host and port
 LONGEST = 240.0  # seconds for an answer: less than the timeout of a scene, so that this process is blamed

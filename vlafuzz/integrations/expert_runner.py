@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.clients.interface import Interface, Written, interface_of
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.evidence import Actions
 from vlafuzz.execute.base import evaluate_safely
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.setup import make_evaluator, stored_space
 from vlafuzz.scene import Latency, Scene
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.triage.witness import Player
-from vlafuzz.worlds import make_evaluator, world_of
+from vlafuzz.worlds import world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -52,7 +53,7 @@ class ExpertRunner:
     def __init__(self, run: Manifest) -> None:
         self._run = replace(run, repeats=1, stop_early=True)
         self.interface: Interface = interface_of(run.policy, run.spec)
-        self._catalogue = stored_catalogue(run)
+        self._space = stored_space(Path("the run"), run)
         self._demonstrator = world_of(run.task).demonstrator(self.interface)
         self._solving: SceneEvaluator | None = None
         self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
@@ -63,7 +64,7 @@ class ExpertRunner:
         It acts without latency, as it corrects itself at every step; a replay then has the scene's.
         """
         if self._solving is None:
-            self._solving = make_evaluator(self._run, self._demonstrator, catalogue=self._catalogue)
+            self._solving = make_evaluator(self._run, self._demonstrator, space=self._space)
         prompt = replace(scene, latency=Latency())
         tries = self._demonstrator.tries
         for attempt in ((first + number) % tries for number in range(tries)):
@@ -130,9 +131,7 @@ class ExpertRunner:
             player, spec = Player(self.interface.spec), self.interface.spec
             cameras = spec.cameras if pictures else ()
             player.spec = replace(spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
-            self._playing[pictures] = make_evaluator(
-                self._run, player, catalogue=self._catalogue, checked=False
-            )
+            self._playing[pictures] = make_evaluator(self._run, player, space=self._space, checked=False)
         return self._playing[pictures]
 
 

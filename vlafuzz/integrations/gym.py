@@ -14,7 +14,6 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.forks import single_threaded
 from vlafuzz.policies.base import CameraRequest
@@ -22,6 +21,7 @@ from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.sim.maniskill.env import make_env
 from vlafuzz.sim.maniskill.evaluator import proprioception
+from vlafuzz.space.stored import stored_catalogue
 from vlafuzz.tasks.base import State
 
 HZ = 5

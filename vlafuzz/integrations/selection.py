@@ -13,11 +13,11 @@ import numpy as np
 from vlafuzz.campaign.results import neighbourhoods
 from vlafuzz.errors import CorpusError, StoreError, UsageError
 from vlafuzz.regression.corpus import Corpus
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.scene import Scene
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import stored_space
 
 Which = Literal["failed", "minimal", "random"]
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``regression.controls``

@@ -38,16 +38,15 @@ from vlafuzz.clients.vla_eval_spec import (
     spec_of,
 )
 from vlafuzz.clients.wire import actions_of
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import PolicyError, SceneError, UsageError
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
 from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
-from vlafuzz.worlds import make_evaluator
 
 if TYPE_CHECKING:  # vla-eval chooses the renderer before the simulator is imported
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -88,7 +87,6 @@ class CorpusBenchmark(StepBenchmark):
         self._message = Messages(NAME, hello, parsed)
         self._corpus = read_corpus(Path(corpus))
         self._probes = {probe.scene.digest: probe for probe in probes(self._corpus)}
-        self._catalogue = stored_catalogue(*self._corpus.runs)
         self._player = Player(self.spec)
         self._player.spec = replace(self.spec, execute=1)
         self._evaluators: dict[str, SceneEvaluator] = {}  # by conditions
@@ -180,7 +178,7 @@ class CorpusBenchmark(StepBenchmark):
         key = run.key(seeded=False)
         if key not in self._evaluators:
             once = replace(run, repeats=1)
-            self._evaluators[key] = make_evaluator(once, self._player, catalogue=self._catalogue)
+            self._evaluators[key] = make_evaluator(once, self._player)
         return self._evaluators[key]
 
     def _observation(self, number: int) -> Observation:

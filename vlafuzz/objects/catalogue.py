@@ -30,10 +30,11 @@ class Catalogue:
 
     Attributes:
         digest: hash of all values, the packs' files and the builder's version.
+        packs: whose objects it has beside the shipped ones.
     """
 
-    def __init__(self, specs: Mapping[str, Entry]) -> None:
-        self._specs = dict(specs)
+    def __init__(self, specs: Mapping[str, Entry], packs: Sequence[Pack] = ()) -> None:
+        self._specs, self.packs = dict(specs), tuple(packs)
         self._built: dict[str, ObjectModel] = {}
         marks = sorted(fingerprint(name, spec) for name, spec in self._specs.items())
         self.digest = hashlib.sha256("".join(marks).encode()).hexdigest()[:16]
@@ -106,7 +107,7 @@ def load_catalogue(*paths: str | Path, packs: Sequence[Pack] = ()) -> Catalogue:
                 both = f"{other.folder} and {pack.folder}: both packs are named {pack.name!r}"
                 raise CatalogueError(both, "rename one of the folders")
         specs |= {f"{pack.name}:{name}": spec for name, spec in pack.objects.items()}
-    return Catalogue(specs)
+    return Catalogue(specs, packs)
 
 
 def fingerprint(name: str, spec: Entry) -> str:

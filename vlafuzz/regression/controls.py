@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Verdict
 from vlafuzz.regression.corpus import Control
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.jitter import load_jitter
 from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.watch import Watch
 
@@ -20,10 +19,10 @@ _BATCH = 16
 _TRIES = 5  # scenes drawn for each control that is asked for, at most: some are unfair, or fail
 
 
-def draw(space: SearchSpace, seed: int, number: int) -> Scene:
+def draw(space: Space, seed: int, number: int) -> Scene:
     """The n-th control: any scene that the operators can make, jittered; the same on any machine."""
     scene = space.sample(np.random.default_rng([seed, CONTROL + number]))
-    return load_jitter().apply(scene, CONTROL + number)
+    return space.jittered(scene, CONTROL + number)
 
 
 def number_of(scene: Scene, first: int = CONTROL, repeat: int = 0) -> int:

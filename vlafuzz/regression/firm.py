@@ -8,13 +8,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from vlafuzz.evidence import Causes, Rate
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Triaged
 from vlafuzz.triage.outward import outward
-from vlafuzz.triage.path import GROUPS
 from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.triage.witness import prove
 
@@ -55,7 +53,7 @@ def _proved(moved: Triaged, runner: SceneRunner) -> Triaged | None:
     return replace(moved, witness=search.witness) if search.witness else None
 
 
-def _outward(triaged: Triaged, space: SearchSpace) -> Iterator[Triaged]:
+def _outward(triaged: Triaged, space: Space) -> Iterator[Triaged]:
     """The finding farther from its reference, by the same operators in the same directions."""
     scene = triaged.shrunk
     if scene is None:
@@ -65,7 +63,9 @@ def _outward(triaged: Triaged, space: SearchSpace) -> Iterator[Triaged]:
         yield replace(
             triaged,
             shrunk=moved,
-            counterparts={name: space.reset(moved, GROUPS[name], start) for name in triaged.counterparts},
+            counterparts={
+                name: space.reset(moved, space.groups[name], start) for name in triaged.counterparts
+            },
             causes=_rescaled(triaged.causes, 1 / factor),
         )
 
@@ -108,7 +108,7 @@ def _around(
     scene: Scene, runner: SceneRunner, holds: Callable[[Outcome], bool], share: float, first: int
 ) -> list[Outcome]:
     """A rollout in the scene and those in its neighbourhood that could be judged; few if too few can hold."""
-    scenes = [scene, *(load_jitter().apply(scene, first + number) for number in range(1, ROLLOUTS))]
+    scenes = [scene, *(runner.space.jittered(scene, first + number) for number in range(1, ROLLOUTS))]
     outcomes: list[Outcome] = []
     for begin, end in ((0, FIRST), (FIRST, ROLLOUTS)):
         outcomes += runner.evaluate(scenes[begin:end], range(first + begin, first + end))

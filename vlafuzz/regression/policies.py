@@ -22,10 +22,10 @@ from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.power import power_of
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
 from vlafuzz.renderer import probe_once
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage import scene_runner
 from vlafuzz.watch import SILENT, Watch
-from vlafuzz.worlds import stored_space
 
 
 def compare_policies(

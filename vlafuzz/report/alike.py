@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.space import Space
 from vlafuzz.report.cards import Spaces
 from vlafuzz.report.view import Card, Deviation
-from vlafuzz.space import SearchSpace
 
 NEAR = 0.1  # distance of embeddings: a scene of which every gene is nudged by 2 % of its range is nearer
 
@@ -25,7 +25,7 @@ def alike_as_one(cards: Sequence[Card], spaces: Spaces, causes: Collection[tuple
     """
     observed = [card for card in cards if not _is_triaged(card)]
     observed.sort(key=lambda card: (card.key not in causes, len(card.deviations)))
-    shown = defaultdict[tuple[SearchSpace, str, str], list[_Shown]](list)
+    shown = defaultdict[tuple[Space, str, str], list[_Shown]](list)
     for card in observed:
         space = spaces.of(card.run)
         here = shown[space, card.run.key(), card.lost_stage]

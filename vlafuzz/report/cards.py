@@ -6,16 +6,16 @@ from pathlib import Path
 
 from vlafuzz.errors import SceneError
 from vlafuzz.evidence import Causes, Rate
+from vlafuzz.model.space import Space
 from vlafuzz.regression.corpus import Case, Corpus
 from vlafuzz.regression.folder import SCENES
 from vlafuzz.report.deviations import deviations
 from vlafuzz.report.view import Card
+from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.text import interval
 from vlafuzz.triage.path import deviating
-from vlafuzz.worlds import stored_space
 
 _DIGITS = 12  # of a digest, in a command
 
@@ -25,9 +25,9 @@ class Spaces:
 
     def __init__(self, source: Path) -> None:
         self._source = source
-        self._spaces: dict[tuple[str, ...], SearchSpace] = {}
+        self._spaces: dict[tuple[str, ...], Space] = {}
 
-    def of(self, run: Manifest) -> SearchSpace:
+    def of(self, run: Manifest) -> Space:
         """The space that contains the scenes of a run; see ``stored_space``."""
         key = (run.task, run.robot, run.operators, run.packs)
         if key not in self._spaces:
@@ -35,7 +35,7 @@ class Spaces:
         return self._spaces[key]
 
 
-def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchSpace) -> Card:
+def card_of_finding(store: Path, finding: Finding, run: Manifest, space: Space) -> Card:
     """The card of a finding that was not triaged."""
     scene = finding.scene
     operators: tuple[str, ...] = ()
@@ -55,9 +55,7 @@ def card_of_finding(store: Path, finding: Finding, run: Manifest, space: SearchS
     )
 
 
-def card_of_triaged(
-    store: Path, triaged: Triaged, finding: Finding, run: Manifest, space: SearchSpace
-) -> Card:
+def card_of_triaged(store: Path, triaged: Triaged, finding: Finding, run: Manifest, space: Space) -> Card:
     """The card of a triaged finding: its minimal scene with the witness if there is one."""
     minimal = triaged.shrunk if triaged.bucket == "minimal" else None
     scene = minimal or triaged.scene
@@ -82,7 +80,7 @@ def card_of_triaged(
     )
 
 
-def card_of_case(folder: Path, corpus: Corpus, case: Case, space: SearchSpace) -> Card:
+def card_of_case(folder: Path, corpus: Corpus, case: Case, space: Space) -> Card:
     """The card of a case, which is minimal."""
     run = corpus.runs[case.run]
     return Card(

@@ -13,7 +13,6 @@ from vlafuzz.plugins import trust_flag
 from vlafuzz.probability import Probability
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.view import Card, Table, title_of
-from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.text import count_of, interval, percent, plural
@@ -232,7 +231,7 @@ class _Maker:
         if triaged:
             rate = triaged.certified if card.bucket == "minimal" else triaged.rate
         return ListedCause(
-            conditions=_conditions(cause, card, self.target_types(cause, triaged), _without_types(triaged)),
+            conditions=self._conditions(cause, card, triaged),
             lost_stage=card.lost_stage,
             share=cause.share,
             failures=cause.failures,
@@ -247,47 +246,39 @@ class _Maker:
 
     def target_types(self, cause: FoundCause, triaged: Triaged | None) -> tuple[str, ...]:
         """The objects that are part of the cause, of those whose type may vary."""
-        without = _without_types(triaged)
-        if cause.scene is None or TargetType.name not in cause.operators:
+        without = self._without_types(triaged)
+        space = self._spaces.of(self._run)
+        if cause.scene is None or space.subject not in cause.operators:
             return ()
         if without and without.low > ONE_HALF:  # it fails with the nominal objects, too
             return ()
-        genes = self._spaces.of(self._run).by_path.values()
-        slots = {gene.slot for gene in genes if gene.operator == TargetType.name}
-        targets = enumerate(cause.scene.targets)
-        return tuple(one.object.replace("_", " ") for slot, one in targets if f"targets.{slot}" in slots)
+        return tuple(space.subjects(cause.scene))
+
+    def _conditions(self, cause: FoundCause, card: Card, triaged: Triaged | None) -> tuple[str, ...]:
+        """What it takes, in words: of a certified cause what is left, else what the strategy blames."""
+        subjects, certified = ", ".join(self.target_types(cause, triaged)), card.bucket == "minimal"
+        parts = list[str]()
+        if subjects:
+            evidence = _types_evidence(self._without_types(triaged)) * certified
+            parts.append(f"{self._spaces.of(self._run).subject}: {subjects}{evidence}")
+        if card.bucket == "base":
+            return (*parts, "fails at nominal")
+        directions = {one.operator: f" ({one.direction})" for one in card.causes.thresholds if one.direction}
+        for part in card.deviations:
+            if part.operator in (card.operators if certified else cause.operators):
+                name = part.operator + directions.get(part.operator, "")
+                parts.append(f"{name}: {part.range}")
+        return tuple(parts) or cause.operators
+
+    def _without_types(self, triaged: Triaged | None) -> Rate | None:
+        """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
+        return triaged.counterpart_rates.get(self._spaces.of(self._run).subject) if triaged else None
 
     def _card(self, finding: Finding, triaged: Triaged | None) -> Card:
         about = finding, self._run, self._spaces.of(self._run)
         if triaged is None:
             return card_of_finding(self._path, *about)
         return card_of_triaged(self._path, triaged, *about)
-
-
-def _conditions(
-    cause: FoundCause, card: Card, target_types: Sequence[str], without_types: Rate | None
-) -> tuple[str, ...]:
-    """What it takes, in words: of a certified cause what is left, else what the strategy blames.
-
-    Args:
-        target_types: see ``_Maker.target_types``.
-        without_types: see ``_without_types``.
-    """
-    types, certified = ", ".join(target_types), card.bucket == "minimal"
-    parts = [f"{TargetType.name}: {types}" + _types_evidence(without_types) * certified] if types else []
-    if card.bucket == "base":
-        return (*parts, "fails at nominal")
-    directions = {one.operator: f" ({one.direction})" for one in card.causes.thresholds if one.direction}
-    for part in card.deviations:
-        if part.operator in (card.operators if certified else cause.operators):
-            name = part.operator + directions.get(part.operator, "")
-            parts.append(f"{name}: {part.range}")
-    return tuple(parts) or cause.operators
-
-
-def _without_types(triaged: Triaged | None) -> Rate | None:
-    """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
-    return triaged.counterpart_rates.get(TargetType.name) if triaged else None
 
 
 def _types_evidence(without: Rate | None) -> str:

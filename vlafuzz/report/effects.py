@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vlafuzz.model.space import Space, value_at
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.view import Table
 from vlafuzz.scene import Scene, amount
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.codec import value_at
 from vlafuzz.statistics import Share, holm
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -27,7 +26,6 @@ SHOWN = 6
 # Nine of ten: of the 100 rollouts of a usual run at most ten pass, too few to compare the quarters of more
 # than a few ranges.
 MOSTLY, TEN = 0.9, 10
-_NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
 Value = float | str
 
 
@@ -122,7 +120,7 @@ class Effects:
         return asdict(self)
 
 
-def effects_of(store: Store, run: Run, space: SearchSpace) -> Effects | None:
+def effects_of(store: Store, run: Run, space: Space) -> Effects | None:
     """The effects in the random scenes of a run and of comparable ones in its store; None without any."""
     trials = list(_random_trials(store, run))
     if not trials:
@@ -166,7 +164,7 @@ def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
 
 
 def _quantities(
-    space: SearchSpace, scenes: Sequence[Scene]
+    space: Space, scenes: Sequence[Scene]
 ) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
     """By operator, name and path: the value in each scene. Confounders are told by number and nearness."""
     found: dict[tuple[str, str, str], Sequence[Value | None]] = {}
@@ -177,19 +175,14 @@ def _quantities(
             quantity = "" if name in ("object", "confounders", "instruction") else name
             values = [_value(value_at(scene, gene.path)) for scene in scenes]
             found[gene.operator, f"{quantity}{owner}".strip(), gene.path] = values
-    if not space.composer.relative:
-        found[*_NEAREST, "x"] = [_nearest(scene) for scene in scenes]
+    derived = [space.derived(scene) for scene in scenes]
+    for operator, quantity in dict.fromkeys(name for one in derived for name in one):
+        found[operator, quantity, "x"] = [one.get((operator, quantity)) for one in derived]
     return {key: values for key, values in found.items() if len({*values} - {None}) > 1}
 
 
 def _value(value: Any) -> Value:
     return value if isinstance(value, (int, float)) else str(value).replace("_", " ")
-
-
-def _nearest(scene: Scene) -> float | None:
-    target, *_ = scene.targets
-    places = [(other.x - target.x, other.y - target.y) for other in scene.confounders]
-    return min((round(float(np.hypot(*place)), 3) for place in places), default=None)
 
 
 def _effect(

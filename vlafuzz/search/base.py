@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.genes import Gene
 from vlafuzz.probability import Probability
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import Measure, Score
-from vlafuzz.space.params import Gene
 
 Genome = NDArray[np.float64]
 BATCH = 16  # proposals

@@ -19,6 +19,7 @@ class Pool:
     def __init__(self, scenes: Sequence[Scene], measure: Measure) -> None:
         self.scenes = tuple(scenes)
         self.severity, self.severities = measure.severity, measure.severities
+        self.groups, self.site = measure.groups, measure.site
 
     def decode(self, genome: Genome) -> Scene:
         return self.scenes[int(genome[0])]
@@ -98,6 +99,7 @@ class Left:
         self.genes, self.dim = space.genes, space.dim
         self.encode, self.decode, self.nearest = space.encode, space.decode, space.nearest
         self.embed, self.severity, self.severities = space.embed, space.severity, space.severities
+        self.groups = space.groups
         self.genomes = [space.nearest(scene) for scene in scenes]
         self._scenes = [space.decode(genome) for genome in self.genomes]
         self._points = np.array([space.embed(scene) for scene in self._scenes])

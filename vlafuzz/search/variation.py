@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.genes import Gene
 from vlafuzz.search.base import Genome
-from vlafuzz.space.params import Gene
 
 Levels = NDArray[np.int64]  # (dim,)
 

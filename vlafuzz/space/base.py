@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from vlafuzz.model.genes import Gene, Grid, Kind
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import Real
-from vlafuzz.space.params import Gene, Grid, Kind
 
 Number = Real  # a scene takes no others
 Step = Annotated[Real, Field(ge=1e-6)]  # values are rounded to nine decimals

@@ -6,6 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from vlafuzz.errors import UsageError
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.space import Values
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.rig import Hand
@@ -21,21 +23,44 @@ from vlafuzz.space.operators import (
     TargetOrientation,
     TargetType,
 )
-from vlafuzz.space.params import Gene
 from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.instructions import load_wordings, say
 
-Values = dict[str, float]  # by path in a scene; a category by its index
 PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with one gene per field
 
 
+class Parts:
+    """Camera, light and extras of a scene, which have one gene a field."""
+
+    def __init__(self, genes: Sequence[Gene]) -> None:
+        self._genes = {part: [gene for gene in genes if gene.slot == part] for part in PARTS}
+
+    def values(self, scene: Scene) -> Values:
+        """Their values in a scene."""
+        values: Values = {}
+        for part, genes in self._genes.items():
+            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
+        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
+            values[f"camera.{field}"] = getattr(scene.camera, field)
+        return values
+
+    def composed(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """The parts with these values, by the names of the scene's fields."""
+        return {"camera": camera(values)} | {part: self._composed(part, values) for part in PARTS}
+
+    def _composed(self, part: str, values: Mapping[str, float]) -> Any:
+        nominal, changed = PARTS[part], dict[str, object]()
+        for gene in self._genes[part]:
+            field, value = gene.path.rpartition(".")[2], values[gene.path]
+            usual = getattr(nominal, field)
+            shown = gene.options[int(value)] if gene.options else type(usual)(value)
+            if shown != usual:
+                changed[field] = shown
+        return replace(nominal, **changed) if changed else nominal
+
+
 class Composer:
-    """Composes the scenes of one task, from the ``genes`` of all operators, in their order.
-
-    ``relative``: whether the targets' places are offsets, which no confounder's place compares with.
-    """
-
-    relative = False
+    """Composes the scenes of one task, from the ``genes`` of all operators, in their order."""
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot
@@ -49,7 +74,7 @@ class Composer:
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
         self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
         self.genes = [gene for name in OPERATORS for gene in operators.operators[name].genes(self.layout)]
-        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
+        self._parts = Parts(self.genes)
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         """The scene with these values. A name that is taken is replaced by the next free one."""
@@ -65,9 +90,8 @@ class Composer:
             targets=targets,
             instruction=say(self._wordings[int(values["instruction"])], spoken),
             confounders=placed[self._task.targets :],
-            camera=camera(values),
             robot=self._robot,
-            **{part: self._composed(part, values) for part in PARTS},
+            **self._parts.composed(values),
         )
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
@@ -79,7 +103,7 @@ class Composer:
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
-        values = self._shared_values(scene) | {"confounders": len(scene.confounders)}
+        values = self._parts.values(scene) | {"confounders": len(scene.confounders)}
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self._placed(slot, placement)
@@ -87,26 +111,6 @@ class Composer:
         spoken = [self._catalogue[name].spoken for name in known]
         wordings = [say(wording, spoken) for wording in self._wordings]
         return values | {"instruction": math.nan if scene.then else index_of(wordings, scene.instruction)}
-
-    def _shared_values(self, scene: Scene) -> Values:
-        """The values of camera, light and extras."""
-        values: Values = {}
-        for part, genes in self._fields.items():
-            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
-        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
-            values[f"camera.{field}"] = getattr(scene.camera, field)
-        return values
-
-    def _composed(self, part: str, values: Mapping[str, float]) -> Any:
-        """A part of the scene that has one gene per field."""
-        nominal, changed = PARTS[part], dict[str, object]()
-        for gene in self._fields[part]:
-            field, value = gene.path.rpartition(".")[2], values[gene.path]
-            usual = getattr(nominal, field)
-            shown = gene.options[int(value)] if gene.options else type(usual)(value)
-            if shown != usual:
-                changed[field] = shown
-        return replace(nominal, **changed) if changed else nominal
 
     def _placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None

@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import Field, model_validator
 
+from vlafuzz.model.genes import Gene, Grid
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import EXTRAS, Pattern, TablePaint, WallPaint, amount, in_words
 from vlafuzz.space.base import Layout, Operator, Span
-from vlafuzz.space.params import Gene, Grid
 
 Options = Span | tuple[str, ...]
 

@@ -6,17 +6,24 @@ is redrawn, then the whole scene, then generation fails.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from vlafuzz.errors import UsageError
+from vlafuzz.model.space import Values
+from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Camera, Placement, Scene
-from vlafuzz.space.codec import Codec
-from vlafuzz.space.compose import Values, camera
+from vlafuzz.space.compose import Composer, camera
+from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import TargetPosition
+from vlafuzz.space.stored import packs_json
+from vlafuzz.space.table import TableSpace
 from vlafuzz.tasks.instructions import load_wordings, say
+from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity.checks import (
     ambiguous,
     cannot_grasp,
@@ -31,11 +38,26 @@ from vlafuzz.validity.visible import unseen
 
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
+_NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
 HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
 
 
-class SearchSpace(Codec):
+class SearchSpace(TableSpace):
     """Every scene that the operators can make of a task, with random generation and repair."""
+
+    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
+        found, of_task = task_named(task), operators.in_task(task)
+        self.composer = Composer(of_task, catalogue, found, robot)
+        super().__init__(found, rig(robot), of_task, self.composer)
+        self.catalogue = catalogue
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        found = {"catalogue_digest": self.catalogue.digest, "packs": packs_json(self.catalogue.packs)}
+        return super().conditions | found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.operators, self.catalogue, self.task.name, self.rig.robot)
 
     def sample(self, rng: np.random.Generator) -> Scene:
         """A random scene that passes the checks before settling.
@@ -87,10 +109,12 @@ class SearchSpace(Codec):
         visible = self.operators.visible
         return unseen(scene, self.catalogue, visible) if visible else None
 
-    def draw(self, path: str, rng: np.random.Generator) -> float:
-        """A random value of a gene; nominal if its operator does not vary."""
-        gene = self.by_path[path]
-        return gene.draw(rng) if self.varies(gene) else gene.grid.nominal
+    def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
+        target, *_ = scene.targets
+        places = [(other.x - target.x, other.y - target.y) for other in scene.confounders]
+        if not places:
+            return {}
+        return {_NEAREST: min(round(float(np.hypot(*place)), 3) for place in places)}
 
 
 class Attempt:

@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from vlafuzz.model.genes import Gene, Grid
 from vlafuzz.space import extras
 from vlafuzz.space.base import Box, Layout, Number, Operator, Range, Span, Step, check_levels
-from vlafuzz.space.params import Gene, Grid
 
 MOST_CONFOUNDERS = 4
 

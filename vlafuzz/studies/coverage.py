@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.table import Rectangle, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
@@ -13,6 +12,7 @@ from vlafuzz.scene import Scene
 from vlafuzz.scoring import cell
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.operators import TargetPosition
+from vlafuzz.space.stored import stored_catalogue, stored_operators
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published
@@ -143,7 +143,7 @@ def _run_track(store: Store, run: Run) -> Track:
     space = _space(operators, catalogue, judged[0].scene)
     steps = [
         step._replace(
-            cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space.rig.workspace),
+            cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space),
             failed=trial.outcome.verdict is Verdict.FAILED,
         )
         for trial, step in zip(judged, _steps((trial.scene for trial in judged), space), strict=True)

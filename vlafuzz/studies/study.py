@@ -10,15 +10,15 @@ from vlafuzz.campaign.config import RunConfig
 from vlafuzz.campaign.forecast import usual_speed
 from vlafuzz.campaign.launch import SpeedOf
 from vlafuzz.conditions.provenance import commit
-from vlafuzz.conditions.stored import stored_catalogue
 from vlafuzz.errors import UsageError
 from vlafuzz.files import make_folder, write_whole
 from vlafuzz.objects import Pack
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.registry import check_policy_name
+from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import Wording
+from vlafuzz.space.stored import stored_catalogue
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published, wordings

@@ -1,16 +1,16 @@
 """Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
 
 from vlafuzz.evidence import Causes, Threshold, Values
+from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.triage.certify import Shrunk
 from vlafuzz.triage.directions import direction
 from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+from vlafuzz.triage.path import Path, free_genes
 from vlafuzz.triage.thresholds import locate
 
 
-def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace, *, located: bool = False) -> Causes:
+def attribute(shrunk: Shrunk, oracle: Oracle, space: Space, *, located: bool = False) -> Causes:
     """The causes of a shrunk failure, from the oracle that it was shrunk with.
 
     Args:
@@ -28,14 +28,16 @@ def attribute(shrunk: Shrunk, oracle: Oracle, space: SearchSpace, *, located: bo
     )
 
 
-def _alone(space: SearchSpace, shrunk: Shrunk, name: str) -> Scene:
-    others = [operator for group, operators in GROUPS.items() if group != name for operator in operators]
+def _alone(space: Space, shrunk: Shrunk, name: str) -> Scene:
+    others = [
+        operator for group, operators in space.groups.items() if group != name for operator in operators
+    ]
     return space.reset(shrunk.scene, others, shrunk.reference)
 
 
-def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: SearchSpace) -> Threshold | None:
+def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: Space) -> Threshold | None:
     scene, start = shrunk.scene, shrunk.reference or space.nominal(like=shrunk.scene)
-    genes = [gene for gene in free_genes(space, scene, GROUPS[name], start) if gene.kind != "category"]
+    genes = [gene for gene in free_genes(space, scene, space.groups[name], start) if gene.kind != "category"]
     path = Path(space, scene, genes, start)
     first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
     located = locate(path, oracle, first, shrunk.rate)

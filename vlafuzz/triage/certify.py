@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from vlafuzz.evidence import Rate
+from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.triage.oracle import ONE_HALF, Answer, Certificate, Oracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, deviating, free_genes
+from vlafuzz.triage.path import Path, deviating, free_genes
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import shrink
 
@@ -65,7 +65,7 @@ class Shrunk:
         return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
 
 
-def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
+def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.
 
     A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: then the last one
@@ -86,7 +86,7 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: SearchSpace, reference:
     return shrunk
 
 
-def certify_one(scene: Scene, oracle: Oracle, space: SearchSpace, reference: Reference) -> Shrunk:
+def certify_one(scene: Scene, oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
     """The evidence for one scene, as ``certify`` gives it for the first that it tries."""
     return _Certifier(oracle, space, reference).test(scene)
 
@@ -100,7 +100,7 @@ class _Certifier:
     """
 
     oracle: Oracle
-    space: SearchSpace
+    space: Space
     reference: Reference
     patience: int = PATIENCE
 
@@ -175,9 +175,10 @@ class _Certifier:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""
         last, finding = way[-1], way[0]
         left = deviating(self.space, last, self.reference.scene)
-        dropped = [operator for name, several in GROUPS.items() if name not in left for operator in several]
+        groups = self.space.groups
+        dropped = [operator for name in groups if name not in left for operator in groups[name]]
         whole = self.space.reset(finding, dropped, self.reference.scene)
-        operators = [operator for name in left if name != CONFOUNDERS for operator in GROUPS[name]]
+        operators = [operator for name in left if name != CONFOUNDERS for operator in groups[name]]
         path = Path(self.space, whole, free_genes(self.space, whole, operators, last), last)
         if path.length > 1:
             yield path.at(path.length // 2)
@@ -185,7 +186,7 @@ class _Certifier:
         yield from reversed(way[:-1])
 
     def _without(self, scene: Scene, name: str) -> Scene:
-        return self.space.reset(scene, GROUPS[name], self.reference.scene)
+        return self.space.reset(scene, self.space.groups[name], self.reference.scene)
 
     def _outcome(self, scene: Scene, answer: Answer) -> str:
         """What a scene does that is not shown to pass, to complete "the scene …"."""

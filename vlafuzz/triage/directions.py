@@ -2,17 +2,16 @@
 
 from collections.abc import Iterable
 
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.space import Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.operators import CameraPosition, ConfounderType, Light
-from vlafuzz.space.params import Gene
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, free_genes
+from vlafuzz.triage.path import free_genes
 
 _BESIDE = 1 / 2  # of the largest deviation, as a share of the range: less beside it does not count
 
 
 def directed(
-    space: SearchSpace, scene: Scene, operators: Iterable[str], reference: Scene | None = None
+    space: Space, scene: Scene, operators: Iterable[str], reference: Scene | None = None
 ) -> list[str]:
     """Operators with their directions from a reference, by default from nominal: ``light:dark``.
 
@@ -24,39 +23,17 @@ def directed(
     return [f"{name}:{direction(space, scene, name, start)}" for name in operators]
 
 
-def direction(space: SearchSpace, scene: Scene, name: str, start: Scene) -> str:
+def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
     """The direction of one operator from a scene to start from."""
-    if name == CONFOUNDERS:
-        return ",".join([str(len(scene.confounders)), *_kinds(space, scene, start)])
-    if name == Light.name:
-        return "dark" if scene.light.intensity < start.light.intensity else "bright"
-    if name == CameraPosition.name:
-        offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
-        axis, by = max(((axis, a - b) for axis, a, b in offsets), key=lambda moved: abs(moved[1]))
-        return _signed(by, axis)
-    genes = free_genes(space, scene, GROUPS[name], start)
+    if (own := space.direction(scene, name, start)) is not None:
+        return own
+    genes = free_genes(space, scene, space.groups[name], start)
     values, before = space.values(scene), space.values(start)
-    chosen = [_choice(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]
+    chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]
     away = {gene: _difference(gene, values[gene.path], before[gene.path]) for gene in genes}
     largest = max(map(abs, away.values()), default=0.0)
     numbers = [_signed(far, _short(gene)) for gene, far in away.items() if abs(far) >= _BESIDE * largest]
     return ",".join(chosen or numbers)
-
-
-def _kinds(space: SearchSpace, scene: Scene, start: Scene) -> list[str]:
-    """The kinds of those confounders that have to be what they are: ``can`` for ``coke_can``."""
-    others = space.reset(scene, [ConfounderType.name], start).confounders
-    pairs = zip(scene.confounders, others, strict=True)
-    return sorted({one.object.rpartition("_")[2] for one, other in pairs if one.object != other.object})
-
-
-def _choice(scene: Scene, gene: Gene, value: float) -> str:
-    _, _, field = gene.path.rpartition(".")
-    if gene.options:
-        return f"{field}-{gene.options[int(value)]}"
-    if field == "rest":
-        return scene.targets[int(gene.slot[-1])].rest + _number(gene)
-    return str(int(value) + 1)
 
 
 def _difference(gene: Gene, value: float, start: float) -> float:

@@ -2,17 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 
+from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.store.records import Triaged
 from vlafuzz.triage.certify import Shrunk, certify_one
 from vlafuzz.triage.directions import directed
 from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, deviating, free_genes
+from vlafuzz.triage.path import deviating, free_genes
 from vlafuzz.triage.reference import Reference
 from vlafuzz.triage.shrink import drop_confounders
-
-_RESET = {operator for several in GROUPS.values() for operator in several}  # all but the targets' types
 
 
 def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:
@@ -25,7 +23,7 @@ def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:
 
 
 def by_known_cause(
-    scene: Scene, known: Sequence[Triaged], oracle: Oracle, space: SearchSpace, reference: Reference
+    scene: Scene, known: Sequence[Triaged], oracle: Oracle, space: Space, reference: Reference
 ) -> Shrunk | None:
     """The evidence that a failing scene has a known cause.
 
@@ -48,7 +46,7 @@ def by_known_cause(
     return shrunk if shrunk.minimal else None
 
 
-def _alike(scene: Scene, known: Triaged, space: SearchSpace, reference: Reference) -> Scene | None:
+def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> Scene | None:
     """The scene with the values of a known cause alone; None where they are not off in its directions."""
     assert known.shrunk is not None
     kept = _values_of(known.shrunk, known, space)
@@ -56,22 +54,22 @@ def _alike(scene: Scene, known: Triaged, space: SearchSpace, reference: Referenc
     others = {
         gene.path: start[gene.path]
         for gene in space.genes
-        if gene.path not in kept and gene.operator in _RESET
+        if gene.path not in kept and gene.operator != space.subject
     }
-    alone = space.composer.compose(space.values(scene) | others)
+    alone = space.compose(space.values(scene) | others)
     same = _directions(space, alone, reference.scene) == _directions(space, known.shrunk, known.reference)
     return alone if same else None
 
 
-def _values_of(shrunk: Scene, known: Triaged, space: SearchSpace) -> set[str]:
+def _values_of(shrunk: Scene, known: Triaged, space: Space) -> set[str]:
     """The paths of the values that a cause is about: of a displacement and of confounders all."""
-    operators = [each for name in known.operators for each in GROUPS[name]]
-    whole = {gene.operator for gene in space.genes if gene.neutral} | set(GROUPS[CONFOUNDERS])
+    operators = [each for name in known.operators for each in space.groups[name]]
+    whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
     free = {gene.path for gene in free_genes(space, shrunk, operators, known.reference)}
     return free | {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
 
 
-def _directions(space: SearchSpace, scene: Scene, reference: Scene | None) -> list[str]:
+def _directions(space: Space, scene: Scene, reference: Scene | None) -> list[str]:
     """Operators with their directions; what confounders are matters only for whether there are any."""
     left = deviating(space, scene, reference)
     others = [name for name in left if name != CONFOUNDERS]

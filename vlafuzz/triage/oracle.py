@@ -11,7 +11,6 @@ from typing import NamedTuple
 from vlafuzz.evidence import Rate
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
-from vlafuzz.space.jitter import Jitter
 from vlafuzz.store.records import Judged
 
 CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
@@ -25,6 +24,7 @@ ONE_HALF = 0.5
 
 
 Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]
+Jitter = Callable[[Scene, int], Scene]  # the n-th scene around a scene
 
 
 class Answer(Enum):
@@ -252,7 +252,7 @@ class Oracle:
         return judged
 
     def _near(self, scene: Scene, number: int) -> Scene:
-        return self._jitter.apply(scene, number) if self._jitter else scene
+        return self._jitter(scene, number) if self._jitter else scene
 
 
 def _may_end(failures: int, rollouts: int, most: int) -> bool:

@@ -5,16 +5,16 @@ Near a threshold a policy fails in one scene and passes in the next; farther out
 
 from collections.abc import Iterator, Sequence
 
+from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.triage.directions import directed
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, free_genes
+from vlafuzz.triage.path import Path, free_genes
 
 PLACES = 3  # beyond the scene; the last one is the end of the range
 
 
 def outward(
-    space: SearchSpace, scene: Scene, operators: Sequence[str], reference: Scene | None = None
+    space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None
 ) -> Iterator[tuple[Scene, float]]:
     """Scenes beyond a failing one, the nearest first, each with the factor by which its way is longer.
 
@@ -23,7 +23,7 @@ def outward(
         reference: from which they move away; None for the nominal scene.
     """
     start = reference or space.nominal(like=scene)
-    numeric = [operator for name in operators if name != CONFOUNDERS for operator in GROUPS[name]]
+    numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.groups[name]]
     path = Path(space, scene, free_genes(space, scene, numeric, start), start)
     steps = {path.length + (path.end - path.length) * place // PLACES for place in range(1, PLACES + 1)}
     directions = directed(space, scene, operators, reference)

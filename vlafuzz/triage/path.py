@@ -2,59 +2,29 @@
 
 from collections.abc import Sequence
 
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.space import CONFOUNDERS, Space, Values
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.compose import Values
-from vlafuzz.space.operators import (
-    EXTRAS,
-    OPERATORS,
-    CameraOrientation,
-    CameraPosition,
-    ConfounderCount,
-    ConfounderOrientation,
-    ConfounderPosition,
-    ConfounderType,
-    Light,
-    TargetOrientation,
-    TargetPosition,
-    Wording,
-)
-from vlafuzz.space.params import Gene
-
-CONFOUNDERS = "confounders"
-# Operators that are reset together, in the order in which triage tries them. Operators 4 to 7 count as one;
-# the targets' types are never reset, as they are what a finding is about.
-GROUPS: dict[str, tuple[str, ...]] = {
-    CONFOUNDERS: (
-        ConfounderType.name,
-        ConfounderPosition.name,
-        ConfounderOrientation.name,
-        ConfounderCount.name,
-    ),
-    **{
-        kind.name: (kind.name,)
-        for kind in (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
-    },
-    **{name: (name,) for name in OPERATORS if name in EXTRAS},
-}
 
 
-def deviating(space: SearchSpace, scene: Scene, reference: Scene | None = None) -> list[str]:
+def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> list[str]:
     """The groups in which a scene differs from a reference, by default from nominal.
 
     Raises:
         SceneError: a value that no operator gives.
     """
-    return [name for name, operators in GROUPS.items() if space.reset(scene, operators, reference) != scene]
+    return [
+        name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene
+    ]
 
 
-def nominal(space: SearchSpace, scene: Scene) -> Scene:
+def nominal(space: Space, scene: Scene) -> Scene:
     """The scene with every operator reset but its targets' types."""
-    return space.reset(scene, [operator for group in GROUPS.values() for operator in group])
+    return space.reset(scene, [operator for group in space.groups.values() for operator in group])
 
 
 def free_genes(
-    space: SearchSpace, scene: Scene, operators: Sequence[str], reference: Scene | None = None
+    space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None
 ) -> list[Gene]:
     """The genes of some operators in which a scene differs from a reference, by default from nominal.
 
@@ -68,15 +38,15 @@ def free_genes(
         if gene.operator in operators
         and (gene.operator in both or not gene.neutral)
         and _differ(gene, values[path], start[path])
-        and _in_use(gene, scene)
+        and _in_use(space, gene, scene)
     ]
 
 
-def _start(space: SearchSpace, reference: Scene | None) -> Values:
+def _start(space: Space, reference: Scene | None) -> Values:
     return space.nominal_values if reference is None else space.values(reference)
 
 
-def _severe(space: SearchSpace, values: Values) -> set[str]:
+def _severe(space: Space, values: Values) -> set[str]:
     return {gene.operator for path, gene in space.by_path.items() if gene.distance(values[path]) > 0}
 
 
@@ -84,9 +54,9 @@ def _differ(gene: Gene, value: float, start: float) -> bool:
     return value != start and not (gene.grid.wraps and (value - start) % 360.0 == 0)
 
 
-def _in_use(gene: Gene, scene: Scene) -> bool:
+def _in_use(space: Space, gene: Gene, scene: Scene) -> bool:
     part, _, slot = gene.slot.partition(".")
-    return part != "confounders" or int(slot) < len(scene.confounders)
+    return part != CONFOUNDERS or int(slot) < len(space.things(scene))
 
 
 class Path:
@@ -98,7 +68,7 @@ class Path:
     """
 
     def __init__(
-        self, space: SearchSpace, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None
+        self, space: Space, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None
     ) -> None:
         self._space, self._scene = space, scene
         self._values, self._start = space.values(scene), _start(space, reference)
@@ -124,7 +94,7 @@ class Path:
             grid = gene.grid
             level = grid.snap(self._start[gene.path]) + round(away * step / self.length)
             values[gene.path] = grid.value(level % grid.size) if step else self._start[gene.path]
-        return self._space.composer.compose(values)
+        return self._space.compose(values)
 
 
 def _steps(gene: Gene, start: float, value: float) -> int:

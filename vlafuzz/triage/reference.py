@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vlafuzz.model.space import Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.operators import TargetType
 from vlafuzz.triage.oracle import LEAD, Answer, Oracle
 
 NEAREST = 6  # passing scenes that are tried where the nominal one fails
@@ -26,9 +25,7 @@ class Reference(NamedTuple):
     stages: tuple[str, ...]
 
 
-def find_reference(
-    scene: Scene, oracle: Oracle, space: SearchSpace, passing: Iterable[Scene]
-) -> Reference | None:
+def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable[Scene]) -> Reference | None:
     """The nominal scene of the same targets if it passes, else the nearest scene known to pass.
 
     If there is none, but the nominal scene fails at a later stage than the finding, the nominal scene serves,
@@ -51,14 +48,14 @@ def find_reference(
     return Reference(None, oracle.counted) if later else None
 
 
-def _nearest(scene: Scene, space: SearchSpace, passing: Iterable[Scene]) -> Sequence[Scene]:
+def _nearest(scene: Scene, space: Space, passing: Iterable[Scene]) -> Sequence[Scene]:
     """The passing scenes with the targets of another one, the most similar to it first."""
     values, place = space.values(scene), space.embed(scene)
-    targets = {gene.path: values[gene.path] for gene in space.genes if gene.operator == TargetType.name}
+    targets = {gene.path: values[gene.path] for gene in space.genes if gene.operator == space.subject}
     composed = set()
     for candidate in passing:
         known = space.values(candidate)
         if candidate.task == scene.task and not any(map(math.isnan, known.values())):
-            composed.add(space.composer.compose(known | targets))
+            composed.add(space.compose(known | targets))
     distances = {other: float(np.linalg.norm(space.embed(other) - place)) for other in composed - {scene}}
     return sorted(distances, key=lambda other: (distances[other], other.digest))

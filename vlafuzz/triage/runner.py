@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from vlafuzz.evidence import Actions, Solver
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 
 
 class PolicyRunner(Protocol):
@@ -29,7 +29,9 @@ class SceneRunner(PolicyRunner, Protocol):
         stages: the names of the task's stages.
     """
 
-    space: SearchSpace
+    @property
+    def space(self) -> Space: ...
+
     stages: tuple[str, ...]
 
     def renew(self) -> None:

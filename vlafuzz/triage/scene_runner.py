@@ -15,14 +15,14 @@ from vlafuzz.execute.lockstep import LockstepExecutor, Results, Seeded, lanes_fo
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.plugins import check_trusted
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.rigs.robots import rig
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import here, make_evaluator, stored_space
 from vlafuzz.scene import Scene
 from vlafuzz.sim.base import FILM_SPEED, FRAMES, Film
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.triage.witness import Player
 from vlafuzz.watch import Watch
-from vlafuzz.worlds import here, make_evaluator, stored_space, world_of
+from vlafuzz.worlds import world_of
 
 if TYPE_CHECKING:
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -62,7 +62,7 @@ class SimulatorSceneRunner:
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
         self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
         self.renderer = self._world.renderer() if spec.cameras else None
-        now = replace(manifest, **here(manifest.task, name, self._policy, self.space.catalogue))
+        now = replace(manifest, **here(name, self._policy, self.space))
         self.changed = tuple(name for name in manifest.differences(now) if name != "place")
         self.elsewhere = elsewhere(manifest.place, now.place)
         self._stills: Stills | None = None
@@ -86,7 +86,7 @@ class SimulatorSceneRunner:
         once = replace(self._manifest, repeats=1)
         if visible is not None:
             once = replace(once, visible=visible)
-        return make_evaluator(once, of, catalogue=self.space.catalogue, checked=checked, recording=recording)
+        return make_evaluator(once, of, space=self.space, checked=checked, recording=recording)
 
     def renew(self) -> None:
         self._policies.renew()
@@ -120,7 +120,7 @@ class SimulatorSceneRunner:
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
         if self._stills is None:
-            self._stills = self._world.stills(self._manifest, self.space.catalogue)
+            self._stills = self._world.stills(self._manifest, self.space)
         try:
             return self._stills.png(scene)
         except PrerequisiteError:
@@ -141,7 +141,7 @@ class SimulatorSceneRunner:
         outcome = evaluate_safely(evaluator, [scene])[0]
         if not outcome.rollouts:
             return None
-        hz = min(rig(scene.robot).control_hz or of.spec.action.hz, FRAMES)
+        hz = min(self._world.robot(scene.robot).control_hz or of.spec.action.hz, FRAMES)
         video = to_mp4(recording.frames, hz * FILM_SPEED)
         return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
 

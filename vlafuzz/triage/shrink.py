@@ -1,18 +1,17 @@
 """Shrink: remove from a failing scene everything that does not matter, until each operator is necessary."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 from typing import TypeVar
 
 import numpy as np
 
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.operators import ConfounderCount, ConfounderPosition, TargetPosition
-from vlafuzz.space.params import Gene
 from vlafuzz.triage.oracle import Answer, Oracle
-from vlafuzz.triage.path import CONFOUNDERS, GROUPS, Path, deviating, free_genes
+from vlafuzz.triage.path import Path, deviating, free_genes
 
 K = TypeVar("K")
 SURE = 2  # rollouts that fail in a scene, before others are tried from there
@@ -25,7 +24,7 @@ _ROUNDING = 1e-12  # severities are sums of square roots
 def shrink(
     scene: Scene,
     oracle: Oracle,
-    space: SearchSpace,
+    space: Space,
     reference: Scene | None = None,
     *,
     sure: int = SURE,
@@ -50,9 +49,7 @@ def shrink(
     return shrinker.way
 
 
-def drop_confounders(
-    scene: Scene, oracle: Oracle, space: SearchSpace, reference: Scene | None = None
-) -> Scene:
+def drop_confounders(scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None) -> Scene:
     """The failing scene without the confounders that do not matter."""
     shrinker = _Shrinker(space, oracle, reference, [scene])
     shrinker.drop_confounders()
@@ -61,7 +58,7 @@ def drop_confounders(
 
 @dataclass
 class _Shrinker:
-    space: SearchSpace
+    space: Space
     oracle: Oracle
     reference: Scene | None
     way: list[Scene]
@@ -85,7 +82,7 @@ class _Shrinker:
             if self.values:
                 self._drop_values()
             for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
-                for gene in self._free(GROUPS[name]):
+                for gene in self._free(self.space.groups[name]):
                     self._lessen(gene)
             if self._drop_operators():
                 continue
@@ -96,12 +93,12 @@ class _Shrinker:
                 return
 
     def drop_confounders(self) -> None:
-        self._drop(range(len(self.best.confounders)), self._without_confounders)
+        self._drop(range(len(self.space.things(self.best))), self._without_confounders)
 
     def _drop_operators(self) -> bool:
         return self._drop(
             self._left(),
-            lambda names: self._reset([operator for name in names for operator in GROUPS[name]]),
+            lambda names: self._reset([operator for name in names for operator in self.space.groups[name]]),
         )
 
     def _is_blocked(self) -> bool:
@@ -110,12 +107,12 @@ class _Shrinker:
 
     def _without_one(self) -> list[Answer | None]:
         """What the scenes without one of the operators left are known to do."""
-        return [self.oracle.known(self._reset(GROUPS[name])) for name in self._left()]
+        return [self.oracle.known(self._reset(self.space.groups[name])) for name in self._left()]
 
     def _unblock(self) -> None:
-        """A confounder may stand where a target belongs, and the target where that confounder does."""
+        """Reset together what may stand in each other's way."""
         if CONFOUNDERS in self._left():
-            places = self._reset([TargetPosition.name, ConfounderPosition.name])
+            places = self._reset(self.space.blocking)
             if self._fails([places])[0]:
                 self._go_to(places)
 
@@ -123,9 +120,10 @@ class _Shrinker:
         """Reset values one by one; the confounders' by operator first, as they have twenty values."""
         left = self._left()
         if CONFOUNDERS in left:
-            parts = [name for name in GROUPS[CONFOUNDERS] if name != ConfounderCount.name]
+            counts = {gene.operator for gene in self.space.by_path.values() if gene.kind == "count"}
+            parts = [name for name in self.space.groups[CONFOUNDERS] if name not in counts]
             self._drop([name for name in parts if self._reset([name]) != self.best], self._reset)
-        operators = [operator for name in left for operator in GROUPS[name]]
+        operators = [operator for name in left for operator in self.space.groups[name]]
         genes = self._free(operators)
         self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
 
@@ -205,8 +203,8 @@ class _Shrinker:
 
     def _without_confounders(self, gone: Sequence[int]) -> Scene:
         """The scene with the other confounders moved up, reordered if they are nearer then."""
-        kept = [placed for index, placed in enumerate(self.best.confounders) if index not in gone]
-        orders = (replace(self.best, confounders=order) for order in permutations(kept))
+        kept = [thing for index, thing in enumerate(self.space.things(self.best)) if index not in gone]
+        orders = (self.space.with_things(self.best, order) for order in permutations(kept))
         first = next(orders)
         if self._distance(first) <= self._distance(self.best):
             return first
@@ -215,4 +213,4 @@ class _Shrinker:
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
         start = self.space.nominal_values if self.reference is None else self.space.values(self.reference)
         reset = {gene.path: start[gene.path] for gene in genes}
-        return self.space.composer.compose(self.space.values(self.best) | reset)
+        return self.space.compose(self.space.values(self.best) | reset)

@@ -11,8 +11,6 @@ from vlafuzz.evidence import Rate
 from vlafuzz.outcome import Verdict
 from vlafuzz.phrasing import signature
 from vlafuzz.scene import Scene
-from vlafuzz.space.jitter import Jitter, load_jitter
-from vlafuzz.space.operators import TargetType
 from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 from vlafuzz.triage.attribute import attribute
 from vlafuzz.triage.certify import Shrunk, certify
@@ -26,10 +24,11 @@ from vlafuzz.triage.oracle import (
     UNFAIR,
     Answer,
     Certificate,
+    Jitter,
     Oracle,
 )
 from vlafuzz.triage.outward import outward
-from vlafuzz.triage.path import GROUPS, deviating
+from vlafuzz.triage.path import deviating
 from vlafuzz.triage.reference import find_reference
 from vlafuzz.triage.runner import SceneRunner
 from vlafuzz.triage.shrink import shrink
@@ -105,7 +104,7 @@ class Triager:
 
     def _triage(self, finding: Finding) -> Triaged:
         scene = finding.scene
-        oracle = self._oracle(load_jitter())
+        oracle = self._oracle(self.runner.space.jittered)
         answer, rate = self._confirm(scene, oracle)
         triaged = Triaged(
             scene=scene,
@@ -130,8 +129,8 @@ class Triager:
 
     def _move_outward(self, finding: Finding, triaged: Triaged) -> Triaged:
         """The finding, if possible with a minimal scene from farther out in the direction of its cause."""
-        space, oracle = self.runner.space, self._oracle(load_jitter())
-        operators = [name for name in self.blamed.get(finding.scene, ()) if name in GROUPS]
+        space, oracle = self.runner.space, self._oracle(self.runner.space.jittered)
+        operators = [name for name in self.blamed.get(finding.scene, ()) if name in space.groups]
         beyond = outward(space, finding.scene, operators, triaged.reference)
         firm = (scene for scene, _ in beyond if oracle.answers([scene], lead=FIRMLY)[0] is Answer.FAILS)
         scene = next(firm, None)
@@ -215,9 +214,9 @@ class Triager:
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
         rates = dict(shrunk.rates)
-        if shrunk.minimal and TargetType.name in self.blamed.get(triaged.scene, ()):
-            others = space.reset(shrunk.scene, [TargetType.name])
-            rates[TargetType.name] = oracle.certify([others], reference.stages, most=MOST)[0].rate
+        if shrunk.minimal and space.subject in self.blamed.get(triaged.scene, ()):
+            others = space.reset(shrunk.scene, [space.subject])
+            rates[space.subject] = oracle.certify([others], reference.stages, most=MOST)[0].rate
         oracle.budget = confirmed + most
         return self._attribute(triaged, replace(shrunk, rates=rates), oracle)
 
@@ -274,7 +273,9 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     Args:
         first: number of the first rollout.
     """
-    oracle = Oracle(Triager(runner).roll, runner.stages, load_jitter(), budget=MOST + UNFAIR, first=first)
+    oracle = Oracle(
+        Triager(runner).roll, runner.stages, runner.space.jittered, budget=MOST + UNFAIR, first=first
+    )
     try:
         answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
     except _BrokenError:

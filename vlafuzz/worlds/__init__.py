@@ -2,40 +2,74 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+import pkgutil
+from functools import cache
+from importlib import import_module, metadata
 
-from vlafuzz.conditions import provenance
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import stored_catalogue, stored_operators
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.objects import Catalogue
-from vlafuzz.policies.base import Policy
-from vlafuzz.policies.registry import make_policy
-from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.sim.libero.scenes.objects import load_objects
-from vlafuzz.space import OperatorSet, SearchSpace, load_operators
-from vlafuzz.space.operators import ConfounderType, TargetType
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of
 from vlafuzz.worlds.base import World
-from vlafuzz.worlds.libero import Libero
-from vlafuzz.worlds.tabletop import Tabletop
 
-if TYPE_CHECKING:
-    from vlafuzz.sim.recording import Recording
+GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
+_HERE = ("base", "policies")  # modules that are no world
 
-TABLETOP = "tabletop"
-WORLDS: dict[str, World] = {TABLETOP: Tabletop(), "libero": Libero()}
+
+@cache
+def known_worlds() -> dict[str, World]:
+    """The worlds that come with vlafuzz, by the names of their modules; the usual one first."""
+    names = [module.name for module in pkgutil.iter_modules(__path__) if module.name not in _HERE]
+    worlds: dict[str, World] = {name: import_module(f"{__name__}.{name}").WORLD for name in names}
+    return dict(sorted(worlds.items(), key=lambda item: not item[1].usual))
+
+
+def world_named(name: str) -> World:
+    """The world of that name: one that comes with vlafuzz, an installed one, or the user's own.
+
+    Raises:
+        UsageError: there is no such world, or a file names code that the user did not.
+        PrerequisiteError: the user's code raises.
+    """
+    if name in known_worlds():
+        return known_worlds()[name]
+    if is_reference(name):
+        check_trusted(name)
+        return _made(name)
+    installed = {point.name: point for point in metadata.entry_points(group=GROUP)}
+    if name not in installed:
+        hint = f"{suggestion(name, [*known_worlds(), *installed])} your own: {PREFIX}pkg.mod:factory"
+        raise UsageError(f"unknown world {name!r}", hint=hint)
+    return _loaded(installed[name])
+
+
+@cache
+def _made(reference: str) -> World:
+    made: World = make_of(reference)
+    return made
+
+
+@cache
+def _loaded(point: metadata.EntryPoint) -> World:
+    world: World = point.load()
+    return world
 
 
 def world_of(task: str) -> World:
-    """The world of a task, by its name."""
-    return WORLDS["libero" if "/" in task else TABLETOP]
+    """The world of a task, by its name: of our worlds as they name it, of others WORLD/TASK."""
+    for world in known_worlds().values():
+        if world.has(task):
+            return world
+    name, slash, _ = task.rpartition("/")
+    return world_named(name) if slash else next(iter(known_worlds().values()))
 
 
-def default_policy(task: str = "pick-up", robot: str | None = None) -> str:
+def default_task() -> str:
+    """What a run is about where nobody names a task."""
+    return next(iter(next(iter(known_worlds().values())).tasks))
+
+
+def default_policy(task: str | None = None, robot: str | None = None) -> str:
     """What is tested where nobody names a policy; a UsageError if the task's world has none."""
-    world = world_of(task)
+    world = world_of(task) if task else next(iter(known_worlds().values()))
     return world.default_policy(robot or next(iter(world.robots)))
 
 
@@ -47,105 +81,40 @@ def task_of(world: str | None, task: str | None) -> str | None:
     """
     if world is None:
         return task
-    named = _task_in(world)
+    name, named = _parted(world)
+    found = world_named(name)
     if task and named and task != named:
         raise UsageError(f"--world {world}, --task {task}: two tasks", hint="leave one of the two out")
-    return named or task
+    wanted = named or task
+    if not wanted and (found.usual or len(found.tasks) == 1):
+        wanted = next(iter(found.tasks))
+    if name not in known_worlds() and wanted in found.tasks:
+        return f"{name}/{wanted}"
+    if not wanted or not found.has(wanted):
+        problem = f"--world {name}: no task {wanted!r}" if wanted else f"--world {world}: names no task"
+        raise UsageError(problem, hint=f"such as {name}:{next(iter(found.tasks))}")
+    return wanted
+
+
+def _parted(world: str) -> tuple[str, str]:
+    """The name of a world, and the task behind it if there is one."""
+    if is_reference(world):
+        parts = world.split(":")
+        return ":".join(parts[:3]), ":".join(parts[3:])
+    name, _, task = world.partition(":")
+    return name, task
 
 
 def tasks_named(names: str) -> tuple[str, ...]:
-    """The tasks of a list with commas, or all of the tabletop.
+    """The tasks of a list with commas, or all of the usual world.
 
     Raises:
         UsageError: there is no such task.
     """
     if names == "all":
-        return tuple(TASKS)
+        return tuple(next(iter(known_worlds().values())).tasks)
     tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
     if len(tasks) > 1:
         for name in tasks:
             world_of(name).task(name)
     return tasks
-
-
-def _task_in(world: str) -> str | None:
-    name, _, task = world.partition(":")
-    if name not in WORLDS:
-        raise UsageError(f"unknown world {name!r}", hint=suggestion(name, WORLDS))
-    if name == TABLETOP:
-        return task or None
-    if "/" not in task:
-        problem = f"--world {world}: names no task"
-        raise UsageError(problem, hint=f"such as {name}:libero_object/0")
-    return task
-
-
-def make_evaluator(
-    conditions: Conditions,
-    policy: Policy | None = None,
-    *,
-    catalogue: Catalogue | None = None,
-    checked: bool = True,
-    recording: Recording | None = None,
-) -> SceneEvaluator:
-    """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
-
-    By default the policy is the one that the conditions name, made anew, and the catalogue the built-in one
-    with their packs. ``checked``: whether validity is checked before a rollout.
-    """
-    return world_of(conditions.task).evaluator(
-        conditions,
-        policy or make_policy(conditions.policy),
-        catalogue or stored_catalogue(conditions),
-        recording=recording,
-        checked=checked,
-    )
-
-
-def stored_space(source: Path, conditions: Conditions) -> SearchSpace:
-    """The space that contains the scenes of a run; ``source`` is the store or corpus, for messages.
-
-    Raises:
-        StoreError: another version wrote it, with other operators.
-        UsageError: an object pack is gone.
-        PrerequisiteError: its world's packages are not installed.
-    """
-    operators = stored_operators(source, conditions)
-    world = world_of(conditions.task)
-    return world.space(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
-
-
-def make_space(operators: OperatorSet, catalogue: Catalogue, task: str, robot: str) -> SearchSpace:
-    """The scenes of a task that the operators can make.
-
-    Raises:
-        UsageError: an operator is to vary that has nothing to vary in this world.
-    """
-    space = world_of(task).space(operators, catalogue, task, robot)
-    offered = {gene.operator for gene in space.by_path.values()}
-    idle = space.operators.varied - offered
-    if idle and space.genes:  # some of a world's tasks lack what varies there by default
-        idle -= load_operators(space.rig.operators).varied
-    for name in sorted(idle):
-        raise UsageError(f"{name}: nothing of {task} varies so", hint=f"known: {', '.join(sorted(offered))}")
-    return space
-
-
-def check_names(operators: OperatorSet, catalogue: Catalogue) -> None:
-    """Raise a UsageError where operators name an object that no world has."""
-    known = {*catalogue, *load_objects().words}
-    for part in (operators, *operators.tasks.values()):
-        targets, around = part.get(TargetType), part.get(ConfounderType)
-        for operator, names in ((targets, targets.names), (targets, targets.onto), (around, around.names)):
-            for name in names or ():
-                if name not in known:
-                    raise UsageError(f"{operator.name}: no object {name!r}", hint=suggestion(name, known))
-
-
-def here(
-    task: str, name: str, policy: Policy, catalogue: Catalogue, *, workers: bool = False
-) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed; see ``provenance.here``."""
-    world = world_of(task)
-    installed = provenance.here(name, policy, catalogue, world.renderer, workers=workers)
-    return installed | {"simulator": world.simulator}

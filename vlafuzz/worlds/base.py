@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.evidence import Solver
-from vlafuzz.objects import Catalogue
+from vlafuzz.model.space import Operators, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
+from vlafuzz.sim.audit import AuditedSuite, Scope
 from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.tasks.base import Task
 
 if TYPE_CHECKING:
@@ -49,12 +51,64 @@ class Stills(Protocol):
         """Release the renderer."""
 
 
+class Robot(Protocol):
+    """What acts in the scenes of a world.
+
+    Attributes:
+        robot: its name.
+        control_hz: control steps a second; None for as many as the policy wants.
+        seconds: of simulated time, after which a rollout ends.
+    """
+
+    @property
+    def robot(self) -> str: ...
+
+    @property
+    def control_hz(self) -> int | None: ...
+
+    @property
+    def seconds(self) -> int: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """The scenes that a user wants of a world.
+
+    Attributes:
+        operators: a file of ranges, or the name of a shipped one; None for those that fit the robot.
+        vary: operators that vary; empty for all that the file varies.
+        packs: of objects, as the world opens them.
+    """
+
+    task: str
+    robot: str
+    operators: str | None = None
+    vary: Sequence[str] = ()
+    packs: Sequence[Any] = ()
+
+
 class World(Protocol):
-    """A simulator with its tasks. Scenes, strategies, triage and stores are the same in all of them."""
+    """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them."""
+
+    @property
+    def usual(self) -> bool:
+        """Whether it is meant where nobody names a world: one of those that come with vlafuzz."""
+
+    @property
+    def tasks(self) -> Collection[str]:
+        """Names of its tasks, the default one first; of a world with many those of a first choice."""
 
     @property
     def robots(self) -> Collection[str]:
-        """Names of its rigs, the default one first."""
+        """Names of its robots, the default one first."""
+
+    @property
+    def objects(self) -> Collection[str]:
+        """Names of the objects that its scenes may have."""
+
+    @property
+    def policies(self) -> Mapping[str, Callable[..., Policy]]:
+        """Policies that come with the world, by name, each described by its docstring's first sentence."""
 
     @property
     def simulator(self) -> str:
@@ -63,8 +117,14 @@ class World(Protocol):
     def renderer(self) -> str:
         """What draws its pictures here, with versions; empty if that is not known."""
 
+    def has(self, task: str) -> bool:
+        """Whether a name is one of its tasks'."""
+
     def task(self, name: str) -> Task:
         """The task of that name; a UsageError or SceneError if there is none."""
+
+    def robot(self, name: str) -> Robot:
+        """The robot of that name; a UsageError if there is none."""
 
     def default_policy(self, robot: str) -> str:
         """What is tested where nobody names a policy; a UsageError if there is none."""
@@ -72,14 +132,34 @@ class World(Protocol):
     def check_pictures(self) -> None:
         """Raise a PrerequisiteError if no pictures can be drawn here."""
 
-    def space(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str) -> SearchSpace:
-        """The scenes of a task that the operators can make; a UsageError if it lacks one that varies."""
+    def operators(self, wanted: Wanted) -> Operators:
+        """The operators that a user wants, for all tasks; a CatalogueError if their file is wrong."""
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> Space:
+        """The scenes of a task; ``operators`` replace those that the user names.
+
+        Raises:
+            UsageError: an operator has nothing to vary there, or the robot's files are missing.
+        """
+
+    def stored_space(
+        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
+    ) -> Space:
+        """The space that ``Space.conditions`` describes; ``source`` is the store or corpus, for messages.
+
+        Args:
+            vary: other operators to vary than then.
+
+        Raises:
+            StoreError: another version wrote it, with other operators.
+            UsageError: an object pack is gone.
+        """
 
     def evaluator(
         self,
         conditions: Conditions,
         policy: Policy,
-        catalogue: Catalogue,
+        space: Space | None,
         *,
         recording: Recording | None,
         checked: bool,
@@ -92,5 +172,18 @@ class World(Protocol):
     def demonstrator(self, interface: Interface) -> Demonstrator:
         """An expert in the place of a policy with this interface."""
 
-    def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
+    def stills(self, conditions: Conditions, space: Space) -> Stills:
         """What takes pictures of scenes of a task."""
+
+
+@runtime_checkable
+class Audited(Protocol):
+    """A world with suites of its own initial states, which can be audited."""
+
+    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
+        """What is wrong with a suite's initial states before any policy acts.
+
+        Raises:
+            UsageError: there is no such suite.
+            PrerequisiteError: the world's packages are not installed.
+        """

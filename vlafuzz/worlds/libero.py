@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 from vlafuzz import __version__
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.evidence import Solver
-from vlafuzz.objects import Catalogue
+from vlafuzz.model.space import Operators, Space
 from vlafuzz.policies.base import Policy
-from vlafuzz.rigs.robots import OF_LIBERO
+from vlafuzz.policies.mini.policy import mini_libero
+from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.robots import OF_LIBERO, rig
+from vlafuzz.sim.audit import AuditedSuite, Scope
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.expert.policy import LiberoExpert
 from vlafuzz.sim.libero.packages import require, versions
 from vlafuzz.sim.libero.pictures.opengl import opengl
+from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.sim.libero.scenes.space import LiberoSpace
+from vlafuzz.sim.libero.suites import SUITES
 from vlafuzz.sim.libero.tasks import task
-from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space import OperatorSet
+from vlafuzz.space.stored import stored_operators
+from vlafuzz.space.table import check_varied, named_operators
 from vlafuzz.tasks.base import Task
-from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 
 if TYPE_CHECKING:
     from vlafuzz.clients.interface import Interface
@@ -30,7 +38,16 @@ if TYPE_CHECKING:
 class Libero:
     """A ``World``; its tasks are named ``SUITE/NUMBER``."""
 
-    robots = tuple(OF_LIBERO)
+    usual, robots = False, tuple(OF_LIBERO)
+    tasks = tuple(f"{suite}/{number}" for suite in SUITES for number in range(10))
+    policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
+        "libero-expert": LiberoExpert,
+        "mini-libero": mini_libero,
+    }
+
+    @property
+    def objects(self) -> Collection[str]:
+        return load_objects().words
 
     @property
     def simulator(self) -> str:
@@ -42,8 +59,14 @@ class Libero:
     def renderer(self) -> str:
         return opengl()
 
+    def has(self, task: str) -> bool:
+        return task.startswith("libero") and "/" in task
+
     def task(self, name: str) -> Task:
         return task(name)
+
+    def robot(self, name: str) -> Rig:
+        return rig(name)
 
     def default_policy(self, robot: str) -> str:
         hint = (
@@ -54,14 +77,30 @@ class Libero:
     def check_pictures(self) -> None:
         require()
 
-    def space(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str) -> SearchSpace:
-        return LiberoSpace(operators, catalogue, task, robot)
+    def operators(self, wanted: Wanted) -> OperatorSet:
+        return named_operators(rig(wanted.robot), wanted.operators, wanted.vary)
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> LiberoSpace:
+        if operators is None:
+            operators = self.operators(wanted)
+        assert isinstance(operators, OperatorSet)
+        space = LiberoSpace(operators, wanted.task, wanted.robot)
+        check_varied(space)
+        return space
+
+    def stored_space(
+        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
+    ) -> LiberoSpace:
+        operators = stored_operators(source, conditions)
+        if vary is not None:
+            operators = operators.only(vary)
+        return LiberoSpace(operators, conditions.task, conditions.robot)
 
     def evaluator(
         self,
         conditions: Conditions,
         policy: Policy,
-        catalogue: Catalogue,
+        space: Space | None,
         *,
         recording: Recording | None,
         checked: bool,
@@ -78,7 +117,15 @@ class Libero:
 
         return LiberoDemonstrator(interface)
 
-    def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
+    def stills(self, conditions: Conditions, space: Space) -> Stills:
         from vlafuzz.sim.libero.evaluator import LiberoStills
 
         return LiberoStills(conditions.task)
+
+    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
+        from vlafuzz.sim.libero.audit import audit
+
+        return audit(suite, scope)
+
+
+WORLD = Libero()

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
+from vlafuzz import assets
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.provenance import versions
 from vlafuzz.evidence import Solver
-from vlafuzz.objects import Catalogue
+from vlafuzz.model.space import Operators, Space
+from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
+from vlafuzz.policies.mini.policy import mini
+from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.policies.seeing import SeeingExpert
 from vlafuzz.renderer import check_renderer, in_use, probe_once
-from vlafuzz.rigs.robots import PANDA, RIGS
+from vlafuzz.rigs.rig import Rig
+from vlafuzz.rigs.robots import PANDA, RIGS, rig
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space.stored import stored_catalogue, stored_operators
+from vlafuzz.space.table import check_varied, named_operators
 from vlafuzz.tasks.base import Task
-from vlafuzz.tasks.tabletop import task
-from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy
+from vlafuzz.tasks.tabletop import TASKS, task
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 
 if TYPE_CHECKING:
     from vlafuzz.clients.interface import Interface
@@ -28,7 +36,18 @@ if TYPE_CHECKING:
 class Tabletop:
     """A ``World``."""
 
-    robots = tuple(RIGS)
+    usual = True
+    tasks, robots = tuple(TASKS), tuple(RIGS)
+    policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
+        "mini": mini,
+        "pinhole": Pinhole,
+        "expert": Expert,
+        "seeing": SeeingExpert,
+    }
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        return load_catalogue().names()
 
     @property
     def simulator(self) -> str:
@@ -40,8 +59,14 @@ class Tabletop:
     def renderer(self) -> str:
         return in_use()
 
+    def has(self, task: str) -> bool:
+        return task in TASKS
+
     def task(self, name: str) -> Task:
         return task(name)
+
+    def robot(self, name: str) -> Rig:
+        return rig(name)
 
     def default_policy(self, robot: str) -> str:
         """``mini`` where its robot's pictures can be rendered, else ``pinhole``, which needs physics only."""
@@ -50,20 +75,42 @@ class Tabletop:
     def check_pictures(self) -> None:
         check_renderer()
 
-    def space(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str) -> SearchSpace:
-        return SearchSpace(operators, catalogue, task, robot)
+    def operators(self, wanted: Wanted) -> OperatorSet:
+        return named_operators(rig(wanted.robot), wanted.operators, wanted.vary)
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> SearchSpace:
+        setup = rig(wanted.robot)
+        if setup.urdf:
+            assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
+        for photo in setup.photos.values():
+            assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
+        if operators is None:
+            operators = self.operators(wanted)
+        assert isinstance(operators, OperatorSet)
+        space = SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
+        check_varied(space)
+        return space
+
+    def stored_space(
+        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
+    ) -> SearchSpace:
+        operators = stored_operators(source, conditions)
+        if vary is not None:
+            operators = operators.only(vary)
+        return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
 
     def evaluator(
         self,
         conditions: Conditions,
         policy: Policy,
-        catalogue: Catalogue,
+        space: Space | None,
         *,
         recording: Recording | None,
         checked: bool,
     ) -> SceneEvaluator:
         from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 
+        catalogue = space.catalogue if isinstance(space, SearchSpace) else stored_catalogue(conditions)
         return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
@@ -74,7 +121,11 @@ class Tabletop:
 
         return TabletopDemonstrator(interface)
 
-    def stills(self, conditions: Conditions, catalogue: Catalogue) -> Stills:
+    def stills(self, conditions: Conditions, space: Space) -> Stills:
         from vlafuzz.sim.maniskill.stills import Stills
 
-        return Stills(conditions.task, catalogue, placement=conditions.placement)
+        assert isinstance(space, SearchSpace)
+        return Stills(conditions.task, space.catalogue, placement=conditions.placement)
+
+
+WORLD = Tabletop()

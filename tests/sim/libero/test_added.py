@@ -9,9 +9,9 @@ import pytest
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.evidence import Causes
-from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.report.deviations import deviations
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Placement, Scene, Start
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.environments import Environments
@@ -22,21 +22,28 @@ from vlafuzz.sim.libero.scenes.casts import pool
 from vlafuzz.sim.libero.scenes.fairness import Fairness
 from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.scenes.setting import Setting
+from vlafuzz.sim.libero.scenes.space import LiberoSpace
 from vlafuzz.sim.libero.suites import REST, SETTLING
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.space.operators import OPERATORS, ConfounderType
+from vlafuzz.space.table import check_varied
 from vlafuzz.triage.directions import directed
-from vlafuzz.worlds import make_evaluator, make_space
 
 pytestmark = pytest.mark.libero
 SOUP = "libero_object/0"  # the basket's
 BOWLS = "libero_goal/8"  # of the fixture ``bowls``, with furniture
 
 
+def libero_space(operators: OperatorSet, task: str) -> LiberoSpace:
+    made = LiberoSpace(operators, task, "libero")
+    check_varied(made)
+    return made
+
+
 @pytest.fixture(scope="module")
-def space() -> SearchSpace:
+def space() -> LiberoSpace:
     everything = load_operators("libero").only(OPERATORS.keys() - {"backdrop"})
-    return make_space(everything, load_catalogue(), SOUP, "libero")
+    return libero_space(everything, SOUP)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +80,7 @@ def begun(environments: Environments, scene: Scene) -> LiberoEnv:
 
 
 class TestSpace:
-    def test_random_scenes_swap_and_add_and_come_back_from_their_genomes(self, space: SearchSpace):
+    def test_random_scenes_swap_and_add_and_come_back_from_their_genomes(self, space: LiberoSpace):
         rng = np.random.default_rng(0)
         scenes = [space.sample(rng) for _ in range(40)]
         assert [space.decode(space.encode(scene)) for scene in scenes] == scenes
@@ -83,21 +90,21 @@ class TestSpace:
         assert all(len(set(some)) == len(some) for some in names)
         assert [room_of(SOUP).crowded(scene) for scene in scenes] == [set()] * 40
 
-    def test_the_instruction_says_the_swapped_thing(self, space: SearchSpace):
+    def test_the_instruction_says_the_swapped_thing(self, space: LiberoSpace):
         index = space.composer.layout.slots["targets.0"].index("ketchup")
         scene = space.composer.compose(space.nominal_values | {"targets.0.object": index})
         assert scene.instruction == "pick up the ketchup and place it in the basket"
         assert space.severities(scene)["target-type"] == 1.0
         assert space.nominal(like=scene) == scene
 
-    def test_operators_are_reset_one_by_one(self, space: SearchSpace):
+    def test_operators_are_reset_one_by_one(self, space: LiberoSpace):
         scene = swapped(space.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35, 90.0))
         assert space.reset(scene, ["target-type"]) == replace(space.nominal(), confounders=scene.confounders)
         assert space.reset(scene, ["confounder-count"]) == swapped(space.nominal(), "ketchup")
         assert space.reset(scene, ["confounder-orientation"]).confounders[0].yaw == 0.0
         assert space.reset(scene, ["target-type", "confounder-count"]) == space.nominal()
 
-    def test_what_deviates_is_said_by_operator_and_thing(self, space: SearchSpace):
+    def test_what_deviates_is_said_by_operator_and_thing(self, space: LiberoSpace):
         scene = swapped(space.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35))
         milk = scene.targets.index(added("milk_1", 0.0, 0.0))
         targets = (*scene.targets[:milk], added("milk_1", 0.04, 0.0), *scene.targets[milk + 1 :])
@@ -111,23 +118,23 @@ class TestSpace:
 
     def test_a_task_may_lack_what_varies_by_default_but_not_what_is_asked_for_alone(self):
         pots, usual = "libero_10/8", load_operators("libero")  # both are carried, and said in one word
-        varied = {gene.operator for gene in make_space(usual, load_catalogue(), pots, "libero").genes}
+        varied = {gene.operator for gene in libero_space(usual, pots).genes}
         assert {"target-type", "bystander-position"} == usual.varied - varied
         with pytest.raises(UsageError, match="target-type: nothing of libero_10/8 varies so"):
-            make_space(usual.only(["target-type"]), load_catalogue(), pots, "libero")
+            libero_space(usual.only(["target-type"]), pots)
 
     def test_operators_choose_from_the_things_that_may_be_added(self):
         operators = load_operators("libero")
         names = operators.get(ConfounderType).model_copy(update={"names": ("milk",)})
         chosen = replace(operators, operators={**operators.operators, ConfounderType.name: names})
-        space = make_space(chosen, load_catalogue(), BOWLS, "libero")
+        space = libero_space(chosen, BOWLS)
         assert space.composer.layout.of("confounders") == ["confounders.0"]
         apple = names.model_copy(update={"names": ("apple",)})
         unknown = replace(operators, operators={**operators.operators, ConfounderType.name: apple})
         with pytest.raises(UsageError, match="confounder-type: names: no 'apple' in LIBERO"):
-            make_space(unknown, load_catalogue(), BOWLS, "libero")
+            libero_space(unknown, BOWLS)
 
-    def test_two_confounders_in_one_place_are_moved_apart(self, space: SearchSpace):
+    def test_two_confounders_in_one_place_are_moved_apart(self, space: LiberoSpace):
         here = added("popcorn", -0.2, -0.35), added("wine_bottle", -0.2, -0.35)
         scene = replace(space.nominal(), confounders=here)
         assert room_of(SOUP).crowded(scene) == {8}
@@ -142,7 +149,7 @@ class TestSetting:
     def test_the_suites_things_begin_where_they_do_without_additional_ones(
         self, bowls: LiberoEnv, environments: Environments
     ):
-        nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
+        nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         scene = replace(nominal, start=Start(3), confounders=(added("milk", 0.1, 0.3),))
         env = begun(environments, scene)
         bowls.reset(3)
@@ -156,7 +163,7 @@ class TestSetting:
     def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(
         self, environments: Environments
     ):
-        nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
+        nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         env = begun(environments, replace(nominal, confounders=(added("milk", 0.1, 0.3, 30.0),)))
         env.settle(2 * SETTLING)
         assert env.data.xpos[env.bodies["milk"]][:2] == pytest.approx([0.1, 0.3], abs=0.005)
@@ -168,7 +175,7 @@ class TestSetting:
     def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(
         self, environments: Environments
     ):
-        nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
+        nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         scene = replace(
             nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:])
         )
@@ -187,7 +194,7 @@ class TestSetting:
         assert env.solved()
 
     def test_what_is_added_beside_the_table_falls(self, environments: Environments):
-        nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
+        nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         beside = replace(nominal, confounders=(added("milk", 0.0, 2.0),))
         rejection = Fairness(environments).check(nominal, beside)
         assert rejection is not None
@@ -195,7 +202,7 @@ class TestSetting:
         assert rejection.reason.startswith("milk falls")
 
     def test_an_environment_without_what_a_scene_has_says_so(self, bowls: LiberoEnv):
-        nominal = make_space(load_operators("libero"), load_catalogue(), BOWLS, "libero").nominal()
+        nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         with pytest.raises(SceneError, match="milk: not in this environment of libero_goal/8"):
             Setting(bowls).begin(replace(nominal, confounders=(added("milk", 0.1, 0.3),)))
 

@@ -11,9 +11,9 @@ import pytest
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.sim.libero.scenes.space import nominal_scene
-from vlafuzz.worlds import make_evaluator
 
 pytestmark = pytest.mark.libero
 SCRIPTS = Path(__file__).parents[3] / "scripts"

@@ -3,16 +3,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from vlafuzz import worlds
 from vlafuzz.conditions.place import here, in_words
 from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.rollouts import setup
+from vlafuzz.worlds import known_worlds
 
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
 
 
 @pytest.mark.libero
 def test_a_place_of_libero_names_what_draws_its_pictures_and_not_the_tabletops_renderer():
-    renderer = worlds.WORLDS["libero"].renderer
+    renderer = known_worlds()["libero"].renderer
     assert "MuJoCo" in renderer()
     assert "robosuite" in renderer()
     assert renderer() in in_words(here("mini", SEEING, renderer))
@@ -20,9 +21,12 @@ def test_a_place_of_libero_names_what_draws_its_pictures_and_not_the_tabletops_r
 
 
 def test_a_world_says_itself_what_draws_its_pictures(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(worlds.WORLDS["libero"], "renderer", lambda: "EGL of a test", raising=False)
-    monkeypatch.setattr(type(worlds.WORLDS["libero"]), "simulator", "of a test")
+    monkeypatch.setattr(known_worlds()["libero"], "renderer", lambda: "EGL of a test", raising=False)
+    monkeypatch.setattr(type(known_worlds()["libero"]), "simulator", "of a test")
     policy = SimpleNamespace(spec=SEEING)
-    catalogue = SimpleNamespace(digest="")
-    assert worlds.here("libero_goal/8", "mini", policy, catalogue)["place"].count("EGL of a test") == 1
-    assert "EGL of a test" not in worlds.here("pick-up", "mini", policy, catalogue)["place"]
+    libero, tabletop = (
+        SimpleNamespace(task=SimpleNamespace(name=name), conditions={})
+        for name in ("libero_goal/8", "pick-up")
+    )
+    assert setup.here("mini", policy, libero)["place"].count("EGL of a test") == 1
+    assert "EGL of a test" not in setup.here("mini", policy, tabletop)["place"]

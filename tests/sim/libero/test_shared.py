@@ -8,12 +8,12 @@ import pytest
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.policies.controls import Frozen
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Scene
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero import shared
 from vlafuzz.sim.libero.scenes.space import nominal_scene
 from vlafuzz.sim.stepping import drive, proceed
-from vlafuzz.worlds import make_evaluator
 
 pytestmark = pytest.mark.libero
 TASK = "libero_object/0"

@@ -14,34 +14,41 @@ from vlafuzz.clients.vla_eval import Messages, VlaEval
 from vlafuzz.clients.vla_eval_spec import Hello, Parameters, spec_of
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.policies.pinhole import Pinhole
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.env import LiberoEnv, LiberoObservation
 from vlafuzz.sim.libero.expert.policy import LiberoExpert
 from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.scenes.setting import Setting
+from vlafuzz.sim.libero.scenes.space import LiberoSpace
 from vlafuzz.sim.libero.suites import SETTLING, find_task
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.space import OperatorSet, load_operators
 from vlafuzz.space.operators import OPERATORS
-from vlafuzz.worlds import make_evaluator, make_space
+from vlafuzz.space.table import check_varied
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"  # the environment of the fixture ``bowls``: a bowl belongs on a plate
 SOUP = "libero_object/0"
 
 
+def libero_space(operators: OperatorSet, task: str) -> LiberoSpace:
+    made = LiberoSpace(operators, task, "libero")
+    check_varied(made)
+    return made
+
+
 @pytest.fixture(scope="module")
-def space() -> SearchSpace:
-    return make_space(load_operators("libero"), load_catalogue(), TASK, "libero")
+def space() -> LiberoSpace:
+    return libero_space(load_operators("libero"), TASK)
 
 
 @pytest.fixture
-def setting(bowls: LiberoEnv, space: SearchSpace) -> Iterator[Setting]:
+def setting(bowls: LiberoEnv, space: LiberoSpace) -> Iterator[Setting]:
     made = Setting(bowls)
     yield made
     made.begin(space.nominal())  # light and camera as they were
@@ -56,8 +63,8 @@ def soup() -> Iterator[SceneEvaluator]:
 
 
 @pytest.fixture(scope="module")
-def cans() -> SearchSpace:
-    return make_space(load_operators("libero"), load_catalogue(), SOUP, "libero")
+def cans() -> LiberoSpace:
+    return libero_space(load_operators("libero"), SOUP)
 
 
 def moved(scene: Scene, name: str, **changes: float) -> Scene:
@@ -88,7 +95,7 @@ def shown() -> LiberoObservation:
     return observation
 
 
-def first_seen(space: SearchSpace, spec: PolicySpec) -> Observation:
+def first_seen(space: LiberoSpace, spec: PolicySpec) -> Observation:
     """What a policy sees first of the same state in a rollout."""
     evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), Unasked(spec))
     seen = evaluator.begin(space.nominal(), 0).observe()
@@ -97,31 +104,31 @@ def first_seen(space: SearchSpace, spec: PolicySpec) -> Observation:
 
 
 class TestSpace:
-    def test_the_nominal_scene_is_the_suites_own(self, space: SearchSpace):
+    def test_the_nominal_scene_is_the_suites_own(self, space: LiberoSpace):
         nominal = space.nominal()
         assert nominal.instruction == "put the bowl on the plate"
         assert all((one.x, one.y, one.yaw) == (0.0, 0.0, 0.0) for one in nominal.targets)
         assert space.severity(nominal) == 0.0
 
-    def test_what_is_carried_comes_first(self, space: SearchSpace):
+    def test_what_is_carried_comes_first(self, space: LiberoSpace):
         names = [one.object for one in space.nominal().targets]
         assert names[:2] == ["akita_black_bowl_1", "plate_1"]
         assert len(names) == space.task.targets
 
     def test_every_scene_comes_back_from_its_genome_and_from_json(self):
         everything = load_operators("libero").only(set(OPERATORS) - {"backdrop"})
-        full = make_space(everything, load_catalogue(), TASK, "libero")
+        full = libero_space(everything, TASK)
         rng = np.random.default_rng(0)
         for scene in [full.sample(rng) for _ in range(20)]:
             assert full.decode(full.encode(scene)) == scene
             assert Scene.from_json(scene.to_json()) == scene
         assert len({full.sample(rng).start.state for _ in range(20)}) > 5
 
-    def test_random_scenes_have_room_for_everything(self, space: SearchSpace):
+    def test_random_scenes_have_room_for_everything(self, space: LiberoSpace):
         room, rng = room_of(TASK), np.random.default_rng(1)
         assert [room.crowded(space.sample(rng)) for _ in range(20)] == [set()] * 20
 
-    def test_two_things_in_one_place_are_moved_apart_and_the_others_stay(self, space: SearchSpace):
+    def test_two_things_in_one_place_are_moved_apart_and_the_others_stay(self, space: LiberoSpace):
         room, nominal = room_of(TASK), space.nominal()
         plate, bowl = (room.places[0][nominal_index] for nominal_index in (1, 0))
         x, y = np.round(plate - bowl, 3).tolist()
@@ -135,12 +142,12 @@ class TestSpace:
     def test_an_operator_that_has_nothing_to_vary_is_refused(self):
         operators = load_operators("libero").only(["backdrop"])
         with pytest.raises(UsageError, match=f"backdrop: nothing of {TASK} varies so"):
-            make_space(operators, load_catalogue(), TASK, "libero")
+            libero_space(operators, TASK)
 
 
 class TestSetting:
     def test_a_nominal_scene_begins_bit_for_bit_in_the_suites_state(
-        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting
     ):
         bowls.reset(3)
         bowls.settle(2)
@@ -149,7 +156,7 @@ class TestSetting:
         bowls.settle(2)
         assert np.array_equal(bowls.state(), expected)
 
-    def test_only_the_thing_that_is_moved_moves(self, bowls: LiberoEnv, space: SearchSpace, setting: Setting):
+    def test_only_the_thing_that_is_moved_moves(self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting):
         nominal = space.nominal()
         setting.begin(nominal)
         before = {name: bowls.data.xpos[bowls.bodies[name]].copy() for name in bowls.task.things}
@@ -161,7 +168,7 @@ class TestSetting:
             )
 
     def test_a_brighter_scene_has_brighter_lamps_and_the_next_one_not(
-        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting
     ):
         nominal = space.nominal()
         usual = bowls.model.light_diffuse.copy()
@@ -172,7 +179,7 @@ class TestSetting:
 
     @pytest.mark.parametrize(("turn", "axis"), [("yaw", 0), ("pitch", 1)])
     def test_a_turned_camera_shifts_the_picture(
-        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting, turn: str, axis: int
+        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting, turn: str, axis: int
     ):
         """To the left everything goes to the right, and down everything goes up."""
         nominal = space.nominal()
@@ -186,7 +193,7 @@ class TestSetting:
         assert seen[:2] == pytest.approx(expected, abs=1e-6)
 
     def test_a_moved_camera_and_bent_joints_are_as_far_off_as_asked(
-        self, bowls: LiberoEnv, space: SearchSpace, setting: Setting
+        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting
     ):
         nominal = space.nominal()
         setting.begin(nominal)
@@ -251,7 +258,7 @@ class TestEvaluator:
         with pytest.raises(UsageError, match="works on the tabletop only"):
             make_evaluator(Conditions(task=SOUP, robot="libero"), Pinhole())
 
-    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: SearchSpace, shown):
+    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: LiberoSpace, shown):
         """Keys, sizes and numbers of openpi's example for LIBERO: 256 pixels made 224, fingers apart."""
         address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
         model = Model("openpi", address.options)
@@ -268,7 +275,7 @@ class TestEvaluator:
         assert message["observation/state"] == pytest.approx(shown.state, abs=1e-6)
         assert message["prompt"] == "put the bowl on the plate"
 
-    def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space: SearchSpace, shown):
+    def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space: LiberoSpace, shown):
         """As ``LIBEROBenchmark.make_obs`` of vla-eval 0.8.0 (benchmarks/libero/benchmark.py).
 
         It sends rotation vectors of at most half a turn, and in this state robosuite's is longer.

@@ -164,6 +164,11 @@ class Mini:
         return self._told[instruction]
 
 
+def mini(folder: Path = SHIPPED) -> Mini:
+    """A small learned vision-language-action model that runs on a CPU; mini:FOLDER has other weights."""
+    return Mini(folder)
+
+
 def mini_libero() -> Mini:
     """Mini with two cameras, trained in the ten tasks of LIBERO's object suite; it runs on a CPU."""
     return Mini(SHIPPED / "libero")

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.stored import stored_visible
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.policies.base import Calibration, Knowing, Observation, Policy, PolicySpec, Privileged
 from vlafuzz.rigs.robots import rig
@@ -19,6 +18,7 @@ from vlafuzz.sim.maniskill.objects import models_of
 from vlafuzz.sim.maniskill.outlines import outlines
 from vlafuzz.sim.maniskill.settle import Settled, settle, start_poses
 from vlafuzz.sim.recording import Recording
+from vlafuzz.space.stored import stored_visible
 from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.validity import Rejection, check_static

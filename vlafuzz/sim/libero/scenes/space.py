@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, SceneError, UsageError
+from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model.space import Values
 from vlafuzz.reading import read_yaml, validated
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Placement, Scene, Start
@@ -19,9 +22,9 @@ from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
-from vlafuzz.space import OperatorSet, SearchSpace
+from vlafuzz.space import OperatorSet
 from vlafuzz.space.base import Layout, Span
-from vlafuzz.space.compose import PARTS, Composer, Values, camera, index_of
+from vlafuzz.space.compose import Parts, index_of
 from vlafuzz.space.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.space.generate import HINT, REDRAWS, RESTARTS
 from vlafuzz.space.operators import (
@@ -38,9 +41,10 @@ from vlafuzz.space.operators import (
     TargetType,
     Wording,
 )
-from vlafuzz.space.params import Gene, Grid
-from vlafuzz.tasks.base import Task
+from vlafuzz.space.table import TableSpace
 
+# What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
+OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 _WORDINGS = TypeAdapter(list[str])
 _OWN = (TargetPosition, TargetOrientation, BystanderPosition, BystanderOrientation)  # of the suite's things
@@ -81,10 +85,8 @@ def load_wordings() -> tuple[str, ...]:
     return tuple(wordings)
 
 
-class LiberoComposer(Composer):
+class LiberoComposer:
     """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
-
-    relative = True
 
     def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
         self._libero, self._nominal = task, nominal_scene(str(task), robot)
@@ -94,7 +96,7 @@ class LiberoComposer(Composer):
         placing = [gene for kind in _OWN for gene in self._placing(operators, kind.name)]
         shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
         self.genes = [gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1]
-        self._fields = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
+        self._parts = Parts(self.genes)
 
     def _placing(self, operators: OperatorSet, name: str) -> Iterator[Gene]:
         """The genes of the places or yaws of the suite's own things."""
@@ -128,9 +130,8 @@ class LiberoComposer(Composer):
             targets=tuple(placed[: len(names)]),
             instruction=_said(task)[int(values.get("instruction", 0))],
             confounders=tuple(placed[len(names) :]),
-            camera=camera(values),
             robot=self._nominal.robot,
-            **{part: self._composed(part, values) for part in PARTS},
+            **self._parts.composed(values),
         )
 
     def _chosen(self, values: Mapping[str, float], slot: str, fits: Callable[[str], bool]) -> str:
@@ -140,7 +141,7 @@ class LiberoComposer(Composer):
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
-        values = self._shared_values(scene) | {"confounders": len(scene.confounders)}
+        values = self._parts.values(scene) | {"confounders": len(scene.confounders)}
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self._placed(slot, placement)
@@ -192,8 +193,20 @@ def _grid(span: Span, share: float) -> Grid:
     return Grid(share * span.low, share * span.high, span.step, 0.0)
 
 
-class LiberoSpace(SearchSpace):
+class LiberoSpace(TableSpace):
     """Every scene that the operators can make of a task's initial states."""
+
+    def __init__(self, operators: OperatorSet, task: str, robot: str) -> None:
+        of_task = operators.in_task(task)
+        self.composer = LiberoComposer(of_task, find_task(task), robot)
+        super().__init__(task_named(task), rig(robot), of_task, self.composer)
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        return super().conditions | {"catalogue_digest": OBJECTS, "packs": "[]"}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.operators, self.task.name, self.robot)
 
     def sample(self, rng: np.random.Generator) -> Scene:
         """A random scene with room for everything. What else is fair is judged by physics, before a rollout.
@@ -224,9 +237,3 @@ class LiberoSpace(SearchSpace):
         others = [other for other in find_tasks(task.suite) if other.instruction != task.instruction]
         here = [other for other in others if other.carried and set(other.carried) < set(task.things)]
         return next((other.instruction for other in here + others), None)
-
-    def _find_task(self, name: str) -> Task:
-        return task_named(name)
-
-    def _make_composer(self) -> Composer:
-        return LiberoComposer(self.operators, find_task(self.task.name), self.rig.robot)

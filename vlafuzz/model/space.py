@@ -1,56 +1,120 @@
-"""Codec: genomes to scenes and back, and how far a scene is from nominal."""
+"""Space: every scene that a world's operators can make of a task, as points of a unit cube."""
+
+from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
-from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import site
-from vlafuzz.space.compose import Composer, Values, camera
-from vlafuzz.space.operator_set import OperatorSet
-from vlafuzz.space.operators import OPERATORS, CameraPosition, TargetType
-from vlafuzz.space.params import Gene, Genome
+from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.scene import Scene, in_words
 from vlafuzz.tasks.base import Task
-from vlafuzz.tasks.tabletop import task as task_named
 
+Values = dict[str, float]  # by path in a scene; a category by its index
 Vector = NDArray[np.float64]
+FAR = 0.5  # severity above which an operator is part of a site
+# Things that a scene may have more or fewer of. Their genes' paths begin with this, their number has it for a
+# path, and their operators are reset together.
+CONFOUNDERS = "confounders"
 
 
-class Codec:
-    """The scenes that the operators can make of a task, as points of a unit cube.
+class Composer(Protocol):
+    """Values, one per gene, to scenes and back. It knows no grid: any number is a value."""
+
+    @property
+    def genes(self) -> Sequence[Gene]:
+        """Those of all operators, in their order."""
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values."""
+
+    def values(self, scene: Scene) -> Values:
+        """The values of everything that a scene has; NaN where no value stands for it."""
+
+
+class Operators(Protocol):
+    """The operators of a space with their ranges.
+
+    Attributes:
+        operators: by name, in the order in which their severities are added.
+        varied: names of those that vary; the others stay nominal.
+        decisive: names of those that decide something even if they do not vary.
+        digest: 32 hexadecimal digits, equal where the same ones vary in the same ranges.
+    """
+
+    @property
+    def operators(self) -> Mapping[str, object]: ...
+
+    @property
+    def varied(self) -> frozenset[str]: ...
+
+    @property
+    def decisive(self) -> Collection[str]: ...
+
+    @property
+    def digest(self) -> str: ...
+
+
+class Space(ABC):
+    """The scenes that the operators can make of a task.
+
+    A world gives it operators, a composer, random scenes and jitters; its own words where the general ones
+    would not do.
 
     Attributes:
         genes: the coordinates of a genome, in order: the genes of the varying operators.
         by_path: every gene by its path, those of other operators included.
         nominal_values: one per gene of ``by_path``.
+        robot: which of the world's robots acts in the scenes.
+        groups: the operators that are reset together, by name, in the order in which triage tries them;
+            what is in none of them is never reset.
+        subject: the operator that is in no group: it says what a scene, and so a failure, is about.
+        blocking: operators whose things may stand in each other's way when only some are reset.
     """
 
-    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
-        self.operators = operators.in_task(task)
-        self.catalogue, self.rig = catalogue, rig(robot)
-        self.task = self._find_task(task)
-        self.composer = self._make_composer()
-        self.by_path = {gene.path: gene for gene in self.composer.genes}
-        self.genes = tuple(gene for gene in self.composer.genes if self.varies(gene))
-        self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in self.composer.genes}
-        self._embedding = SceneEmbedding(self.genes)
+    groups: Mapping[str, Sequence[str]]
+    subject: str = ""
+    blocking: Sequence[str] = ()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.operators, self.catalogue, self.task.name, self.rig.robot)
+    def __init__(self, task: Task, robot: str, operators: Operators, composer: Composer) -> None:
+        self.task, self.robot = task, robot
+        self._operators, self._composer = operators, composer
+        self.by_path = {gene.path: gene for gene in composer.genes}
+        self.genes = tuple(gene for gene in composer.genes if self.varies(gene))
+        self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in composer.genes}
+        self._embedding = Embedding(self.genes)
 
-    def _find_task(self, name: str) -> Task:
-        return task_named(name)
+    @property
+    def operators(self) -> Operators:
+        return self._operators
 
-    def _make_composer(self) -> Composer:
-        return Composer(self.operators, self.catalogue, self.task, self.rig.robot)
+    @property
+    @abstractmethod
+    def conditions(self) -> Mapping[str, Any]:
+        """What it takes to make this space again: fields of ``Conditions`` by name."""
+
+    @abstractmethod
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene that is fair as far as can be told without the simulator.
+
+        Raises:
+            UsageError: the ranges leave no room.
+        """
+
+    @abstractmethod
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """The scene, changed as little as it takes to be fair in that way; None where that does not work."""
+
+    @abstractmethod
+    def jittered(self, scene: Scene, number: int) -> Scene:
+        """The n-th scene around a scene that nobody would call another one; the same one on any machine."""
 
     @property
     def dim(self) -> int:
@@ -65,7 +129,7 @@ class Codec:
         values = dict(self.nominal_values)
         for gene, coordinate in zip(self.genes, genome, strict=True):
             values[gene.path] = gene.grid.value(min(int(coordinate * gene.grid.size), gene.grid.size - 1))
-        return self.composer.compose(values)
+        return self.compose(values)
 
     def encode(self, scene: Scene) -> Genome:
         """The genome of a scene, at the middle of each level; genes that the scene does not use are nominal.
@@ -99,17 +163,17 @@ class Codec:
 
     def values(self, scene: Scene) -> Values:
         """One value per gene: nominal for unused slots, NaN for values that no gene can express."""
-        return self.nominal_values | self.composer.values(scene)
+        return self.nominal_values | self._composer.values(scene)
 
     def embed(self, scene: Scene) -> Vector:
         """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
-        return self._embedding.vector(self.composer.values(scene))
+        return np.array(self._embedding.numbers(self._composer.values(scene)))
 
     def nominal(self, like: Scene | None = None) -> Scene:
         """The scene with every operator nominal; with ``like``, that scene's target types are kept."""
         if like is None:
-            return self.composer.compose(self.nominal_values)
-        return self.reset(like, OPERATORS.keys() - {TargetType.name})
+            return self.compose(self.nominal_values)
+        return self.reset(like, [operator for group in self.groups.values() for operator in group])
 
     def reset(self, scene: Scene, operators: Iterable[str], to: Scene | None = None) -> Scene:
         """The scene with some operators reset to their values in another scene of the same targets.
@@ -123,7 +187,7 @@ class Codec:
         kept = [path for path, gene in self.by_path.items() if gene.operator not in operators]
         values = self._expressible(scene, kept)
         start = self.nominal_values if to is None else self._like(to, scene, self.by_path.keys() - kept)
-        return self.composer.compose(start | {path: values[path] for path in kept})
+        return self.compose(start | {path: values[path] for path in kept})
 
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
@@ -132,7 +196,7 @@ class Codec:
         nominal and do not vary are left out.
         """
         values = self.values(scene)
-        squares: dict[str, list[float]] = {name: [] for name in OPERATORS}
+        squares: dict[str, list[float]] = {name: [] for name in self.operators.operators}
         for path, gene in self.by_path.items():
             if not gene.neutral:
                 squares[gene.operator].append(gene.distance(values[path]) ** 2)
@@ -147,8 +211,56 @@ class Codec:
         return sum(self.severities(scene).values())
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """The part of a failure's cell that is known before a rollout, see ``scoring.site``."""
-        return site(scene, severities, self.rig.workspace)
+        """The part of a failure's cell that is known before a rollout: the operators far from nominal."""
+        return "+".join(sorted(name for name, value in severities.items() if value > FAR)) or "base"
+
+    def misnamed(self, scene: Scene) -> str | None:
+        """An instruction that is wrong in the scene; None where there is none to choose from."""
+        return None
+
+    def things(self, scene: Scene) -> Sequence[Any]:
+        """What may be taken away from a scene one by one."""
+        return ()
+
+    def with_things(self, scene: Scene, things: Sequence[Any]) -> Scene:
+        """The scene with these of its things alone, in this order."""
+        return scene
+
+    def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
+        """Quantities of a scene that no single gene has: by operator and name, in the units of the scene."""
+        return {}
+
+    def subjects(self, scene: Scene) -> Sequence[str]:
+        """What a scene is about, in words, as far as the operator ``subject`` may vary it."""
+        return ()
+
+    def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
+        """The world's own word for how a group deviates from a scene to start from, if it has one."""
+        return None
+
+    def option(self, scene: Scene, gene: Gene, value: float) -> str:
+        """What a category's value stands for, in a word."""
+        name = gene.path.rpartition(".")[2]
+        return f"{name}-{gene.options[int(value)]}" if gene.options else str(int(value) + 1)
+
+    def described(self, scene: Scene, operators: str, other: Scene) -> str:
+        """The values of a group where they differ from another scene's, in words; empty if none does."""
+        values, usual = self.values(scene), self.values(other)
+        shown = (
+            in_words(path, gene.options[int(values[path])] if gene.options else values[path])
+            for path, gene in self.by_path.items()
+            if gene.operator in self.groups[operators] and values[path] != usual[path]
+        )
+        return ", ".join(shown)
+
+    def draw(self, path: str, rng: np.random.Generator) -> float:
+        """A random value of a gene; nominal if its operator does not vary."""
+        gene = self.by_path[path]
+        return gene.draw(rng) if self.varies(gene) else gene.grid.nominal
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values."""
+        return self._composer.compose(values)
 
     def _genome(self, levels: Mapping[str, int]) -> Genome:
         """The genome at the middle of these levels."""
@@ -211,30 +323,26 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
     return _difference(a, b, f"{path}.{key}" if path else key)
 
 
-class SceneEmbedding:
+class Embedding:
     """Maps values to vectors of fixed length.
 
     Two scenes that differ in a single operator are at most 1 apart, whichever operator it is. Numbers are
     centred, so that zero, which stands for an unused slot, is equally far from both ends of a range. Angles
-    are points on a circle, categories are one-hot, the camera's position is a point in space.
+    are points on a circle, categories are one-hot.
     """
 
     def __init__(self, genes: Sequence[Gene]) -> None:
-        self._genes = tuple(gene for gene in genes if gene.operator != CameraPosition.name)
-        moved = [gene for gene in genes if gene.path == "camera.distance"]
-        self._farthest = moved[0].grid.high if moved else 0.0
+        self._genes = tuple(genes)
         count = Counter(gene.operator for gene in self._genes)
         self._weights = {name: 1 / math.sqrt(number) for name, number in count.items()}
 
-    def vector(self, values: Mapping[str, float]) -> Vector:
-        """``(length,)`` embedding of the values of a scene; genes without a value give zeros."""
+    def numbers(self, values: Mapping[str, float]) -> list[float]:
+        """The embedding of the values of a scene; genes without a value give zeros."""
         numbers: list[float] = []
         for gene in self._genes:
             weight = self._weights[gene.operator]
             numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
-        if self._farthest:
-            numbers += [number / (2 * self._farthest) for number in camera(values).offset]
-        return np.array(numbers)
+        return numbers
 
 
 def _numbers(gene: Gene, value: float | None) -> Iterator[float]:

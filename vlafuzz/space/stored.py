@@ -1,4 +1,4 @@
-"""Operators and packs of objects as conditions keep them."""
+"""Operators and packs of objects as conditions keep them, and how they are read again."""
 
 import json
 from collections.abc import Iterable
@@ -8,8 +8,8 @@ from vlafuzz import assets
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import StoreError
 from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
-from vlafuzz.space import OPERATORS, OperatorSet, load_operators
-from vlafuzz.space.operators import EXTRAS
+from vlafuzz.space.operator_set import OperatorSet, load_operators
+from vlafuzz.space.operators import EXTRAS, OPERATORS
 from vlafuzz.validity import Visible
 
 

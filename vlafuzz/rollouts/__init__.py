@@ -1,0 +1,1 @@
+"""The one way to an outcome: policies by name, and what makes evaluators of worlds."""

@@ -1,0 +1,93 @@
+"""Policies by name: built in, a world's own, behind a model server, or the user's own."""
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+from vlafuzz.clients.servers import SERVERS, address_of, client, client_of
+from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.plugins import OBJECT, is_reference, load_factory, make_of
+from vlafuzz.policies.base import Policy, PolicySpec
+from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.worlds import known_worlds
+
+Factory = Callable[..., Policy]
+CONTROLS: dict[str, Factory] = {"random": Random, "frozen": Frozen}
+
+
+def built_in() -> dict[str, Factory]:
+    """The policies that come with vlafuzz and its worlds, by name; some take a folder with other weights."""
+    policies = dict[str, Factory]()
+    for world in known_worlds().values():
+        policies |= world.policies
+    return policies | CONTROLS
+
+
+def is_built_in(name: str) -> bool:
+    """Whether a policy is one of ours, with whatever weights."""
+    return _built_in(name) is not None
+
+
+def known_policies() -> dict[str, str]:
+    """Name → description, one sentence each."""
+    clients = [client(protocol) for protocol in SERVERS]
+    named: dict[str, Any] = built_in() | {kind.form: kind for kind in clients}
+    return {
+        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
+        for name, factory in named.items()
+    }
+
+
+def check_policy_name(name: str) -> None:
+    """Raise UsageError for a name that ``make_policy`` does not know. Connects to no server."""
+    if is_reference(name):
+        load_factory(name)
+    elif name.startswith(OBJECT):
+        hint = "hand it over again, see vlafuzz.api, or name a factory: python:pkg.mod:factory"
+        raise UsageError(f"policy {name!r} is an object that was handed over in Python", hint=hint)
+    elif client_of(name):
+        address_of(name)
+    elif name in SERVERS:
+        form = client(name).form
+        raise UsageError(f"unknown policy {name!r}: no address", hint=f"expected {form}?option=value&…")
+    elif not is_built_in(name):
+        near = suggestion(name.partition(":")[0], [*built_in(), *SERVERS])
+        raise UsageError(f"unknown policy {name!r}", hint=f"{near} your own: python:pkg.mod:factory")
+
+
+def is_shared(name: str) -> bool:
+    """Whether all workers share one policy of that name (see ``Policy``), which is not created."""
+    check_policy_name(name)
+    factory = load_factory(name) if is_reference(name) else client_of(name) or built_in().get(name)
+    return bool(getattr(factory, "shared", False))
+
+
+def make_policy(name: str) -> Policy:
+    """The policy of that name.
+
+    Raises:
+        UsageError: there is no such policy, or the factory returns something else.
+        PrerequisiteError: no server answers, or the user's code raises.
+    """
+    check_policy_name(name)
+    if kind := client_of(name):
+        return kind(address_of(name))
+    if make := _built_in(name):
+        return make()
+    policy = make_of(name)
+    if not isinstance(getattr(policy, "spec", None), PolicySpec):
+        message = f"{name!r} made a {type(policy).__name__}, which has no spec"
+        raise UsageError(message, hint="see vlafuzz.policies.base.Policy")
+    return cast(Policy, policy)
+
+
+def _built_in(name: str) -> Callable[[], Policy] | None:
+    """What makes one of our policies: NAME, or NAME:FOLDER where it takes a folder with other weights."""
+    name, colon, folder = name.partition(":")
+    factory = built_in().get(name)
+    if factory is None or not colon:
+        return factory
+    if not inspect.signature(factory).parameters:
+        return None
+    return lambda: factory(Path(folder).expanduser())

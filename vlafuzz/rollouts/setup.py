@@ -1,0 +1,57 @@
+"""Where conditions become spaces and evaluators of a world."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vlafuzz.conditions import provenance
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.space import Space
+from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.worlds import world_of
+
+if TYPE_CHECKING:
+    from vlafuzz.sim.recording import Recording
+
+
+def make_evaluator(
+    conditions: Conditions,
+    policy: Policy | None = None,
+    *,
+    space: Space | None = None,
+    checked: bool = True,
+    recording: Recording | None = None,
+) -> SceneEvaluator:
+    """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
+
+    By default the policy is the one that the conditions name, made anew. ``space``: of the scenes, if it is
+    there already. ``checked``: whether validity is checked before a rollout.
+    """
+    made = policy or make_policy(conditions.policy)
+    return world_of(conditions.task).evaluator(conditions, made, space, recording=recording, checked=checked)
+
+
+def stored_space(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> Space:
+    """The space that contains the scenes of a run; ``source`` is the store or corpus, for messages.
+
+    Args:
+        vary: other operators to vary than in the run.
+
+    Raises:
+        StoreError: another version wrote it, with other operators.
+        UsageError: an object pack is gone.
+        PrerequisiteError: its world's packages are not installed.
+    """
+    return world_of(conditions.task).stored_space(source, conditions, vary)
+
+
+def here(name: str, policy: Policy, space: Space, *, workers: bool = False) -> dict[str, Any]:
+    """The fields of conditions that come with what is installed; see ``provenance.here``."""
+    world = world_of(space.task.name)
+    installed = provenance.here(name, policy, world.renderer, workers=workers)
+    made_of = {field: value for field, value in space.conditions.items() if field == "catalogue_digest"}
+    return installed | made_of | {"simulator": world.simulator}
