@@ -39,6 +39,7 @@ from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.task import Monitor
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.policies.expert import Expert
@@ -51,7 +52,7 @@ from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.sim.maniskill.objects import place
 from vlafuzz.sim.maniskill.world import SIM_HZ, World
 from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.base import Monitor, State
+from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import TASKS
 
 STOCK_ID = "VlaFuzzBenchStock-v1"

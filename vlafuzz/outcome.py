@@ -84,3 +84,11 @@ class Outcome:
             return Outcome(verdict=Verdict.PASSED, rollouts=rollouts, progress=worst.progress)
         lost = next(stage for stage in stages if stage not in worst.reached)
         return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why a scene is not fair: the failed check, and the reason with values."""
+
+    check: str
+    reason: str

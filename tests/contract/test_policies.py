@@ -10,8 +10,9 @@ from vlafuzz.clients.servers import SERVERS, client
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.base import Calibration, EpisodeStart, Observation, Policy, PolicySpec, Privileged
+from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import check_chunks
+from vlafuzz.policies.knowledge import Calibration, Privileged
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.scene import Scene
 from vlafuzz.serving.serve import PROTOCOLS, serving

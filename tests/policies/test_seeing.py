@@ -10,8 +10,9 @@ from tests.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError
 from vlafuzz.outcome import Verdict
-from vlafuzz.policies.base import Calibration, EpisodeStart, Observation
+from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.fitting import Look
+from vlafuzz.policies.knowledge import Calibration
 from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.policies.seeing import SeeingExpert
 from vlafuzz.rigs.hand import hand_boxes

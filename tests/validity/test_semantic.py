@@ -3,8 +3,9 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.objects import load_catalogue
+from vlafuzz.outcome import Rejection
 from vlafuzz.scene import Backdrop, Light, Placement, Scene
-from vlafuzz.validity import Rejection, check_semantic
+from vlafuzz.validity import check_semantic
 from vlafuzz.validity.checks import ambiguous
 
 CATALOGUE = load_catalogue()

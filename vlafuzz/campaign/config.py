@@ -20,6 +20,7 @@ from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import Place, default_workers, policy_at
 from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
 from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.task import Task
 from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import check_policy_name, is_shared
@@ -29,7 +30,6 @@ from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
 from vlafuzz.search.registry import Factory, strategy_factory
 from vlafuzz.store.records import Manifest
-from vlafuzz.tasks.base import Task
 from vlafuzz.worlds import default_task, world_of
 from vlafuzz.worlds.base import Wanted
 

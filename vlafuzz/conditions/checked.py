@@ -1,5 +1,6 @@
 """Checks of what a store or corpus holds as JSON, when it is read: others may have written it."""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -9,9 +10,9 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.evidence import Causes
 from vlafuzz.reading import first_problem, plain
-from vlafuzz.space.operators import OPERATORS
+from vlafuzz.text import shortened
 
-_TOGETHER = "confounders"  # what evidence calls the confounders' operators
+_NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,99}")  # of an operator; which there are depends on the world
 
 
 class _Pack(BaseModel):
@@ -58,11 +59,11 @@ def check_read(conditions: Conditions) -> None:
 
 
 def check_operators(causes: Causes, *several: Iterable[str]) -> None:
-    """Raise a ValueError if evidence names an operator that there is not, or one twice in a list."""
+    """Raise a ValueError if evidence names an operator as none is named, or one twice in a list."""
     thresholds = [threshold.operator for threshold in causes.thresholds]
     for names in (causes.necessary, causes.sufficient, thresholds, *several):
         for name, times in Counter(list(names)).items():
-            if name not in OPERATORS and name != _TOGETHER:
-                raise ValueError(f"unknown operator {name!r}")
+            if not _NAME.fullmatch(name):
+                raise ValueError(f"{shortened(name)} is no name of an operator")
             if times > 1:
                 raise ValueError(f"operator {name!r} is named {times} times")

@@ -4,13 +4,12 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.policies.base import (
     ActionChunk,
     EpisodeStart,
@@ -33,7 +32,7 @@ class Lent:
     def spec(self) -> PolicySpec:
         return self._policy.spec
 
-    def know(self, catalogue: Catalogue) -> None:
+    def know(self, catalogue: Any) -> None:
         if isinstance(self._policy, Knowing):
             self._policy.know(catalogue)
 

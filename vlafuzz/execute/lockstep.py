@@ -6,12 +6,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 from vlafuzz.clients.servers import answers_batches
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.execute.base import Batches, broken, checked
-from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.outcome import Outcome
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
@@ -114,7 +113,7 @@ class _LanePolicy(StandIn):
         super().__init__(policy.spec)
         self.number, self._policy, self._batching = number, policy, batching
 
-    def know(self, catalogue: Catalogue) -> None:
+    def know(self, catalogue: Any) -> None:
         """See ``Knowing``."""
         if isinstance(self._policy, Knowing):
             self._policy.know(catalogue)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.model.task import Task
 from vlafuzz.scene import Scene, in_words
-from vlafuzz.tasks.base import Task
 
 Values = dict[str, float]  # by path in a scene; a category by its index
 Vector = NDArray[np.float64]
@@ -119,6 +119,12 @@ class Space(ABC):
     @property
     def dim(self) -> int:
         return len(self.genes)
+
+    def group(self, name: str) -> Sequence[str]:
+        """The operators of a group; a SceneError if there is none of that name."""
+        if name not in self.groups:
+            raise SceneError(f"operators: {name!r} is none of {self.task.name}")
+        return self.groups[name]
 
     def varies(self, gene: Gene) -> bool:
         """Whether a gene's operator varies; others stay nominal."""
@@ -249,7 +255,7 @@ class Space(ABC):
         shown = (
             in_words(path, gene.options[int(values[path])] if gene.options else values[path])
             for path, gene in self.by_path.items()
-            if gene.operator in self.groups[operators] and values[path] != usual[path]
+            if gene.operator in self.group(operators) and values[path] != usual[path]
         )
         return ", ".join(shown)
 

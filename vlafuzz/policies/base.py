@@ -8,12 +8,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.objects.model import ObjectModel
 from vlafuzz.policies.expected import expect, expect_count, expect_one_of
-from vlafuzz.rigs.camera import CameraPose
-from vlafuzz.scene import Scene
-from vlafuzz.tasks.base import State
 
 Role = Literal["third_person", "wrist"]
 Rotation = Literal["axis_angle", "euler_xyz", "rpy"]
@@ -171,31 +166,13 @@ class Outlines:
 
 
 @dataclass(frozen=True, eq=False)
-class Privileged:
-    """Ground truth, for experts only. ``done``: the success condition holds in this step."""
-
-    scene: Scene
-    models: tuple[ObjectModel, ...]
-    state: State
-    done: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """How to read a picture: the camera's true pose, the factor on all lights, and what the targets are."""
-
-    view: CameraPose
-    light: float
-    targets: tuple[ObjectModel, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
     ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``.
     ``fingers``: ``(2,)`` positions of both, metres, where a world measures them apart.
-    ``privileged``: the ground truth of the world, on the tabletop a ``Privileged``.
+    ``privileged``: the ground truth, for experts; ``calibration``: how to read a picture. The world says what
+    they are.
     """
 
     episode: str
@@ -207,7 +184,7 @@ class Observation:
     fingers: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
     privileged: Any = None
-    calibration: Calibration | None = None
+    calibration: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,9 +220,9 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Knowing(Protocol):
-    """A policy that knows the shapes, colours and names of the objects in the catalogue."""
+    """A policy that knows the shapes, colours and names of the objects in a world's catalogue."""
 
-    def know(self, catalogue: Catalogue) -> None:
+    def know(self, catalogue: Any) -> None:
         """Use this catalogue for all scenes from now on."""
 
 

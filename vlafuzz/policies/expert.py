@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec, Privileged
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.knowledge import Privileged
 from vlafuzz.policies.pick_place import Belief, PickPlaceController
 from vlafuzz.policies.planning import Thing
 from vlafuzz.rigs.robots import rig

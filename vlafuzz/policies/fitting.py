@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.objects.model import ObjectModel, StablePose
-from vlafuzz.policies.base import Calibration, Outlines
+from vlafuzz.policies.base import Outlines
+from vlafuzz.policies.knowledge import Calibration
 from vlafuzz.policies.pinhole import NOISE, camera_values, standing
 from vlafuzz.policies.planning import Thing
 from vlafuzz.rigs.labels import SUBPIXEL, blank, fill, paint, polygons

@@ -64,7 +64,7 @@ def _outward(triaged: Triaged, space: Space) -> Iterator[Triaged]:
             triaged,
             shrunk=moved,
             counterparts={
-                name: space.reset(moved, space.groups[name], start) for name in triaged.counterparts
+                name: space.reset(moved, space.group(name), start) for name in triaged.counterparts
             },
             causes=_rescaled(triaged.causes, 1 / factor),
         )

@@ -44,7 +44,7 @@ def deviations(
 
 def _is_numeric(space: Space, scene: Scene, name: str, other: Scene) -> bool:
     """Whether numbers alone tell an operator's values from the reference's: then it has a threshold."""
-    genes = free_genes(space, scene, space.groups[name], other)
+    genes = free_genes(space, scene, space.group(name), other)
     categories = name == CONFOUNDERS or any(gene.kind == "category" for gene in genes)
     return not categories and Path(space, scene, genes, other).length > 0
 

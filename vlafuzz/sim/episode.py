@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.task import Monitor
 from vlafuzz.outcome import Rollout
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.scene import Scene
-from vlafuzz.tasks.base import Monitor
 
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
 

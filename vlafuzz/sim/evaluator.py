@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 from vlafuzz.clients import wire
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.outcome import Outcome, Rollout
+from vlafuzz.outcome import Outcome, Rejection, Rollout
 from vlafuzz.policies.base import CameraRequest, Observation, Policy
 from vlafuzz.policies.harness import Harness, release
 from vlafuzz.scene import Scene
 from vlafuzz.sim.episode import Episode
 from vlafuzz.sim.stepping import Asking, Evaluation, drive
-from vlafuzz.validity import Rejection
 
 if TYPE_CHECKING:
     from vlafuzz.sim.recording import Recording

@@ -23,7 +23,7 @@ from vlafuzz.space.operators import (
     TargetOrientation,
     TargetType,
 )
-from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.base import TableTask
 from vlafuzz.tasks.instructions import load_wordings, say
 
 PARTS: dict[str, Any] = {"light": Light(), **EXTRAS}  # parts of a scene with one gene per field
@@ -62,7 +62,7 @@ class Parts:
 class Composer:
     """Composes the scenes of one task, from the ``genes`` of all operators, in their order."""
 
-    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: Task, robot: str) -> None:
+    def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: TableTask, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot
         self._wordings = load_wordings()[task.name]
         self._fixed = {
@@ -150,7 +150,7 @@ def index_of(known: Sequence[str], name: str) -> float:
 
 
 def _slots(
-    operators: OperatorSet, catalogue: Catalogue, task: Task, hand: Hand
+    operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand
 ) -> dict[str, tuple[str, ...]]:
     """The slots of a task's scenes, with the names allowed in each."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
@@ -168,7 +168,7 @@ def _fits(model: ObjectModel, hand: Hand) -> bool:
     return any(hand.takes(grasp.width, grasp.z) for grasp in first)
 
 
-def _offering(task: Task, catalogue: Catalogue) -> tuple[str, ...]:
+def _offering(task: TableTask, catalogue: Catalogue) -> tuple[str, ...]:
     """The objects that a task can bring another one to."""
     if task.onto is None:
         return catalogue.graspable()

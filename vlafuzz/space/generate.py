@@ -49,7 +49,7 @@ class SearchSpace(TableSpace):
         found, of_task = task_named(task), operators.in_task(task)
         self.composer = Composer(of_task, catalogue, found, robot)
         super().__init__(found, rig(robot), of_task, self.composer)
-        self.catalogue = catalogue
+        self.catalogue, self.onto = catalogue, found.onto
 
     @property
     def conditions(self) -> dict[str, Any]:
@@ -176,7 +176,7 @@ class Attempt:
     def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:
         if slot == "targets.0":
             return cannot_grasp(placement, model, self._space.rig.hand)
-        onto = self._space.task.onto
+        onto = self._space.onto
         if slot == "targets.1" and onto:
             return cannot_place(onto, *self._placed[0][:2], placement, model)
         return None

@@ -12,6 +12,7 @@ import numpy as np
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.model.genes import Gene
 from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
+from vlafuzz.model.task import Task
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import Camera, Placement, Scene, in_words
 from vlafuzz.space.compose import camera
@@ -34,7 +35,6 @@ from vlafuzz.space.operators import (
     Wording,
 )
 from vlafuzz.space.stored import operators_json, visible_json
-from vlafuzz.tasks.base import Task
 
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.

@@ -1,16 +1,12 @@
-"""Task, Stage and Monitor: what the robot is to do, its milestones, and the progress of a rollout.
-
-Stages and progress are pure functions of a State, a snapshot of the simulation as arrays.
-"""
+"""State, a snapshot of the tabletop as arrays, and the tasks and monitors that judge it."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.task import Monitor, Task
 from vlafuzz.objects.model import ObjectModel
 
 Array = NDArray[np.float64]
@@ -82,111 +78,24 @@ class Situation:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """A milestone, reached when ``holds`` has been true for ``steps`` consecutive control steps.
-
-    ``nearness`` measures in [0, 1] how close a situation is to it. What a situation is depends on the world:
-    on the tabletop a ``Situation``.
-    """
-
-    name: str
-    holds: Callable[[Any], bool]
-    nearness: Callable[[Any], float]
-    steps: int = 2
-
-
-@dataclass(frozen=True)
-class Task:
-    """What the robot is to do.
+class TableTask(Task):
+    """A task whose situations are ``Situation``.
 
     Attributes:
-        targets: number of objects that the instruction names.
-        stages: in order; the last one is success, which implies the others.
-        published: the weaker success of the published environments, judged at a single step.
         onto: what the second target must be (``support``, ``container``), if anything.
     """
 
-    name: str
-    targets: int
-    stages: tuple[Stage, ...]
-    published: Callable[[Situation], bool]
     onto: str | None = None
-
-    @property
-    def stage_names(self) -> tuple[str, ...]:
-        return tuple(stage.name for stage in self.stages)
 
     def solved(self, models: tuple[ObjectModel, ...], state: State) -> bool:
         """Whether the success condition holds in a start state."""
         return self.stages[-1].holds(Situation(models, state, state))
 
 
-class Monitor:
-    """Tracks stages and progress of a rollout.
-
-    Args:
-        stages: in order; the last one is success.
-        published: the weaker success, see ``Task.published``.
-    """
-
-    def __init__(self, stages: tuple[Stage, ...], published: Callable[[Any], bool]) -> None:
-        self._stages, self._published = stages, published
-        self._streaks = [0] * len(stages)
-        self.reached: list[str] = []
-        self.published_success = self.published_now = False
-        self._trace: list[float] = []
-
-    def observe(self, situation: Any) -> None:
-        """Take notice of the situation after a control step."""
-        for index, stage in enumerate(self._stages):
-            self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
-        self._advance()
-        self._trace.append(self._progress(situation))
-        self.published_now = self._published(situation)
-        self.published_success = self.published_success or self.published_now
-
-    @property
-    def success_now(self) -> bool:
-        """Whether success holds at the last step, and has for long enough."""
-        return self._streaks[-1] >= self._stages[-1].steps
-
-    @property
-    def success_once(self) -> bool:
-        """Whether success has been reached at any step."""
-        return len(self.reached) == len(self._stages)
-
-    @property
-    def progress(self) -> float:
-        """The best progress so far, in [0, 1]."""
-        return max(self._trace, default=0.0)
-
-    @property
-    def trace(self) -> NDArray[np.float32]:
-        """``(steps,)`` progress after each step."""
-        return np.array(self._trace, dtype=np.float32)
-
-    def _advance(self) -> None:
-        stages = self._stages
-        if self.success_now:
-            self.reached = [stage.name for stage in stages]
-        while len(self.reached) < len(stages) - 1:
-            index = len(self.reached)
-            if self._streaks[index] < stages[index].steps:
-                break
-            self.reached.append(stages[index].name)
-
-    def _progress(self, situation: Any) -> float:
-        stages, done = self._stages, len(self.reached)
-        if done == len(stages):
-            return 1.0
-        streak = self._streaks[done] / stages[done].steps
-        return (done + min(max(stages[done].nearness(situation), streak, 0.0), 0.99)) / len(stages)
-
-
 class StateMonitor(Monitor):
     """A monitor of a task on the tabletop, which observes states."""
 
-    def __init__(self, task: Task, models: tuple[ObjectModel, ...], start: State) -> None:
+    def __init__(self, task: TableTask, models: tuple[ObjectModel, ...], start: State) -> None:
         super().__init__(task.stages, task.published)
         self._models, self._start = models, start
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.model.task import Stage
 from vlafuzz.objects.model import ObjectModel
-from vlafuzz.tasks.base import ARM, HAND, TABLE, Situation, Stage, State, Task, corners
+from vlafuzz.tasks.base import ARM, HAND, TABLE, Situation, State, TableTask, corners
 
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # height above the start, metres
@@ -181,7 +182,7 @@ def _published_put(s: Situation, slack: float) -> bool:
     return bool(over and offset[2] <= _claimed(s, A)[2] + half_b[2] + slack)
 
 
-PICK_UP = Task(
+PICK_UP = TableTask(
     "pick-up",
     1,
     (
@@ -191,7 +192,7 @@ PICK_UP = Task(
     ),
     _published_pick_up,
 )
-MOVE_NEAR = Task(
+MOVE_NEAR = TableTask(
     "move-near",
     2,
     (
@@ -201,14 +202,14 @@ MOVE_NEAR = Task(
     ),
     _published_move_near,
 )
-PUT_ON = Task(
+PUT_ON = TableTask(
     "put-on",
     2,
     (GRASP, Stage("move", _is_over, _bringing), Stage("success", _released_on, _lowering)),
     lambda s: _published_put(s, slack=0.02),
     onto="support",
 )
-PUT_IN = Task(
+PUT_IN = TableTask(
     "put-in",
     2,
     (GRASP, Stage("move", _is_over, _bringing), Stage("success", _is_inside, _lowering)),
@@ -218,7 +219,7 @@ PUT_IN = Task(
 TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
 
 
-def task(name: str) -> Task:
+def task(name: str) -> TableTask:
     """The task of that name.
 
     Raises:

@@ -37,7 +37,7 @@ def _alone(space: Space, shrunk: Shrunk, name: str) -> Scene:
 
 def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: Space) -> Threshold | None:
     scene, start = shrunk.scene, shrunk.reference or space.nominal(like=shrunk.scene)
-    genes = [gene for gene in free_genes(space, scene, space.groups[name], start) if gene.kind != "category"]
+    genes = [gene for gene in free_genes(space, scene, space.group(name), start) if gene.kind != "category"]
     path = Path(space, scene, genes, start)
     first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
     located = locate(path, oracle, first, shrunk.rate)

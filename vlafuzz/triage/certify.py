@@ -186,7 +186,7 @@ class _Certifier:
         yield from reversed(way[:-1])
 
     def _without(self, scene: Scene, name: str) -> Scene:
-        return self.space.reset(scene, self.space.groups[name], self.reference.scene)
+        return self.space.reset(scene, self.space.group(name), self.reference.scene)
 
     def _outcome(self, scene: Scene, answer: Answer) -> str:
         """What a scene does that is not shown to pass, to complete "the scene …"."""

@@ -27,7 +27,7 @@ def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
     """The direction of one operator from a scene to start from."""
     if (own := space.direction(scene, name, start)) is not None:
         return own
-    genes = free_genes(space, scene, space.groups[name], start)
+    genes = free_genes(space, scene, space.group(name), start)
     values, before = space.values(scene), space.values(start)
     chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]
     away = {gene: _difference(gene, values[gene.path], before[gene.path]) for gene in genes}

@@ -63,7 +63,7 @@ def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> 
 
 def _values_of(shrunk: Scene, known: Triaged, space: Space) -> set[str]:
     """The paths of the values that a cause is about: of a displacement and of confounders all."""
-    operators = [each for name in known.operators for each in space.groups[name]]
+    operators = [each for name in known.operators for each in space.group(name)]
     whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
     free = {gene.path for gene in free_genes(space, shrunk, operators, known.reference)}
     return free | {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}

@@ -23,7 +23,7 @@ def outward(
         reference: from which they move away; None for the nominal scene.
     """
     start = reference or space.nominal(like=scene)
-    numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.groups[name]]
+    numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.group(name)]
     path = Path(space, scene, free_genes(space, scene, numeric, start), start)
     steps = {path.length + (path.end - path.length) * place // PLACES for place in range(1, PLACES + 1)}
     directions = directed(space, scene, operators, reference)

@@ -82,7 +82,7 @@ class _Shrinker:
             if self.values:
                 self._drop_values()
             for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
-                for gene in self._free(self.space.groups[name]):
+                for gene in self._free(self.space.group(name)):
                     self._lessen(gene)
             if self._drop_operators():
                 continue
@@ -98,7 +98,7 @@ class _Shrinker:
     def _drop_operators(self) -> bool:
         return self._drop(
             self._left(),
-            lambda names: self._reset([operator for name in names for operator in self.space.groups[name]]),
+            lambda names: self._reset([operator for name in names for operator in self.space.group(name)]),
         )
 
     def _is_blocked(self) -> bool:
@@ -107,7 +107,7 @@ class _Shrinker:
 
     def _without_one(self) -> list[Answer | None]:
         """What the scenes without one of the operators left are known to do."""
-        return [self.oracle.known(self._reset(self.space.groups[name])) for name in self._left()]
+        return [self.oracle.known(self._reset(self.space.group(name))) for name in self._left()]
 
     def _unblock(self) -> None:
         """Reset together what may stand in each other's way."""
@@ -121,9 +121,9 @@ class _Shrinker:
         left = self._left()
         if CONFOUNDERS in left:
             counts = {gene.operator for gene in self.space.by_path.values() if gene.kind == "count"}
-            parts = [name for name in self.space.groups[CONFOUNDERS] if name not in counts]
+            parts = [name for name in self.space.group(CONFOUNDERS) if name not in counts]
             self._drop([name for name in parts if self._reset([name]) != self.best], self._reset)
-        operators = [operator for name in left for operator in self.space.groups[name]]
+        operators = [operator for name in left for operator in self.space.group(name)]
         genes = self._free(operators)
         self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.outcome import Rejection
 from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.rig import Hand, Rig
 from vlafuzz.rigs.robots import RIGS, rig
 from vlafuzz.scene import Backdrop, Camera, Placement, Scene
-from vlafuzz.tasks.base import Task
+from vlafuzz.tasks.base import TableTask
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.validity.footprint import Footprint, apart, extents, footprint, solid
 from vlafuzz.validity.visible import Visible, unseen
@@ -25,14 +26,6 @@ MARGIN = 0.004  # clearance on each side of an object inside a container, metres
 DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
 IN_VIEW = 0.9  # least share of a target's hull vertices in the image; its centre must be in it as well
 _ROUNDING = 1e-9
-
-
-@dataclass(frozen=True)
-class Rejection:
-    """Why a scene is not fair: the failed check, one of ``CHECKS``, and the reason with values."""
-
-    check: str
-    reason: str
 
 
 def check_static(
@@ -111,7 +104,7 @@ def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[
 
 
 def _task_problems(
-    task: Task, targets: tuple[Placement, ...], models: list[ObjectModel], hand: Hand
+    task: TableTask, targets: tuple[Placement, ...], models: list[ObjectModel], hand: Hand
 ) -> Iterator[str]:
     if problem := cannot_grasp(targets[0], models[0], hand):
         yield problem

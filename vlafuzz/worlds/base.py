@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.evidence import Solver
 from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.scene import Scene
 from vlafuzz.sim.audit import AuditedSuite, Scope
 from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.tasks.base import Task
 
 if TYPE_CHECKING:
     from vlafuzz.clients.interface import Interface, Written

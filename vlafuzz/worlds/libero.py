@@ -11,6 +11,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
 from vlafuzz.evidence import Solver
 from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.rigs.rig import Rig
@@ -27,7 +28,6 @@ from vlafuzz.sim.libero.tasks import task
 from vlafuzz.space import OperatorSet
 from vlafuzz.space.stored import stored_operators
 from vlafuzz.space.table import check_varied, named_operators
-from vlafuzz.tasks.base import Task
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 
 if TYPE_CHECKING:

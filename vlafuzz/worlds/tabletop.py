@@ -11,6 +11,7 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.provenance import versions
 from vlafuzz.evidence import Solver
 from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.task import Task
 from vlafuzz.objects import load_catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
@@ -24,7 +25,6 @@ from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.stored import stored_catalogue, stored_operators
 from vlafuzz.space.table import check_varied, named_operators
-from vlafuzz.tasks.base import Task
 from vlafuzz.tasks.tabletop import TASKS, task
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 

@@ -14,6 +14,7 @@ from PIL import Image
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
+from vlafuzz.outcome import Rejection
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.scene import Scene
@@ -32,7 +33,6 @@ from vlafuzz.sim.libero.suites import SETTLING
 from vlafuzz.sim.libero.tasks import task as task_named
 from vlafuzz.sim.noise import SensorNoise
 from vlafuzz.sim.stepping import Evaluation
-from vlafuzz.validity import Rejection
 
 if TYPE_CHECKING:
     from vlafuzz.sim.recording import Recording

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.task import Monitor, Stage
 from vlafuzz.sim.libero.env import LiberoEnv
 from vlafuzz.sim.libero.suites import LiberoTask
-from vlafuzz.tasks.base import Monitor, Stage
 
 Array = NDArray[np.float64]
 NEAR = 0.02  # metres between the hand's centre and the boxes about an object's shapes, for reach

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
+from vlafuzz.model.task import Task
 from vlafuzz.sim.libero.stages import find_stages
 from vlafuzz.sim.libero.suites import find_task
-from vlafuzz.tasks.base import Task
 
 
 @cache

@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.objects.catalogue import Catalogue
-from vlafuzz.policies.base import Calibration, Knowing, Observation, Policy, PolicySpec, Privileged
+from vlafuzz.outcome import Rejection
+from vlafuzz.policies.base import Knowing, Observation, Policy, PolicySpec
+from vlafuzz.policies.knowledge import Calibration, Privileged
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.episode import Episode
@@ -21,7 +23,7 @@ from vlafuzz.sim.recording import Recording
 from vlafuzz.space.stored import stored_visible
 from vlafuzz.tasks.base import State
 from vlafuzz.tasks.tabletop import task as task_named
-from vlafuzz.validity import Rejection, check_static
+from vlafuzz.validity import check_static
 
 
 class TabletopEpisode(Episode):

@@ -16,14 +16,14 @@ import sapien
 from sapien import physx
 
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.outcome import Rejection
 from vlafuzz.rigs.rig import Rig, Table
 from vlafuzz.rigs.robots import PANDA
 from vlafuzz.scene import Placement, Scene
 from vlafuzz.sim.maniskill.objects import add_object, object_contacts, place
 from vlafuzz.sim.maniskill.table import add_table
 from vlafuzz.sim.maniskill.world import SIM_HZ
-from vlafuzz.tasks.base import TABLE, Situation, State, Task
-from vlafuzz.validity import Rejection
+from vlafuzz.tasks.base import TABLE, Situation, State, TableTask
 
 SECONDS = 1.0
 MOVED = 0.01  # metres
@@ -55,7 +55,7 @@ class Settled:
 
 
 def settle(
-    task: Task,
+    task: TableTask,
     models: Sequence[ObjectModel],
     placements: Sequence[Placement],
     table: Table = PANDA.table,

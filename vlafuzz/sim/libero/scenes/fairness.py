@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
+from vlafuzz.outcome import Rejection
 from vlafuzz.rigs.robots import LIBERO
 from vlafuzz.scene import Light, Placement, Scene
 from vlafuzz.sim.audit import Defect
@@ -19,7 +20,6 @@ from vlafuzz.sim.libero.expert.grasps import surface
 from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.scenes.setting import VIEW, Setting
 from vlafuzz.sim.libero.suites import REST
-from vlafuzz.validity import Rejection
 
 Array = NDArray[np.float64]
 # The audit's checks by those of scenes.

@@ -1,0 +1,106 @@
+"""Task, Stage and Monitor: what the robot is to do, its milestones, and the progress of a rollout.
+
+Stages and progress are pure functions of a situation; what that is depends on the world.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A milestone, reached when ``holds`` has been true for ``steps`` consecutive control steps.
+
+    ``nearness`` measures in [0, 1] how close a situation is to it.
+    """
+
+    name: str
+    holds: Callable[[Any], bool]
+    nearness: Callable[[Any], float]
+    steps: int = 2
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the robot is to do.
+
+    Attributes:
+        targets: number of objects that the instruction names.
+        stages: in order; the last one is success, which implies the others.
+        published: the weaker success of the published environments, judged at a single step.
+    """
+
+    name: str
+    targets: int
+    stages: tuple[Stage, ...]
+    published: Callable[[Any], bool]
+
+    @property
+    def stage_names(self) -> tuple[str, ...]:
+        return tuple(stage.name for stage in self.stages)
+
+
+class Monitor:
+    """Tracks stages and progress of a rollout.
+
+    Args:
+        stages: in order; the last one is success.
+        published: the weaker success, see ``Task.published``.
+    """
+
+    def __init__(self, stages: tuple[Stage, ...], published: Callable[[Any], bool]) -> None:
+        self._stages, self._published = stages, published
+        self._streaks = [0] * len(stages)
+        self.reached: list[str] = []
+        self.published_success = self.published_now = False
+        self._trace: list[float] = []
+
+    def observe(self, situation: Any) -> None:
+        """Take notice of the situation after a control step."""
+        for index, stage in enumerate(self._stages):
+            self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
+        self._advance()
+        self._trace.append(self._progress(situation))
+        self.published_now = self._published(situation)
+        self.published_success = self.published_success or self.published_now
+
+    @property
+    def success_now(self) -> bool:
+        """Whether success holds at the last step, and has for long enough."""
+        return self._streaks[-1] >= self._stages[-1].steps
+
+    @property
+    def success_once(self) -> bool:
+        """Whether success has been reached at any step."""
+        return len(self.reached) == len(self._stages)
+
+    @property
+    def progress(self) -> float:
+        """The best progress so far, in [0, 1]."""
+        return max(self._trace, default=0.0)
+
+    @property
+    def trace(self) -> NDArray[np.float32]:
+        """``(steps,)`` progress after each step."""
+        return np.array(self._trace, dtype=np.float32)
+
+    def _advance(self) -> None:
+        stages = self._stages
+        if self.success_now:
+            self.reached = [stage.name for stage in stages]
+        while len(self.reached) < len(stages) - 1:
+            index = len(self.reached)
+            if self._streaks[index] < stages[index].steps:
+                break
+            self.reached.append(stages[index].name)
+
+    def _progress(self, situation: Any) -> float:
+        stages, done = self._stages, len(self.reached)
+        if done == len(stages):
+            return 1.0
+        streak = self._streaks[done] / stages[done].steps
+        return (done + min(max(stages[done].nearness(situation), streak, 0.0), 0.99)) / len(stages)
