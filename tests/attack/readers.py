@@ -20,7 +20,8 @@ from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_
 from vlafuzz.clients.profiles import load_profile
 from vlafuzz.diagnostics.lint import lint
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.scene_lines import is_vlatest, read_scene_file
+from vlafuzz.formats.scene_lines import is_document
+from vlafuzz.formats.vlatest.files import read_scene_file
 from vlafuzz.objects import load_catalogue, open_packs
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.space import SearchSpace, load_operators
@@ -142,7 +143,7 @@ def vlatest(rng: Rng, folder: Path) -> None:
         path.write_bytes(mutators.data(rng, json.dumps(document).encode()))
     else:
         path.write_text(json.dumps(mutators.tree(rng, document)))
-    is_vlatest(path)
+    is_document(path)
     _lint(path, rng.choice(FRAMES))
 
 

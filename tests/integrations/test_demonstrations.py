@@ -91,7 +91,7 @@ def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
 def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
     with Store.open(path) as store:
-        wanted = around(failures_of_store(store, None, "failed"))
+        wanted = around(path, failures_of_store(store, None, "failed"))
     found = Demonstrations().solved(wanted, 3, 3)
     assert [each.solution.attempt for each in found] == [0, 1, 2]
     assert found[0].wanted.scene == CAN
@@ -105,10 +105,10 @@ def test_the_store_keeps_what_the_expert_found_out(tmp_path: Path, monkeypatch: 
     with Store.open(path, "write") as store:
         failures = failures_of_store(store, None, "failed")
         first = Demonstrations(store)
-        before = first.solved(around(failures), 2, 2)
+        before = first.solved(around(path, failures), 2, 2)
         monkeypatch.setattr(ExpertRunner, "solve", None)  # nobody asks it again
         again = Demonstrations(store)
-        after = again.solved(around(failures), 2, 2)
+        after = again.solved(around(path, failures), 2, 2)
     assert (first.known, again.known) == (0, 2)
     for one, other in zip(before, after, strict=True):
         assert np.array_equal(one.solution.actions, other.solution.actions)
@@ -117,10 +117,10 @@ def test_the_store_keeps_what_the_expert_found_out(tmp_path: Path, monkeypatch: 
 def test_solutions_for_another_kind_of_actions_are_others(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
     with Store.open(path, "write") as store:
-        Demonstrations(store).solved(around(failures_of_store(store, None, "failed")), 1, 1)
+        Demonstrations(store).solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
         finer = [replace(each, run=tiny_pictures(hz=10)) for each in failures_of_store(store, None, "failed")]
         demonstrations = Demonstrations(store)
-        demonstrations.solved(around(finer), 1, 1)
+        demonstrations.solved(around(path, finer), 1, 1)
     assert demonstrations.known == 0
 
 
@@ -129,7 +129,7 @@ def test_a_stored_solution_of_another_width_is_none(tmp_path: Path):
     with Store.open(path, "write") as store:
         store.keep_solution(_key(tiny_pictures()), CAN, Solution(0, np.ones((4, 9), np.float32)))
         demonstrations = Demonstrations(store)
-        (found,) = demonstrations.solved(around(failures_of_store(store, None, "failed")), 1, 1)
+        (found,) = demonstrations.solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
     assert (demonstrations.known, found.solution.actions.shape[1]) == (0, 7)
 
 
@@ -137,7 +137,7 @@ def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), INSIDE, CAN)
     with Store.open(path) as store:
         demonstrations = Demonstrations()
-        found = demonstrations.solved(around(failures_of_store(store, None, "failed")), 2, 2)
+        found = demonstrations.solved(around(path, failures_of_store(store, None, "failed")), 2, 2)
     assert [each.wanted.scene for each in found] == [CAN]
     assert demonstrations.left_out == {"its scene is not fair": 1}
 

@@ -60,7 +60,7 @@ def test_of_two_large_causes_the_smaller_one_is_held_out():
 
 def test_scenes_come_in_turn_first_as_they_are_then_jittered():
     failures = [failure(0, "a"), failure(4, "b")]
-    wanted = list(islice(around(failures), 6))
+    wanted = list(islice(around(HERE, failures), 6))
     assert [each.attempt for each in wanted] == [0, 0, 1, 1, 2, 2]
     assert [each.scene for each in wanted[:2]] == [each.scene for each in failures]
     assert [each.finding for each in wanted[::2]] == [failures[0].scene.digest] * 3

@@ -5,9 +5,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tests.doubles import failed, passed, scene
+from vlafuzz.objects import load_catalogue
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression.pairs import Answer, Group, Probe
 from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.records import Manifest
 
 NO_VERDICT = {
@@ -65,6 +67,7 @@ class RuleRunner:
     changed: tuple[str, ...] = ()
     elsewhere = ""
     renderer: str | None = None
+    space = SearchSpace(load_operators(), load_catalogue(), "pick-up")
 
     def __init__(self, rule: Callable[[Scene], bool], run: Manifest, *, deterministic: bool = True) -> None:
         self._rule, self.run, self.deterministic = rule, run, deterministic

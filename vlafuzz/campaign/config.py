@@ -18,7 +18,7 @@ from vlafuzz.conditions.model import check_label
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.execute.lockstep import lanes_for
 from vlafuzz.execute.registry import Place, default_workers, policy_at
-from vlafuzz.formats.scene_lines import is_vlatest, load_scenes
+from vlafuzz.formats.scene_lines import is_document, load_scenes
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.plugins import OBJECT
@@ -198,7 +198,7 @@ def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
     if scenes and pool:
         raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
     path = scenes or pool
-    if path and path.is_file() and is_vlatest(path):
+    if path and path.is_file() and is_document(path):
         hint = "for VLATest's files: `vlafuzz import vlatest FILE --out F.jsonl` writes some"
         raise UsageError(f"{path}: not JSON lines", hint=hint)
     return load_scenes(path) if path else []

@@ -13,13 +13,11 @@ from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.conditions.model import Model
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.formats.scene_lines import is_store, load_scenes
-from vlafuzz.objects.packs import packs_of
 from vlafuzz.outcome import Outcome, Rollout, Verdict
 from vlafuzz.plugins import check_trusted
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.scene import Scene
-from vlafuzz.space.stored import packs_json
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, world_of
@@ -195,8 +193,6 @@ def _example(store: Store) -> str:
 
 
 def _never_run(scene: Scene) -> Replayable:
-    packs = packs_of(placement.object for placement in scene.placements)
-    return Replayable(
-        scene,
-        Conditions(task=scene.task, policy=default_policy(scene.task, scene.robot), packs=packs_json(packs)),
-    )
+    policy = default_policy(scene.task, scene.robot)
+    found = world_of(scene.task).conditions_of(scene)
+    return Replayable(scene, Conditions(task=scene.task, policy=policy, **found))

@@ -2,13 +2,12 @@
 
 
 def begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
-    """Begin the probe of the renderer and loading the simulator for workers, if the flags need them."""
+    """Begin what the usual world needs, and loading the simulator for workers, if the flags need them."""
     from vlafuzz.execute import forks
     from vlafuzz.execute.capacity import most_workers
-    from vlafuzz.renderer import begin_probe
+    from vlafuzz.worlds import known_worlds
 
-    if policy in (None, "mini"):
-        begin_probe()
+    next(iter(known_worlds().values())).begin_early(policy)
     own = ":" in (policy or "")  # has one worker by default
     if executor in (None, "processes") and (workers or (1 if own else most_workers())) > 1:
         forks.load_early()

@@ -192,3 +192,93 @@ def command(
     if table:
         write_table(table, plan.store)
     end([done], fail_on_finding=fail_on_finding)
+        more = {"about": about(plan.strategy)} | ({"triage": triaged} if triage else {})
+        print_json(after_run.document(summary, beside, effects, found, then) | more)
+    else:
+        after_run.print_causes(summary, found, hint=not triage)
+    if not triage and (triaged is None or allowance.used_up):
+        after_run.hint_at_rest(plan, found)
+    if triaged is None:
+        raise typer.Exit(INTERRUPTED)
+    _end(plan, summary, fail_on_finding)
+
+
+def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
+    """Say which defaults follow from this machine, where the user would want to know."""
+    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.worlds import draws_pictures, world_of
+
+    usual = next(iter(world_of(plan.task.name).robots))
+    if "policy" not in flags and plan.manifest.robot == usual and not draws_pictures(plan.task.name):
+        hint = "`vlafuzz doctor` says what to install"
+        Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
+    used, batch = plan.place.workers, plan.manifest.batch
+    if "workers" not in flags and plan.place.kind == "processes" and used == batch < most_workers():
+        room = most_workers()
+        Bar.note(
+            f"note: {batch} scenes at a time keep {used} of {room} cores busy; --batch {room} is faster, and "
+            "chooses them by less of what came before"
+        )
+
+
+def _end(plan: Plan, summary: Summary, fail_on_finding: bool) -> None:
+    """Say whether the run ended early, with the exit code of its result."""
+    if summary.stopped:
+        Bar.note(f"stopped: {summary.stopped}")
+    if summary.unjudged and not summary.verdicts["error"]:
+        raise UsageError(summary.unjudged, hint=_why_not(summary))
+    if summary.short:
+        again = f"then `{_again(plan)}` goes on" if summary.stopped else "the same command tries them again"
+        doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
+        raise PrerequisiteError(summary.short, hint=f"`{doctor}` says what is wrong; {again}")
+    if fail_on_finding and summary.findings:
+        raise typer.Exit(1)
+
+
+def _why_not(summary: Summary) -> str:
+    if not summary.proposals:
+        return "give it more --time"
+    checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
+    export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
+    return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
+
+
+def _start(plan: Plan, forecast: Forecast | None, until: Deadline) -> Summary:
+    from vlafuzz.campaign.forecast import NOBODY_WAITS
+    from vlafuzz.campaign.launch import start
+    from vlafuzz.cli.summary import RunBar
+
+    again = _again(plan)
+
+    def note() -> str:
+        if not _is_begun(plan):
+            return "interrupted: nothing is stored yet"
+        return f"interrupted: all trials so far are stored in {plan.store}\nhint: continue with `{again}`"
+
+    if forecast and forecast.run > NOBODY_WAITS:
+        Bar.note(str(forecast))
+    with interruptible(note), RunBar(plan.manifest.budget, forecast, until) as bar:
+        try:
+            return start(plan, bar, until)
+        except PolicyError as error:
+            hint = f"when the policy is back, continue with `{again}`"
+            raise PolicyError(error.message, hint=hint) from error
+
+
+def _again(plan: Plan) -> str:
+    """The command that resumes a run."""
+    trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
+    return shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
+
+
+def _is_begun(plan: Plan) -> bool:
+    """Whether the store has a run that can be resumed."""
+    from vlafuzz.errors import StoreError
+    from vlafuzz.store.records import UNFINISHED
+    from vlafuzz.store.store import Store
+
+    try:
+        with Store.open(plan.store) as store:
+            return any(run.status in UNFINISHED for run in store.runs())
+    except StoreError:
+        return False

@@ -18,7 +18,8 @@ from vlafuzz.diagnostics.lint import CLOSER, SHIFTED, Verdicts
 from vlafuzz.diagnostics.lint import lint as lint_file
 from vlafuzz.errors import SceneError, UsageError, check_number, sentence
 from vlafuzz.files import writing
-from vlafuzz.formats.scene_lines import is_store, is_vlatest, read_scene_file, write_scenes
+from vlafuzz.formats.scene_lines import is_document, is_store, write_scenes
+from vlafuzz.formats.vlatest.files import read_scene_file
 from vlafuzz.formats.vlatest.read import Imported, read_vlatest
 from vlafuzz.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.sim.audit import Scope
@@ -171,7 +172,7 @@ def lint(
     with Bar() as bar:
         judged = []
         for path in files:
-            quick = is_vlatest(path) and not placement if static is None else static
+            quick = is_document(path) and not placement if static is None else static
             source = read_scene_file(path, catalogue, (frame or Frame.FIT).value)
             if not (source.lines or source.left_out):
                 raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
@@ -206,7 +207,7 @@ _MEANS = {
 
 
 def _check_frame(frame: Frame | None, files: list[Path]) -> None:
-    if frame and not any(map(is_vlatest, files)):
+    if frame and not any(map(is_document, files)):
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
 
 

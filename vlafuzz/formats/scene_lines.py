@@ -1,4 +1,4 @@
-"""Files of scenes: our JSON lines, a scene a line with its verdict if known, files of VLATest, or stores."""
+"""Files of scenes: JSON lines, a scene a line with its verdict if known."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -7,8 +7,6 @@ from pathlib import Path
 
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.files import write_whole
-from vlafuzz.formats.vlatest.read import Frame, read_vlatest
-from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.reading import MIB, parse_json, read_text
 from vlafuzz.scene import Scene
 
@@ -110,15 +108,7 @@ def is_store(path: Path) -> bool:
         return False  # reading it will raise the error
 
 
-def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
-    """Read a file of scenes, ours or VLATest's; for ``frame`` see ``read_vlatest``."""
-    if not is_vlatest(path):
-        return SceneFile(path, tuple(read_scenes(path)))
-    imported = read_vlatest(path, catalogue, frame=frame)
-    return SceneFile(path, tuple(zip(imported.numbers, imported.scenes, strict=True)), imported.left_out)
-
-
-def is_vlatest(path: Path) -> bool:
+def is_document(path: Path) -> bool:
     """Whether a file is a single JSON document that is not one of our scenes."""
     if path.suffix != ".json":
         return False

@@ -18,12 +18,11 @@ from vlafuzz.conditions.conditions import Role
 from vlafuzz.integrations.expert_runner import UNFAIR, ExpertRunner
 from vlafuzz.integrations.packed import Packed, packed
 from vlafuzz.integrations.selection import Wanted
-from vlafuzz.policies.expert import Expert
-from vlafuzz.renderer import in_use
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
 from vlafuzz.triage.pool import process_pool
 from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds import world_of
 
 UNSOLVED = "the expert does not solve it"
 UNPLAYED = "a replay of the expert's actions does not solve it"
@@ -122,7 +121,11 @@ def _fitting(solution: Solution | None, run: Manifest) -> Solution | None:
 
 def _key(run: Manifest) -> str:
     """Identifies all that decides the expert's actions in a scene, beside the scene."""
-    here = {"versions": provenance.versions(), "place": place.here("expert", Expert().spec, in_use)}
+    world = world_of(run.task)
+    here = {
+        "versions": provenance.versions(),
+        "place": place.here("expert", world.solvers()["expert"].spec, world.renderer),
+    }
     text = json.dumps([run.task, run.values(Role.SIMULATION), interface_of(run.policy, run.spec).key, here])
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 

@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple
 
 from vlafuzz.errors import UsageError
 from vlafuzz.files import writing
-from vlafuzz.formats.scene_lines import is_vlatest, load_verdicts, read_scene_file, write_scenes
+from vlafuzz.formats.scene_lines import is_document, load_verdicts, write_scenes
+from vlafuzz.formats.vlatest.files import read_scene_file
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.write import write_vlatest
 from vlafuzz.objects import load_catalogue
@@ -38,7 +39,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
             problem = f"--run {run}: {source} is a file of scenes, not a store"
             raise UsageError(problem, hint="leave out --run")
         scenes = read_scene_file(source, load_catalogue(), "original").scenes()
-        told = {} if is_vlatest(source) else load_verdicts(source)
+        told = {} if is_document(source) else load_verdicts(source)
         return {scene: told.get(scene.digest) for scene in scenes}
     with Store.open(source) as store:
         if chosen == "failed":

@@ -12,10 +12,10 @@ import numpy as np
 
 from vlafuzz.campaign.results import neighbourhoods
 from vlafuzz.errors import CorpusError, StoreError, UsageError
+from vlafuzz.model.space import Space
 from vlafuzz.regression.corpus import Corpus
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.scene import Scene
-from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
@@ -141,26 +141,32 @@ def _space_of(run: Manifest) -> tuple[str, ...]:
     return run.task, run.robot, run.operators_digest, run.packs
 
 
+def _spaces(source: Path, runs: Iterable[Manifest]) -> dict[tuple[str, ...], Space]:
+    distinct = {_space_of(run): run for run in runs}
+    return {kind: stored_space(source, run) for kind, run in distinct.items()}
+
+
 def _root(of: Sequence[int], index: int) -> int:
     while of[index] != index:
         index = of[index]
     return index
 
 
-def around(failures: Iterable[Failure]) -> Iterator[Wanted]:
+def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
     scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
+    spaces = _spaces(source, (failure.run for _, failure in scenes))
     for number in count():
         for scene, failure in scenes:
-            shown = load_jitter().apply(scene, DEMONSTRATE + number) if number else scene
+            near = spaces[_space_of(failure.run)].jittered
+            shown = near(scene, DEMONSTRATE + number) if number else scene
             yield Wanted(shown, failure.run, number, failure.scene.digest)
 
 
 def at_random(source: Path, failures: Sequence[Failure]) -> Iterator[Wanted]:
     """Random scenes under the conditions of the failures' runs in turn, with the same first attempts."""
     runs = [failure.run for failure in failures]
-    distinct = {_space_of(run): run for run in runs}
-    spaces = {kind: stored_space(source, run) for kind, run in distinct.items()}
+    spaces = _spaces(source, runs)
     for number in count():
         run = runs[number % len(runs)]
         scene = spaces[_space_of(run)].sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))

@@ -22,10 +22,10 @@ from vlafuzz.integrations.selection import (
 )
 from vlafuzz.policies.base import ActionSpec
 from vlafuzz.regression.folder import check_new, is_corpus, read_corpus, whole
-from vlafuzz.rigs.robots import rig
 from vlafuzz.store.store import Store
 from vlafuzz.text import duration, plural
 from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds import world_of
 
 TRIES = 4  # scenes that the expert tries for each demonstration, at most
 # Seconds on a core of a usual server: a solution at the expert's own rate; a picture of so many pixels.
@@ -94,7 +94,7 @@ def write_demonstrations(
     with _solutions(source, watch) as store:
         shown = Demonstrations(store, workers, watch)
         watch.note(_forecast(failures, held_out, total, interface, hz, workers))
-        wanted = at_random(source, failures) if which == "random" else around(failures)
+        wanted = at_random(source, failures) if which == "random" else around(source, failures)
         most = total if number is None and which != "random" else TRIES * max(total, scenes)
         solved = shown.solved(wanted, total, most)
     if shown.known:
@@ -131,7 +131,8 @@ def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, i
         message = f"{source}: has failures of {len(kinds)} robots, sets of cameras or kinds of actions"
         raise UsageError(message, hint="--run N takes the failures of one run")
     ((robot, *_),), (interface,) = kinds, kinds.values()
-    return interface, str(robot), rig(str(robot)).control_hz or interface.spec.action.hz
+    hz = world_of(failures[0].scene.task).robot(str(robot)).control_hz
+    return interface, str(robot), hz or interface.spec.action.hz
 
 
 @contextmanager

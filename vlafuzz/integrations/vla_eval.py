@@ -43,10 +43,10 @@ from vlafuzz.policies.base import Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.regression.pairs import probes
-from vlafuzz.rigs.robots import rig
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.witness import Player
+from vlafuzz.worlds import world_of
 
 if TYPE_CHECKING:  # vla-eval chooses the renderer before the simulator is imported
     from vlafuzz.sim.evaluator import SceneEvaluator
@@ -150,9 +150,10 @@ class CorpusBenchmark(StepBenchmark):
 
     def get_metadata(self) -> dict[str, Any]:
         """The most steps an episode can take, with one action per step."""
-        rigs = [rig(probe.scene.robot) for probe in self._probes.values()]
+        scenes = [probe.scene for probe in self._probes.values()]
+        robots = [world_of(scene.task).robot(scene.robot) for scene in scenes]
         hz = self.spec.action.hz
-        return {"max_steps": max(robot.seconds * (robot.control_hz or hz) for robot in rigs)}
+        return {"max_steps": max(robot.seconds * (robot.control_hz or hz) for robot in robots)}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
         return _specs(declared_actions(self.spec.action))

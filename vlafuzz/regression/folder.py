@@ -20,9 +20,9 @@ from vlafuzz.files import reason, replacing
 from vlafuzz.formats.scene_lines import load_scenes, write_scenes
 from vlafuzz.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.regression.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
-from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Scene
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds import world_of
 
 MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
 CONTROLS = "controls.jsonl"
@@ -247,7 +247,7 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
 
     failing = scene(row.scene, SCENES)
     try:
-        rig(failing.robot)
+        world_of(failing.task).robot(failing.robot)
     except SceneError as error:
         raise CorpusError(f"{folder / SCENES}: case {number}: {error.message}", hint=error.hint) from None
     actions = _read_actions(witness_path(folder, failing), row.witness.digest, folder)

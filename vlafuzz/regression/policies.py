@@ -21,11 +21,11 @@ from vlafuzz.regression.pace import Pace
 from vlafuzz.regression.pairs import Probe, probes
 from vlafuzz.regression.power import power_of
 from vlafuzz.regression.regress import Comparison, Recorded, Rerun, Side
-from vlafuzz.renderer import probe_once
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage import scene_runner
 from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds import draws_pictures
 
 
 def compare_policies(
@@ -249,7 +249,7 @@ def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> by
     """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
     worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
     probe = next(worse, None)
-    if probe is None or not probe_once().works:
+    if probe is None or not draws_pictures(probe.scene.task):
         return None
     with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
         film = runner.film(probe.scene)

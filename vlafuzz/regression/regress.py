@@ -21,7 +21,6 @@ from vlafuzz.regression.changes import Change, broken, fixed
 from vlafuzz.regression.controls import REGRESS, number_of
 from vlafuzz.regression.e_process import SignTest
 from vlafuzz.regression.pairs import Answer, Compared, Group, Pair, Probe, Tally
-from vlafuzz.space.jitter import load_jitter
 from vlafuzz.statistics import Interval, newcombe
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.runner import PolicyRunner
@@ -70,10 +69,10 @@ class Rerun:
     def answer(self, probe: Probe, repeat: int) -> Answer:
         """One rollout: in a control as it is, in another scene with a jitter and seed of no other use."""
         run, scene, number = self._runs[probe.run], probe.scene, number_of(probe.scene)
+        runner = self._runners[run.key(seeded=False)]
         if probe.group != "control":
             number = number_of(scene, REGRESS, repeat)
-            scene = load_jitter().apply(scene, number)
-        runner = self._runners[run.key(seeded=False)]
+            scene = runner.space.jittered(scene, number)
         return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
 
     def close(self) -> None:

@@ -12,13 +12,13 @@ from queue import SimpleQueue
 
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.files import reason
-from vlafuzz.renderer import probe_once
 from vlafuzz.report.live import Live
 from vlafuzz.report.page import render
 from vlafuzz.serving.http import BoundedHandler, BoundedServer
 from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest, Trial
 from vlafuzz.triage import scene_runner
+from vlafuzz.worlds import draws_pictures
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # other names are those of pages elsewhere that resolve to this machine
@@ -48,7 +48,7 @@ class Films:
     def _make(self, trial: Trial, run: Manifest) -> None:
         actions = trial.outcome.rollouts[-1].actions if trial.outcome.rollouts else None
         try:
-            if actions is not None and probe_once().works:
+            if actions is not None and draws_pictures(run.task):
                 runner = scene_runner.SimulatorSceneRunner(self._store, run, "expert")
                 with closing(runner):
                     film = runner.film(trial.scene, actions)

@@ -14,6 +14,10 @@ class PolicyRunner(Protocol):
 
     deterministic: bool
 
+    @property
+    def space(self) -> Space:
+        """The search space with the operators of the run."""
+
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         """One rollout in each scene, with the runner's seed plus the scene's number."""
 
@@ -25,12 +29,8 @@ class SceneRunner(PolicyRunner, Protocol):
     """Runs policy and expert in the scenes of one run.
 
     Attributes:
-        space: the search space with the operators of the run.
         stages: the names of the task's stages.
     """
-
-    @property
-    def space(self) -> Space: ...
 
     stages: tuple[str, ...]
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from vlafuzz.evidence import Actions, Solver, Witness
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.expert import ATTEMPTS
 from vlafuzz.scene import Latency, Scene
 
-TRIES = ATTEMPTS  # grasps and directions that the expert begins with, before it gives up
+TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
 SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
 Play = Callable[[Scene, Actions], Outcome]
 

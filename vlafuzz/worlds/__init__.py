@@ -6,7 +6,7 @@ import pkgutil
 from functools import cache
 from importlib import import_module, metadata
 
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of
 from vlafuzz.worlds.base import World
 
@@ -71,6 +71,15 @@ def default_policy(task: str | None = None, robot: str | None = None) -> str:
     """What is tested where nobody names a policy; a UsageError if the task's world has none."""
     world = world_of(task) if task else next(iter(known_worlds().values()))
     return world.default_policy(robot or next(iter(world.robots)))
+
+
+def draws_pictures(task: str) -> bool:
+    """Whether this machine can draw the pictures of a task's world."""
+    try:
+        world_of(task).check_pictures()
+    except PrerequisiteError:
+        return False
+    return True
 
 
 def task_of(world: str | None, task: str | None) -> str | None:

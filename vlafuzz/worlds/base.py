@@ -129,6 +129,15 @@ class World(Protocol):
     def default_policy(self, robot: str) -> str:
         """What is tested where nobody names a policy; a UsageError if there is none."""
 
+    def begin_early(self, policy: str | None) -> None:
+        """Begin in the background what takes seconds and this policy is likely to need; None: the default."""
+
+    def preload(self) -> None:
+        """Import what its evaluators need, for workers that are forked from this process."""
+
+    def conditions_of(self, scene: Scene) -> Mapping[str, Any]:
+        """What a scene from a file takes to be run: fields of ``Conditions`` by name."""
+
     def check_pictures(self) -> None:
         """Raise a PrerequisiteError if no pictures can be drawn here."""
 

@@ -16,6 +16,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import OF_LIBERO, rig
+from vlafuzz.scene import Scene
 from vlafuzz.sim.audit import AuditedSuite, Scope
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.sim.libero.expert.policy import LiberoExpert
@@ -73,6 +74,15 @@ class Libero:
             "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
         )
         raise UsageError("LIBERO's scenes have no default policy", hint=hint)
+
+    def begin_early(self, policy: str | None) -> None:
+        """Nothing: its packages are loaded where a task is built."""
+
+    def preload(self) -> None:
+        """Nothing, likewise."""
+
+    def conditions_of(self, scene: Scene) -> dict[str, str]:
+        return {}
 
     def check_pictures(self) -> None:
         require()

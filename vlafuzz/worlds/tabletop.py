@@ -13,17 +13,19 @@ from vlafuzz.evidence import Solver
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.objects import load_catalogue
+from vlafuzz.objects.packs import packs_of
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.policies.seeing import SeeingExpert
-from vlafuzz.renderer import check_renderer, in_use, probe_once
+from vlafuzz.renderer import begin_probe, check_renderer, in_use, probe_once
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.rigs.robots import PANDA, RIGS, rig
+from vlafuzz.scene import Scene
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
-from vlafuzz.space.stored import stored_catalogue, stored_operators
+from vlafuzz.space.stored import packs_json, stored_catalogue, stored_operators
 from vlafuzz.space.table import check_varied, named_operators
 from vlafuzz.tasks.tabletop import TASKS, task
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
@@ -71,6 +73,17 @@ class Tabletop:
     def default_policy(self, robot: str) -> str:
         """``mini`` where its robot's pictures can be rendered, else ``pinhole``, which needs physics only."""
         return "mini" if robot == PANDA.robot and probe_once().works else "pinhole"
+
+    def begin_early(self, policy: str | None) -> None:
+        if policy in (None, "mini"):
+            begin_probe()
+
+    def preload(self) -> None:
+        import vlafuzz.sim.maniskill.evaluator  # noqa: F401
+
+    def conditions_of(self, scene: Scene) -> dict[str, str]:
+        """The packs that its objects are from."""
+        return {"packs": packs_json(packs_of(placement.object for placement in scene.placements))}
 
     def check_pictures(self) -> None:
         check_renderer()
