@@ -89,3 +89,9 @@ def markdown_text(value: object) -> str:
     text = "–" if value is None else printable(" ".join(str(value).split()))
     text = re.sub(r"[\\|<>*_`\[\]!~&]", r"\\\g<0>", text)
     return re.sub(r"@|:(?=//)|www(?=\.)", "\\g<0>&#8203;", text)  # a space without width
+
+
+def ambiguous(a: str, b: str) -> bool:
+    """Whether one spoken name contains all words of the other, as ``large plate`` and ``plate``."""
+    words, others = set(a.lower().split()), set(b.lower().split())
+    return words <= others or others <= words

@@ -7,7 +7,7 @@ from tests.doubles import manifest
 from tests.packs import can, write_pack
 from vlafuzz import assets
 from vlafuzz.objects import open_packs
-from vlafuzz.space.stored import packs_json, stored_packs
+from vlafuzz.objects.stored import packs_json, stored_packs
 
 
 def test_robots_that_lie_beside_a_stores_packs_are_found_again(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from urllib.parse import parse_qsl
 
-from vlafuzz.clients.servers import options_of
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 
@@ -32,7 +32,7 @@ class Model:
     @property
     def which(self) -> str:
         """The name of the model: its label, or the ``version`` in the policy's name."""
-        return self.label or getattr(options_of(self.policy), "version", None) or ""
+        return self.label or dict(parse_qsl(self.policy.partition("?")[2])).get("version", "")
 
     def replaces(self, other: Model) -> bool:
         """Whether the two are asked at one address, but are different models: then one at a time can be."""

@@ -12,8 +12,9 @@ from vlafuzz.formats.scene_lines import SceneFile
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.rigs.robots import RIGS
 from vlafuzz.scene import Scene
+from vlafuzz.space.base import Visible
 from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import CHECKS, Visible, check_static
+from vlafuzz.validity import CHECKS, check_static
 from vlafuzz.validity.footprint import Crowding, crowding, is_known, share, share_closer, share_overlapping
 from vlafuzz.watch import SILENT, Watch
 

@@ -20,10 +20,9 @@ from vlafuzz.diagnostics import Check
 from vlafuzz.diagnostics.probes import HARDLY, Answers, ask
 from vlafuzz.diagnostics.recorder import Moment
 from vlafuzz.errors import SimulatorError, VlafuzzError
-from vlafuzz.policies.base import CameraRequest, Knowing, Policy, PolicySpec
+from vlafuzz.policies.base import CameraRequest, Policy, PolicySpec
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator, stored_space
-from vlafuzz.space.stored import stored_catalogue
 from vlafuzz.worlds import world_of
 
 TRIED = 30  # scenes until one is fair; of random ones most are
@@ -90,9 +89,8 @@ def roll(conditions: Conditions, cameras: Sequence[CameraRequest]) -> Rolled:
 
 def answers(conditions: Conditions, moments: Sequence[Moment]) -> Asked:
     """Two answers of the policy to each moment."""
-    with closing(make_policy(conditions.policy)) as policy:
-        if isinstance(policy, Knowing):
-            policy.know(stored_catalogue(conditions))
+    policy = make_policy(conditions.policy)
+    with closing(make_evaluator(conditions, policy)):  # which tells it what it has to know of the world
         return [[ask(policy, [moment])[0] for moment in moments] for _ in range(2)]
 
 

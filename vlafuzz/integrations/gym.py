@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
 from vlafuzz.execute.forks import single_threaded
+from vlafuzz.objects.stored import stored_catalogue
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.regression.corpus import Case
 from vlafuzz.regression.folder import read_corpus
 from vlafuzz.sim.maniskill.env import make_env
 from vlafuzz.sim.maniskill.evaluator import proprioception
-from vlafuzz.space.stored import stored_catalogue
 from vlafuzz.tasks.base import State
 
 HZ = 5

@@ -127,3 +127,30 @@ class Operator(Strict):
 
     def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:
         return Gene(self.name, path, kind, grid)
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Levels = Annotated[float, Field(ge=0, le=255)]
+
+
+class Visible(Strict):
+    """Bounds within which a target counts as visible.
+
+    Attributes:
+        inside: least share of its outline inside the picture.
+        unhidden: least share of that outline that neither robot nor objects hide.
+        area: least share of the picture that is seen of it, and that is apart.
+        apart: least difference from its surroundings, of 255 grey levels.
+        apart_in_outlines: the same for policies that get outlines in flat colours instead of pictures.
+    """
+
+    inside: Share
+    unhidden: Share
+    area: Share
+    apart: Levels
+    apart_in_outlines: Levels
+
+    def __str__(self) -> str:
+        """The bounds in words, without those for outlines."""
+        outline = f"{self.inside:.0%} of its outline in the picture, {self.unhidden:.0%} of that not hidden"
+        return f"{outline}, {self.area:.2%} of the picture and {self.apart:g}/255 apart from its surroundings"

@@ -15,17 +15,18 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.space import Values
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
+from vlafuzz.objects.stored import packs_json
 from vlafuzz.rigs.robots import rig
 from vlafuzz.scene import Camera, Placement, Scene
-from vlafuzz.space.compose import Composer, camera
+from vlafuzz.space.compose import Composer
 from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import TargetPosition
-from vlafuzz.space.stored import packs_json
+from vlafuzz.space.parts import HINT, REDRAWS, RESTARTS, camera
 from vlafuzz.space.table import TableSpace
 from vlafuzz.tasks.instructions import load_wordings, say
 from vlafuzz.tasks.tabletop import task as task_named
+from vlafuzz.text import ambiguous
 from vlafuzz.validity.checks import (
-    ambiguous,
     cannot_grasp,
     cannot_place,
     off_workspace,
@@ -36,10 +37,7 @@ from vlafuzz.validity.checks import (
 from vlafuzz.validity.footprint import Footprint, footprint
 from vlafuzz.validity.visible import unseen
 
-REDRAWS = 60  # positions tried for one object
-RESTARTS = 200  # attempts at a scene
 _NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
-HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
 
 
 class SearchSpace(TableSpace):

@@ -15,13 +15,12 @@ from pydantic import BaseModel, Field, ValidationError
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError, suggestion
 from vlafuzz.reading import read_yaml
-from vlafuzz.space.base import Operator, Strict
+from vlafuzz.space.base import Operator, Strict, Visible
 from vlafuzz.space.operators import EXTRAS, OPERATORS, ConfounderCount
-from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.text import shortened
-from vlafuzz.validity import Visible
 
 DEFAULT = "tabletop"
+TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
 _NO_OPERATORS = ("instructions", "jitter", "libero-objects", "libero-wordings")
 Kind = TypeVar("Kind", bound=Operator)
 _Raw = dict[str, dict[str, Any]]

@@ -1,16 +1,13 @@
-"""Operators and packs of objects as conditions keep them, and how they are read again."""
+"""Operators and bounds of visibility as conditions keep them, and how they are read again."""
 
 import json
-from collections.abc import Iterable
 from pathlib import Path
 
-from vlafuzz import assets
 from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import StoreError
-from vlafuzz.objects import Catalogue, Pack, find_pack, load_catalogue
+from vlafuzz.space.base import Visible
 from vlafuzz.space.operator_set import OperatorSet, load_operators
 from vlafuzz.space.operators import EXTRAS, OPERATORS
-from vlafuzz.validity import Visible
 
 
 def operators_json(operators: OperatorSet) -> str:
@@ -54,24 +51,3 @@ def visible_json(visible: Visible | None) -> str:
 def stored_visible(conditions: Conditions) -> Visible | None:
     """The bounds that ``visible_json`` wrote; a ValueError if another version did."""
     return Visible.model_validate_json(conditions.visible) if conditions.visible else None
-
-
-def packs_json(packs: Iterable[Pack]) -> str:
-    """Packs as a field of conditions: the digest says what they are, the folder where to look first."""
-    return json.dumps(
-        [{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs]
-    )
-
-
-def stored_packs(*several: Conditions) -> tuple[Pack, ...]:
-    """The packs that ``packs_json`` wrote, each once; robots that lie beside them are found again, too."""
-    marks = {mark["name"]: mark for conditions in several for mark in json.loads(conditions.packs)}
-    packs = tuple(find_pack(**mark) for mark in marks.values())
-    folders = dict.fromkeys(folder for pack in packs for folder in (pack.folder, pack.folder.parent))
-    assets.add_folders(folder for folder in folders if (folder / "robots").is_dir())
-    return packs
-
-
-def stored_catalogue(*several: Conditions) -> Catalogue:
-    """The catalogue with the packs of all these conditions; a UsageError if one is gone."""
-    return load_catalogue(packs=stored_packs(*several))

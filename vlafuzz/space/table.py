@@ -15,7 +15,6 @@ from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.rigs.rig import Rig
 from vlafuzz.scene import Camera, Placement, Scene, in_words
-from vlafuzz.space.compose import camera
 from vlafuzz.space.extras import BystanderOrientation, BystanderPosition, Extra
 from vlafuzz.space.jitter import load_jitter
 from vlafuzz.space.operator_set import OperatorSet, load_operators
@@ -34,6 +33,7 @@ from vlafuzz.space.operators import (
     TargetType,
     Wording,
 )
+from vlafuzz.space.parts import camera
 from vlafuzz.space.stored import operators_json, visible_json
 
 _GRID = 4  # rows and columns of the workspace in a site

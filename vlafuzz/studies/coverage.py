@@ -7,12 +7,13 @@ from typing import NamedTuple
 from vlafuzz.formats.vlatest.original import as_original
 from vlafuzz.formats.vlatest.table import Rectangle, vlatest_table
 from vlafuzz.objects.catalogue import Catalogue
+from vlafuzz.objects.stored import stored_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.scene import Scene
 from vlafuzz.scoring import cell
 from vlafuzz.space import OperatorSet, SearchSpace
 from vlafuzz.space.operators import TargetPosition
-from vlafuzz.space.stored import stored_catalogue, stored_operators
+from vlafuzz.space.stored import stored_operators
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published

@@ -13,12 +13,12 @@ from vlafuzz.conditions.provenance import commit
 from vlafuzz.errors import UsageError
 from vlafuzz.files import make_folder, write_whole
 from vlafuzz.objects import Pack
+from vlafuzz.objects.stored import stored_catalogue
 from vlafuzz.outcome import Verdict
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.space.operators import Wording
-from vlafuzz.space.stored import stored_catalogue
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.studies import published, wordings

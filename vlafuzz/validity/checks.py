@@ -15,10 +15,12 @@ from vlafuzz.rigs.camera import camera_pose
 from vlafuzz.rigs.rig import Hand, Rig
 from vlafuzz.rigs.robots import RIGS, rig
 from vlafuzz.scene import Backdrop, Camera, Placement, Scene
+from vlafuzz.space.base import Visible
 from vlafuzz.tasks.base import TableTask
 from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.text import ambiguous
 from vlafuzz.validity.footprint import Footprint, apart, extents, footprint, solid
-from vlafuzz.validity.visible import Visible, unseen
+from vlafuzz.validity.visible import unseen
 
 CHECKS = ("semantic", "geometry", "unseen", "settling", "solved")
 OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
@@ -110,12 +112,6 @@ def _task_problems(
         yield problem
     if task.onto and (problem := cannot_place(task.onto, targets[0], models[0], targets[1], models[1])):
         yield problem
-
-
-def ambiguous(a: str, b: str) -> bool:
-    """Whether one spoken name contains all words of the other, as ``large plate`` and ``plate``."""
-    words, others = set(a.lower().split()), set(b.lower().split())
-    return words <= others or others <= words
 
 
 def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:

@@ -2,45 +2,18 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from vlafuzz.objects.catalogue import Catalogue
 from vlafuzz.objects.model import ObjectModel
 from vlafuzz.rigs.backdrops import PAINTS
 from vlafuzz.scene import Scene
+from vlafuzz.space.base import Visible
 from vlafuzz.validity.picture import Picture
 
 # Shares of what is seen of a target: less is never enough to find it (a sponge's edge is), the other always.
 LEAST, MOST = 0.04, 0.5
-Share = Annotated[float, Field(ge=0, le=1)]
-Levels = Annotated[float, Field(ge=0, le=255)]
-
-
-class Visible(BaseModel):
-    """Bounds within which a target counts as visible.
-
-    Attributes:
-        inside: least share of its outline inside the picture.
-        unhidden: least share of that outline that neither robot nor objects hide.
-        area: least share of the picture that is seen of it, and that is apart.
-        apart: least difference from its surroundings, of 255 grey levels.
-        apart_in_outlines: the same for policies that get outlines in flat colours instead of pictures.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-    inside: Share
-    unhidden: Share
-    area: Share
-    apart: Levels
-    apart_in_outlines: Levels
-
-    def __str__(self) -> str:
-        """The bounds in words, without those for outlines."""
-        outline = f"{self.inside:.0%} of its outline in the picture, {self.unhidden:.0%} of that not hidden"
-        return f"{outline}, {self.area:.2%} of the picture and {self.apart:g}/255 apart from its surroundings"
 
 
 def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: bool = False) -> str | None:

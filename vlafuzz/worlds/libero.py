@@ -26,7 +26,7 @@ from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.sim.libero.scenes.space import LiberoSpace
 from vlafuzz.sim.libero.suites import SUITES
 from vlafuzz.sim.libero.tasks import task
-from vlafuzz.space import OperatorSet
+from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.stored import stored_operators
 from vlafuzz.space.table import check_varied, named_operators
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted

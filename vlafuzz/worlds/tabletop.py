@@ -14,6 +14,7 @@ from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.objects import load_catalogue
 from vlafuzz.objects.packs import packs_of
+from vlafuzz.objects.stored import packs_json, stored_catalogue
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import mini
@@ -25,7 +26,7 @@ from vlafuzz.rigs.robots import PANDA, RIGS, rig
 from vlafuzz.scene import Scene
 from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.space import OperatorSet, SearchSpace
-from vlafuzz.space.stored import packs_json, stored_catalogue, stored_operators
+from vlafuzz.space.stored import stored_operators
 from vlafuzz.space.table import check_varied, named_operators
 from vlafuzz.tasks.tabletop import TASKS, task
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from vlafuzz.assets import operators_dir
 from vlafuzz.errors import CatalogueError
 from vlafuzz.reading import read_yaml, validated
-from vlafuzz.validity.checks import ambiguous
+from vlafuzz.text import ambiguous
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,9 @@ from vlafuzz.sim.libero.scenes.objects import load_objects
 from vlafuzz.sim.libero.scenes.room import room_of
 from vlafuzz.sim.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.sim.libero.tasks import task as task_named
-from vlafuzz.space import OperatorSet
 from vlafuzz.space.base import Layout, Span
-from vlafuzz.space.compose import Parts, index_of
 from vlafuzz.space.extras import BystanderOrientation, BystanderPosition
-from vlafuzz.space.generate import HINT, REDRAWS, RESTARTS
+from vlafuzz.space.operator_set import OperatorSet
 from vlafuzz.space.operators import (
     EXTRAS,
     CameraOrientation,
@@ -41,6 +39,7 @@ from vlafuzz.space.operators import (
     TargetType,
     Wording,
 )
+from vlafuzz.space.parts import HINT, REDRAWS, RESTARTS, Parts, index_of
 from vlafuzz.space.table import TableSpace
 
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
