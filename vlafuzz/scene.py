@@ -156,12 +156,12 @@ class Scene:
 
     ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that
     can be simulated. ``then`` are further instructions: each replaces the one before it when another stage is
-    reached.
+    reached. ``values`` are those of a world without a table, by name, in place of targets.
     """
 
     __pydantic_config__ = _STRICT
     task: Text
-    targets: Annotated[tuple[Placement, ...], Field(min_length=1, max_length=MOST)]
+    targets: Annotated[tuple[Placement, ...], Field(max_length=MOST)]
     instruction: Text
     _: KW_ONLY
     confounders: Annotated[tuple[Placement, ...], Field(max_length=MOST)] = ()
@@ -176,6 +176,7 @@ class Scene:
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
     start: Start = field(default=Start(), metadata=_EXTRA)
+    values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 
     @property
     def instructions(self) -> tuple[str, ...]:
@@ -221,6 +222,9 @@ class Scene:
         except ValidationError as error:
             hint = "`vlafuzz run` and `vlafuzz import` write valid scenes"
             raise SceneError(first_problem(error), hint) from None
+        if bool(scene.targets) is bool(scene.values):
+            hint = "a scene on a table has targets, one of another world values by name"
+            raise SceneError("targets: expected at least one, or values in their place", hint)
         if scene.schema > SCHEMA:
             raise SceneError(
                 f"schema: version {scene.schema} of this scene is newer than {SCHEMA}", hint="upgrade vlafuzz"

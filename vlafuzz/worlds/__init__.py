@@ -11,7 +11,7 @@ from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of
 from vlafuzz.worlds.base import World
 
 GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
-_HERE = ("base", "policies")  # modules that are no world
+_HERE = ("base", "values")  # modules that are no world
 
 
 @cache

@@ -1,0 +1,112 @@
+"""A world outside the package, written from its page: a two-joint arm that reaches for a ball in a plane."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import cos, hypot, sin
+from typing import Any
+
+import numpy as np
+
+from vlafuzz.model.task import Stage
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.worlds.values import Parameter, Value, ValuesWorld
+
+LINKS = (0.5, 0.4)  # metres
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Joint angles and what a scene gives: the ball, how strong the motors are, and how far a reading is off."""
+
+    joints: tuple[float, float]
+    ball: tuple[float, float]
+    strength: float
+    bias: float
+    glove: str
+
+    @property
+    def hand(self) -> tuple[float, float]:
+        first, second = self.joints[0], sum(self.joints)
+        return (
+            LINKS[0] * cos(first) + LINKS[1] * cos(second),
+            LINKS[0] * sin(first) + LINKS[1] * sin(second),
+        )
+
+    @property
+    def gap(self) -> float:
+        return hypot(self.hand[0] - self.ball[0], self.hand[1] - self.ball[1])
+
+
+class Reacher(ValuesWorld[Arm]):
+    """The hand has to touch the ball, after it has come near."""
+
+    tasks = ("reach",)
+    parameters = (
+        Parameter("ball-x", -0.7, 0.7, nominal=0.4, step=0.02, says="where the ball is"),
+        Parameter("ball-y", 0.1, 0.7, nominal=0.4, step=0.02, says="where the ball is"),
+        Parameter("strength", 0.2, 2.0, nominal=1.0, step=0.05, says="how strong the motors are"),
+        Parameter("bias", -0.3, 0.3, nominal=0.0, step=0.01, says="how far the angles are misread"),
+        Parameter("glove", options=("none", "wool", "steel"), says="what the hand wears"),
+    )
+    stages = (
+        Stage("near", lambda arm: arm.gap < 0.2, lambda arm: max(0.0, 1 - arm.gap)),
+        Stage("touch", lambda arm: arm.gap < 0.05, lambda arm: max(0.0, 1 - arm.gap / 0.2)),
+    )
+    horizon = 60
+
+    def reset(self, values: Mapping[str, Value], seed: int) -> Arm:
+        ball = float(values["ball-x"]), float(values["ball-y"])
+        glove = str(values["glove"])
+        return Arm((0.3, 1.0), ball, float(values["strength"]), float(values["bias"]), glove)
+
+    def step(self, state: Arm, action: np.ndarray) -> Arm:
+        turned = np.clip(action[:2], -0.2, 0.2) * state.strength
+        return replace(state, joints=(state.joints[0] + turned[0], state.joints[1] + turned[1]))
+
+    def observe(self, state: Arm) -> np.ndarray:
+        weight = {"none": 0.0, "wool": 0.1, "steel": 1.0}[state.glove]
+        return np.array([state.joints[0] + state.bias, state.joints[1], *state.ball, weight])
+
+    def unfair(self, values: Mapping[str, Value]) -> str | None:
+        far = hypot(float(values["ball-x"]), float(values["ball-y"]))
+        return None if 0.2 <= far <= 0.85 else f"the ball is {far:.2f} m away, out of reach"
+
+    def expert(self) -> "Downhill":
+        return Downhill(sees_all=True)
+
+
+class Downhill:
+    """Turns both joints so that the hand comes nearer; the policy believes what it reads, and fears steel."""
+
+    attempt = 0
+
+    def __init__(self, *, sees_all: bool = False) -> None:
+        self._sees_all = sees_all
+        self.spec = PolicySpec("expert" if sees_all else "downhill", state=True, privileged=sees_all)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None: ...
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(self._answer(seen)[None]) for seen in observations]
+
+    def close(self) -> None: ...
+
+    def _answer(self, seen: Observation) -> np.ndarray:
+        answer, state = np.zeros(7), seen.privileged
+        assert seen.state is not None
+        first, second, x, y, weight = (float(number) for number in seen.state)
+        if self._sees_all:
+            first, gain = state.joints[0], 1 / state.strength
+        else:
+            gain = 0.0 if weight > 0.5 else 1.0
+        arm = Arm((first, second), (x, y), 1.0, 0.0, "none")
+        slope = [
+            arm.gap - replace(arm, joints=(first + 0.01, second)).gap,
+            arm.gap - replace(arm, joints=(first, second + 0.01)).gap,
+        ]
+        answer[:2] = np.array(slope) * 12 * gain * min(1.0, 4 * arm.gap)
+        return answer
+
+
+def downhill() -> Any:
+    return Downhill()

@@ -1,0 +1,384 @@
+"""Worlds whose scenes are values by name: all that a simulator of one's own needs to be fuzzed.
+
+A world names the values that its reset takes with their ranges, and says how a rollout goes on::
+
+    class Corridor(ValuesWorld):
+        tasks = ("walk",)
+        parameters = (Parameter("length", 2.0, 9.0, nominal=3.0, step=0.5),)
+        ...
+
+``vlafuzz run --world python:corridor:Corridor --policy python:corridor:walk`` finds out what breaks a policy.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
+from vlafuzz.evidence import Solver
+from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model.space import Operators, Space, Values
+from vlafuzz.model.task import Monitor, Stage, Task
+from vlafuzz.outcome import Rejection
+from vlafuzz.policies.base import Observation, Policy
+from vlafuzz.scene import Scene
+from vlafuzz.sim.episode import Episode
+from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
+
+if TYPE_CHECKING:
+    from vlafuzz.clients.interface import Interface
+    from vlafuzz.sim.recording import Recording
+
+ROBOT = "own"  # the only one of such a world
+REDRAWS = 200  # scenes that are drawn for a fair one
+_PREFIX = "values."  # of a gene's path
+State = TypeVar("State")
+Array = NDArray[np.float64]
+Value = float | str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One value that a reset takes, and an operator at the same time.
+
+    Args:
+        name: lower-case letters, digits and dashes.
+        step: of the grid; values of a scene are nominal plus a whole number of steps.
+        options: of a value that is a text, the nominal one first, in place of the numbers.
+        says: what it changes, in a few words.
+    """
+
+    name: str
+    low: float = 0.0
+    high: float = 0.0
+    nominal: float = 0.0
+    step: float = 1.0
+    options: tuple[str, ...] = ()
+    says: str = ""
+
+    @property
+    def gene(self) -> Gene:
+        path = _PREFIX + self.name
+        if self.options:
+            return Gene(self.name, path, "category", Grid.choice(len(self.options)), options=self.options)
+        return Gene(self.name, path, "real", Grid(self.low, self.high, self.step, self.nominal))
+
+    def ranges(self) -> str:
+        """The range in words."""
+        return " or ".join(self.options) if self.options else f"{self.low:g} to {self.high:g}"
+
+    def nominally(self) -> str:
+        """The nominal value in words."""
+        return self.options[0] if self.options else f"{self.nominal:g}"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The parameters of a world by name, and which of them vary: the ``Operators`` of its space."""
+
+    operators: Mapping[str, Parameter]
+    varied: frozenset[str]
+
+    @property
+    def decisive(self) -> Collection[str]:
+        return self.operators
+
+    @cached_property
+    def digest(self) -> str:
+        return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
+
+    def to_json(self) -> str:
+        """As conditions keep them."""
+        ranges = {name: asdict(parameter) for name, parameter in self.operators.items()}
+        return json.dumps({"varied": sorted(self.varied), "operators": ranges}, sort_keys=True)
+
+
+class ValuesSpace(Space):
+    """The scenes of a task whose values are drawn evenly, each for itself."""
+
+    def __init__(self, world: ValuesWorld[Any], name: str, operators: Parameters) -> None:
+        self._world, self._name = world, name
+        self.groups = {name: (name,) for name in operators.operators}
+        super().__init__(world.task(name), ROBOT, operators, self)
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        assert isinstance(self.operators, Parameters)
+        return {"operators": self.operators.to_json(), "operators_digest": self.operators.digest}
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values."""
+        told = {
+            name: _told(gene, values[path]) for path, gene in self.by_path.items() for name in [gene.operator]
+        }
+        return self._world.scene(self._name, told)
+
+    def values(self, scene: Scene) -> Values:
+        """See ``Space.values``; NaN for an unknown option."""
+        known = dict(scene.values)
+        return {path: _number(gene, known.get(gene.operator)) for path, gene in self.by_path.items()}
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        problem = None
+        for _ in range(REDRAWS):
+            scene = self.compose({path: self.draw(path, rng) for path in self.by_path})
+            if (problem := self._world.unfair(dict(scene.values))) is None:
+                return scene
+        raise UsageError(f"{self.task.name}: no fair scene in {REDRAWS}: {problem}", hint="narrow the ranges")
+
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        return scene if self._world.unfair(dict(scene.values)) is None else None
+
+    def jittered(self, scene: Scene, number: int) -> Scene:
+        """Numbers that vary change by less than half a step, within their ranges."""
+        rng = np.random.default_rng([int(scene.digest, 16), number])
+        values = self.values(scene)
+        for gene in self.genes:
+            if gene.kind == "real":
+                moved = values[gene.path] + gene.grid.step * float(rng.uniform(-0.5, 0.5))
+                values[gene.path] = min(max(moved, gene.grid.low), gene.grid.high)
+        return self.compose(values)
+
+
+def _told(gene: Gene, value: float) -> Value:
+    return gene.options[int(value)] if gene.options else float(value)
+
+
+def _number(gene: Gene, value: Value | None) -> float:
+    if value is None:
+        return gene.grid.nominal
+    if not gene.options:
+        return float(value) if isinstance(value, int | float) else float("nan")
+    return float(gene.options.index(value)) if value in gene.options else float("nan")
+
+
+class ValuesEpisode(Episode):
+    """A rollout in a scene of values."""
+
+    def __init__(
+        self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, task: Task
+    ) -> None:
+        self._world, self._state = world, world.reset(dict(scene.values), seed)
+        self._hash = hashlib.blake2b(digest_size=16)
+        monitor = Monitor(task.stages, task.published)
+        super().__init__(scene, seed, conditions, monitor, task.stage_names)
+
+    @property
+    def hz(self) -> int:
+        return self._world.control_hz
+
+    def observe(self) -> Observation:
+        seen = np.asarray(self._world.observe(self._state), dtype=np.float32)
+        picture = self._world.picture(self._state)
+        return Observation(
+            self.start.episode,
+            len(self.actions),
+            self.instruction,
+            images={} if picture is None else {"camera": picture},
+            state=seen,
+            privileged=self._state,
+        )
+
+    def picture(self, camera: str) -> NDArray[np.uint8]:
+        drawn = self._world.picture(self._state)
+        if drawn is None:
+            raise PrerequisiteError("this world draws no pictures", hint="define its method picture")
+        return drawn
+
+    def _horizon(self) -> int:
+        return self._world.horizon
+
+    def _execute(self, action: Array) -> None:
+        self._state = self._world.step(self._state, action)
+        self._hash.update(np.asarray(self._world.observe(self._state), dtype=np.float64).tobytes())
+        self.monitor.observe(self._state)
+
+    def _states_hash(self) -> str:
+        return self._hash.hexdigest()
+
+
+class ValuesEvaluator(SceneEvaluator):
+    """Runs a policy in scenes of values; nothing is kept between two of them."""
+
+    def __init__(
+        self,
+        world: ValuesWorld[Any],
+        conditions: Conditions,
+        policy: Policy,
+        *,
+        recording: Recording | None,
+        checked: bool,
+    ) -> None:
+        self._world, self._task = world, world.task(conditions.task)
+        super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
+
+    def check(self, scene: Scene) -> Rejection | None:
+        if scene.task != self._task.name or dict(scene.values).keys() != self._world.named.keys():
+            return Rejection("semantic", f"it is no scene of {self._task.name}")
+        problem = self._world.unfair(dict(scene.values))
+        return Rejection("geometry", problem) if problem else None
+
+    def begin(self, scene: Scene, seed: int) -> Episode:
+        return ValuesEpisode(self._world, scene, seed, self._conditions, self._task)
+
+    def renew(self) -> None:
+        """Nothing is kept."""
+
+
+class ValuesWorld(ABC, Generic[State]):
+    """A world whose scenes are values by name. A subclass says what they are, and how a rollout goes.
+
+    Actions are the policy's seven numbers; the world uses as many of the first ones as it needs.
+
+    Attributes:
+        tasks: their names; ``parameters``: the values that a reset takes, in all of them.
+        stages: milestones by the state, the last one success.
+        horizon: control steps after which a rollout ends; ``control_hz``: of them in a second.
+    """
+
+    usual = False
+    robots, objects = (ROBOT,), ()
+    policies: Mapping[str, Callable[..., Policy]] = {}
+    simulator, seconds = "", 1
+    tasks: Sequence[str]
+    parameters: Sequence[Parameter]
+    stages: Sequence[Stage]
+    horizon: int
+    control_hz: int = 10
+
+    @abstractmethod
+    def reset(self, values: Mapping[str, Value], seed: int) -> State:
+        """The state at the start of a rollout: the same for the same values and seed."""
+
+    @abstractmethod
+    def step(self, state: State, action: Array) -> State:
+        """The state after a control step; ``action``: ``(7,)``."""
+
+    @abstractmethod
+    def observe(self, state: State) -> Any:
+        """What the policy sees, as ``Observation.state``: an array of numbers."""
+
+    def instruction(self, task: str, values: Mapping[str, Value]) -> str:
+        """What the policy is told."""
+        return task.replace("-", " ")
+
+    def unfair(self, values: Mapping[str, Value]) -> str | None:
+        """Why nobody could solve a scene; None if it is fair."""
+        return None
+
+    def picture(self, state: State) -> NDArray[np.uint8] | None:
+        """``(height, width, 3)``; None where there are no pictures."""
+        return None
+
+    def expert(self) -> TryingPolicy | None:
+        """A policy that solves scenes by the state, ``Observation.privileged``, if there is one."""
+        return None
+
+    # What follows is the protocol ``World``.
+
+    @cached_property
+    def named(self) -> dict[str, Parameter]:
+        """The parameters by name."""
+        return {parameter.name: parameter for parameter in self.parameters}
+
+    def scene(self, task: str, values: Mapping[str, Value]) -> Scene:
+        """The scene of a task with these values."""
+        told = tuple(sorted(values.items()))
+        return Scene(task, (), self.instruction(task.rpartition("/")[2], values), robot=ROBOT, values=told)
+
+    def renderer(self) -> str:
+        return ""
+
+    def has(self, task: str) -> bool:
+        return task.rpartition("/")[2] in self.tasks
+
+    def task(self, name: str) -> Task:
+        if not self.has(name):
+            raise UsageError(f"no task {name!r}", hint=suggestion(name, self.tasks))
+        return Task(name, 0, tuple(self.stages), self.stages[-1].holds)
+
+    def robot(self, name: str) -> _Steps:
+        return _Steps(control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))
+
+    def default_policy(self, robot: str) -> str:
+        raise UsageError("this world has no default policy", hint="--policy python:pkg.mod:factory")
+
+    def check_pictures(self) -> None:
+        """Its pictures take nothing that could be missing."""
+
+    def begin_early(self, policy: str | None) -> None:
+        """Nothing takes long."""
+
+    def preload(self) -> None:
+        """Nothing takes long."""
+
+    def conditions_of(self, scene: Scene) -> dict[str, Any]:
+        return self._space(scene.task, self.named).conditions
+
+    def operators(self, wanted: Wanted) -> Parameters:
+        if wanted.operators is not None:
+            problem = f"--operators {wanted.operators}: this world names its ranges itself"
+            raise UsageError(problem, hint="--vary says which of them vary")
+        for name in wanted.vary:
+            if name not in self.named:
+                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, self.named))
+        return Parameters(self.named, frozenset(wanted.vary or self.named))
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> ValuesSpace:
+        chosen = operators if isinstance(operators, Parameters) else self.operators(wanted)
+        return ValuesSpace(self, wanted.task, chosen)
+
+    def stored_space(
+        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
+    ) -> ValuesSpace:
+        stored = json.loads(conditions.operators)
+        now = self._space(conditions.task, stored.get("varied", ()))
+        if json.loads(now.conditions["operators"])["operators"] != stored.get("operators"):
+            hint = "use the version of the world that began the run"
+            raise StoreError(f"{source}: the parameters of {conditions.task} were others", hint=hint)
+        return now if vary is None else self._space(conditions.task, vary)
+
+    def evaluator(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        space: Space | None,
+        *,
+        recording: Recording | None,
+        checked: bool,
+    ) -> SceneEvaluator:
+        return ValuesEvaluator(self, conditions, policy, recording=recording, checked=checked)
+
+    def solvers(self) -> Mapping[Solver, TryingPolicy]:
+        expert = self.expert()
+        return {"expert": expert} if expert else {}
+
+    def demonstrator(self, interface: Interface) -> Demonstrator:
+        raise UsageError("this world has no demonstrations", hint="those of the tabletop and of LIBERO do")
+
+    def stills(self, conditions: Conditions, space: Space) -> Stills:
+        raise PrerequisiteError("this world draws no stills", hint="leave pictures out")
+
+    def _space(self, task: str, vary: Collection[str]) -> ValuesSpace:
+        return ValuesSpace(self, task, Parameters(self.named, frozenset(vary) & self.named.keys()))
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """The length of a rollout, as a ``Robot``."""
+
+    control_hz: int
+    seconds: int
+    robot: str = ROBOT
