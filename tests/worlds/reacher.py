@@ -16,7 +16,7 @@ LINKS = (0.5, 0.4)  # metres
 
 @dataclass(frozen=True)
 class Arm:
-    """Joint angles and what a scene gives: the ball, how strong the motors are, and how far a reading is off."""
+    """Joint angles, and what the scene gives: the ball, the motors, a reading that is off, and a glove."""
 
     joints: tuple[float, float]
     ball: tuple[float, float]

@@ -10,13 +10,13 @@ from operator import itemgetter
 
 from vlafuzz.conditions import provenance
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.model.space import Space
 from vlafuzz.regression.check import PictureRunner, check
 from vlafuzz.regression.controls import CONTROLS, record
 from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.regression.milder import suggest_ranges
 from vlafuzz.regression.power import power_of
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
@@ -109,7 +109,7 @@ def export(
     )
 
 
-def _check_power(space: SearchSpace, controls: Sequence[Control], watch: Watch) -> None:
+def _check_power(space: Space, controls: Sequence[Control], watch: Watch) -> None:
     """Say what loss the controls could notice, before the findings are checked."""
     if not controls:
         return

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from statistics import median
 
+from vlafuzz.model.space import Space
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.statistics import newcombe
 
 NAMED = 2  # operators
 Row = tuple[float, bool]  # a severity, and whether the policy passed
 
 
-def suggest_ranges(space: SearchSpace, outcomes: Sequence[tuple[Scene, bool]]) -> str:
+def suggest_ranges(space: Space, outcomes: Sequence[tuple[Scene, bool]]) -> str:
     """A hint where a policy passes too few random scenes, with what was seen in these.
 
     The operators are named that make the most of a difference, if it is more than chance: the policy passes

@@ -7,7 +7,7 @@ from functools import cache
 from importlib import import_module, metadata
 
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of
+from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.worlds.base import World
 
 GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
@@ -91,6 +91,8 @@ def task_of(world: str | None, task: str | None) -> str | None:
     if world is None:
         return task
     name, named = _parted(world)
+    if is_reference(name):
+        trust(name)  # the user named it
     found = world_named(name)
     if task and named and task != named:
         raise UsageError(f"--world {world}, --task {task}: two tasks", hint="leave one of the two out")

@@ -105,30 +105,35 @@ class Parameters:
         return json.dumps({"varied": sorted(self.varied), "operators": ranges}, sort_keys=True)
 
 
+class _Composer:
+    """Values, one per parameter, to scenes and back."""
+
+    def __init__(self, world: ValuesWorld[Any], task: str) -> None:
+        self._world, self._task = world, task
+        self.genes = tuple(parameter.gene for parameter in world.parameters)
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        return self._world.scene(
+            self._task, {gene.operator: _told(gene, values[gene.path]) for gene in self.genes}
+        )
+
+    def values(self, scene: Scene) -> Values:
+        known = dict(scene.values)
+        return {gene.path: _number(gene, known.get(gene.operator)) for gene in self.genes}
+
+
 class ValuesSpace(Space):
     """The scenes of a task whose values are drawn evenly, each for itself."""
 
     def __init__(self, world: ValuesWorld[Any], name: str, operators: Parameters) -> None:
-        self._world, self._name = world, name
+        self._world = world
         self.groups = {name: (name,) for name in operators.operators}
-        super().__init__(world.task(name), ROBOT, operators, self)
+        super().__init__(world.task(name), ROBOT, operators, _Composer(world, name))
 
     @property
     def conditions(self) -> dict[str, Any]:
         assert isinstance(self.operators, Parameters)
         return {"operators": self.operators.to_json(), "operators_digest": self.operators.digest}
-
-    def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values."""
-        told = {
-            name: _told(gene, values[path]) for path, gene in self.by_path.items() for name in [gene.operator]
-        }
-        return self._world.scene(self._name, told)
-
-    def values(self, scene: Scene) -> Values:
-        """See ``Space.values``; NaN for an unknown option."""
-        known = dict(scene.values)
-        return {path: _number(gene, known.get(gene.operator)) for path, gene in self.by_path.items()}
 
     def sample(self, rng: np.random.Generator) -> Scene:
         problem = None
