@@ -18,6 +18,7 @@ from typing import cast
 import numpy as np
 
 from vlafuzz.assets import corpus_dir
+from vlafuzz.model.space import Space
 from vlafuzz.outcome import Outcome, Verdict
 from vlafuzz.regression import controls
 from vlafuzz.regression.corpus import Corpus
@@ -26,7 +27,6 @@ from vlafuzz.regression.pairs import Probe
 from vlafuzz.regression.power import power_of
 from vlafuzz.regression.regress import Recorded, Rerun, compare
 from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
 from vlafuzz.statistics import wilson
 from vlafuzz.store.records import Manifest
 from vlafuzz.triage.runner import SceneRunner
@@ -43,7 +43,7 @@ class Policy:
     """A runner that passes in random scenes, each told by its number."""
 
     deterministic = True
-    space = cast(SearchSpace, None)
+    space = cast(Space, None)
 
     def __init__(self, kind: str, rate: float, seed: Sequence[int]) -> None:
         self._rng, self._rate, self._certain = np.random.default_rng(seed), rate, CERTAINTY[kind]
@@ -66,7 +66,7 @@ def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int) -
     """Whether an equal policy, and one with the stated loss, raise an alarm; None if none is possible."""
     base = template.controls[0].scene
 
-    def draw(space: SearchSpace, seed: int, number: int) -> Scene:
+    def draw(space: Space, seed: int, number: int) -> Scene:
         return replace(base, targets=(replace(base.targets[0], x=number * STEP), *base.targets[1:]))
 
     controls.draw = draw

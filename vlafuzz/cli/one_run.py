@@ -42,10 +42,10 @@ class Done(NamedTuple):
 def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
     """Say which defaults follow from this machine, where the user would want to know."""
     from vlafuzz.execute.capacity import most_workers
-    from vlafuzz.renderer import probe_once
-    from vlafuzz.rigs.robots import PANDA
+    from vlafuzz.worlds import draws_pictures, world_of
 
-    if "policy" not in flags and plan.manifest.robot == PANDA.robot and not probe_once().works:
+    usual = next(iter(world_of(plan.task.name).robots))
+    if "policy" not in flags and plan.manifest.robot == usual and not draws_pictures(plan.task.name):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
     used, batch = plan.place.workers, plan.manifest.batch
